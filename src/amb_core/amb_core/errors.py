@@ -1,0 +1,25 @@
+"""The exception family of the workbench: every message says what is wrong, where, and what is allowed."""
+
+
+class AmbError(Exception):
+    """Base of every error that the workbench raises on purpose; its text is fit to be shown to a user."""
+
+
+class ParameterError(AmbError):
+    """A parameter is unknown, of the wrong type or out of its range."""
+
+
+class PlantError(AmbError):
+    """The plant cannot be built, or its state has left the range in which the model holds."""
+
+
+class ExcitationError(AmbError):
+    """An excitation is asked for that cannot be generated at the sample rate of the loop."""
+
+
+class BagError(AmbError):
+    """A bag is missing, unreadable, or lacks what is asked of it."""
+
+
+class IdentificationError(AmbError):
+    """The data do not determine the model asked for."""

@@ -1,0 +1,173 @@
+"""One declaration per parameter: typed, bounded, with unit and description.
+
+A parameter is declared once, as a field of a `Parameters` class made with `quantity`, `choice` or `switch`. From that
+declaration come the validation, the ROS parameter descriptors, the parameter files and the tables in the docs.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_origin
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from amb_core.errors import ParameterError
+
+
+class Parameters(BaseModel):
+    """Base of all parameter sets: frozen, validated once, no unknown names, no NaN."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+P = TypeVar("P", bound=Parameters)
+
+
+def quantity(
+    default: float, unit: str, description: str, minimum: float, maximum: float, *, runtime: bool = False
+) -> Any:
+    """Declare a number with unit (`-` for none) and closed range. `runtime`: may be changed while a node runs."""
+    return Field(
+        default, ge=minimum, le=maximum, description=description, json_schema_extra={"unit": unit, "runtime": runtime}
+    )
+
+
+def switch(default: bool, description: str) -> Any:
+    """Declare an on/off parameter."""
+    return Field(default, description=description)
+
+
+def choice(default: str, description: str) -> Any:
+    """Declare a parameter whose type is a Literal of the allowed words, or free text where its type is str."""
+    return Field(default, description=description)
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """One parameter as declared: dotted name, type, default, unit, description, range or choices."""
+
+    name: str
+    type: type
+    default: Any
+    unit: str
+    description: str
+    minimum: float | None
+    maximum: float | None
+    choices: tuple[str, ...]
+    runtime: bool
+
+    @property
+    def allowed(self) -> str:
+        """What values are allowed, as text."""
+        if self.choices:
+            return "one of " + ", ".join(self.choices)
+        if self.minimum is not None and self.maximum is not None:
+            unit = "" if self.unit == "-" else f" {self.unit}"
+            return f"{self.minimum:g} to {self.maximum:g}{unit}"
+        return {bool: "true or false", str: "text"}.get(self.type, self.type.__name__)
+
+
+def declarations(model: type[Parameters], prefix: str = "") -> Iterator[Declaration]:
+    """All parameters of a class in order, nested sets as dotted names."""
+    for name, field in model.model_fields.items():
+        annotation = field.annotation
+        if isinstance(annotation, type) and issubclass(annotation, Parameters):
+            yield from declarations(annotation, f"{prefix}{name}.")
+            continue
+        choices = get_args(annotation) if get_origin(annotation) is not None else ()
+        bounds = {key: getattr(item, key) for item in field.metadata for key in ("ge", "le") if hasattr(item, key)}
+        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+        yield Declaration(
+            name=prefix + name,
+            type=str if choices else annotation,  # type: ignore[arg-type]
+            default=field.get_default(call_default_factory=True),
+            unit=str(extra.get("unit", "-")),
+            description=field.description or "",
+            minimum=bounds.get("ge"),
+            maximum=bounds.get("le"),
+            choices=tuple(str(word) for word in choices),
+            runtime=bool(extra.get("runtime", False)),
+        )
+
+
+def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested mappings as one mapping with dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat.update(flatten(value, f"{prefix}{name}."))
+        else:
+            flat[prefix + str(name)] = value
+    return flat
+
+
+def validate(model: type[P], values: Mapping[str, Any], error: type[Exception] = ParameterError) -> P:
+    """Make a parameter set from values by (dotted or nested) name; what is not given takes its default.
+
+    Raises
+    ------
+    ParameterError
+        (or `error`) One line naming the first wrong parameter, its value and what is allowed.
+    """
+    flat = flatten(values)
+    declared = {declaration.name: declaration for declaration in declarations(model)}
+    for name in flat:
+        if name not in declared:
+            close = difflib.get_close_matches(name, declared, n=1)
+            hint = f"did you mean '{close[0]}'?" if close else "known: " + ", ".join(declared)
+            raise error(f"unknown parameter '{name}' = {flat[name]!r}; {hint}")
+    try:
+        return model.model_validate(_nest(flat))
+    except ValidationError as problem:
+        first = problem.errors()[0]
+        name = ".".join(str(part) for part in first["loc"])
+        if name in declared:
+            raise error(
+                f"parameter '{name}' = {first['input']!r} is not allowed; allowed: {declared[name].allowed}"
+            ) from None
+        reason = first["msg"].removeprefix("Value error, ")
+        raise error(f"parameter set '{name}': {reason}" if name else reason) from None
+
+
+def load_parameters(model: type[P], path: str | Path, node: str) -> P:
+    """Parameters of one node from a ROS parameter file, so that scripts without ROS use the same files as the nodes.
+
+    Sections count whose node name (last part of the key) is `node`, or `**`; a later section overrides an earlier one.
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be read, is no parameter file, or holds a wrong parameter; the message names the file.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as problem:
+        raise ParameterError(f"parameter file {path}: cannot be read: {' '.join(str(problem).split())}") from None
+    if not isinstance(content, Mapping) or not all(
+        isinstance(section, Mapping) and isinstance(section.get("ros__parameters"), Mapping)
+        for section in content.values()
+    ):
+        raise ParameterError(f"parameter file {path}: each entry must be a node name with a mapping 'ros__parameters'")
+    values: dict[str, Any] = {}
+    for key, section in content.items():
+        if str(key).rsplit("/", 1)[-1] in (node, "**"):
+            values.update(flatten(section["ros__parameters"]))
+    try:
+        return validate(model, values)
+    except ParameterError as problem:
+        raise ParameterError(f"parameter file {path}, node {node}: {problem}") from None
+
+
+def _nest(flat: Mapping[str, Any]) -> dict[str, Any]:
+    nested: dict[str, Any] = {}
+    for name, value in flat.items():
+        *groups, leaf = name.split(".")
+        target = nested
+        for group in groups:
+            target = target.setdefault(group, {})
+        target[leaf] = value
+    return nested

@@ -1,0 +1,78 @@
+"""The record of a loop run: what telemetry carries, as arrays. Written by loops and bags, read by identification and figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class LoopRecord:
+    """Consecutive samples of the control loop.
+
+    Attributes
+    ----------
+    first_step : int
+        Controller step of the first sample.
+    sample_time : float
+        Controller sample time 1 / f_s (s).
+    reference, position : ndarray, shape (steps, 2)
+        Reference position and measured rotor position, axes x and y (m).
+    current : ndarray, shape (steps, 2)
+        Control current references after the controller's limit, axes x and y (A).
+    """
+
+    first_step: int
+    sample_time: float
+    reference: NDArray[np.float64]
+    position: NDArray[np.float64]
+    current: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        shapes = {self.reference.shape, self.position.shape, self.current.shape}
+        if len(shapes) != 1 or self.position.ndim != 2 or self.position.shape[1] != 2:
+            raise ValueError(f"reference, position and current must all have shape (steps, 2), not {shapes}")
+
+    @property
+    def steps(self) -> int:
+        """Number of samples."""
+        return len(self.position)
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time of each sample from step 0 of the run (s), shape (steps,)."""
+        return (self.first_step + np.arange(self.steps)) * self.sample_time
+
+    def window(self, first_step: int, steps: int) -> LoopRecord:
+        """The samples of `steps` steps from `first_step` on.
+
+        Raises
+        ------
+        IndexError
+            If the record does not hold all of them.
+        """
+        start = first_step - self.first_step
+        if start < 0 or steps < 1 or start + steps > self.steps:
+            raise IndexError(
+                f"steps {first_step} to {first_step + steps - 1} asked for; "
+                f"the record holds {self.first_step} to {self.first_step + self.steps - 1}"
+            )
+        part = slice(start, start + steps)
+        return LoopRecord(first_step, self.sample_time, self.reference[part], self.position[part], self.current[part])
+
+    def identical_to(self, other: LoopRecord) -> bool:
+        """Whether both records hold the same samples bit for bit."""
+        return (
+            self.first_step == other.first_step
+            and self.sample_time == other.sample_time
+            and all(
+                mine.shape == theirs.shape and mine.tobytes() == theirs.tobytes()
+                for mine, theirs in (
+                    (self.reference, other.reference),
+                    (self.position, other.position),
+                    (self.current, other.current),
+                )
+            )
+        )
