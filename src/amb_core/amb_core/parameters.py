@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -78,7 +78,7 @@ def declarations(model: type[Parameters], prefix: str = "") -> Iterator[Declarat
         if isinstance(annotation, type) and issubclass(annotation, Parameters):
             yield from declarations(annotation, f"{prefix}{name}.")
             continue
-        choices = get_args(annotation) if get_origin(annotation) is not None else ()
+        choices = get_args(annotation) if get_origin(annotation) is Literal else ()
         bounds = {key: getattr(item, key) for item in field.metadata for key in ("ge", "le") if hasattr(item, key)}
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         yield Declaration(

@@ -1,0 +1,27 @@
+"""Excitations: signals that are added to the reference position to make the bearing show its dynamics.
+
+`excitation_from_request` makes the validated parameters of a kind, `generate` makes the samples from them:
+
+>>> square = excitation_from_request("square", {"amplitude": 50e-6, "duration": 4.0})
+>>> generate(square, sample_rate=10_000.0).samples.shape
+(40000, 2)
+"""
+
+from amb_core.excitation.deterministic import Square, Sweep, Tones
+from amb_core.excitation.request import KINDS, excitation_from_request
+from amb_core.excitation.seeded import Multisine, Prbs, WhiteNoise
+from amb_core.excitation.signal import Excitation, ExcitationSignal, generate
+
+__all__ = [
+    "KINDS",
+    "Excitation",
+    "ExcitationSignal",
+    "Multisine",
+    "Prbs",
+    "Square",
+    "Sweep",
+    "Tones",
+    "WhiteNoise",
+    "excitation_from_request",
+    "generate",
+]

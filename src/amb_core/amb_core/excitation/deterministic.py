@@ -1,0 +1,135 @@
+"""Excitations without a random part: sine sweep, square wave and sum of tones.
+
+With axes `both`, x and y carry the same signal; a linear model of both inputs then cannot be told from the data, which
+is why these kinds excite the axes in turn by default.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from amb_core.excitation.signal import Excitation, required
+from amb_core.parameters import choice, quantity
+
+HIGHEST_AMPLITUDE = 1e-3  # m, beyond any air gap of the bearings meant here
+HIGHEST_FREQUENCY = 50e3  # Hz, Nyquist frequency of the highest controller sample rate
+
+# Absorbs rounding of `frequency * step / sample_rate`, which else delays an edge that falls on a sample by one sample.
+EDGE_TOLERANCE = 1e-9
+
+
+class Sweep(Excitation):
+    """Sine of constant amplitude whose frequency runs from start to end (either may be the higher).
+
+    The phase is 2 pi times the integral of the frequency, zero at the first sample. With T the span of the signal the
+    frequency is f_0 + (f_1 - f_0) t/T (linear) or f_0 (f_1/f_0)^(t/T) (logarithmic).
+    """
+
+    kind: ClassVar[str] = "sweep"
+
+    amplitude: float = required("m", "peak amplitude", 1e-9, HIGHEST_AMPLITUDE)
+    frequency_start: float = quantity(11.0, "Hz", "frequency at the first sample", 1e-3, HIGHEST_FREQUENCY)
+    frequency_end: float = quantity(400.0, "Hz", "frequency reached at the end", 1e-3, HIGHEST_FREQUENCY)
+    spacing: Literal["linear", "logarithmic"] = choice("linear", "how the frequency runs over time")
+
+    @property
+    def highest_frequency(self) -> float:
+        """The higher end of the sweep (Hz)."""
+        return max(self.frequency_start, self.frequency_end)
+
+    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
+        """Samples of the sweep (m), shape (steps,)."""
+        time = np.arange(steps) / sample_rate
+        span = steps / sample_rate
+        start, end = self.frequency_start, self.frequency_end
+        if self.spacing == "linear" or start == end:
+            cycles = start * time + (end - start) / (2.0 * span) * time**2
+        else:
+            growth = np.log(end / start)
+            cycles = start * span / growth * np.expm1(growth * time / span)
+        return self.amplitude * np.sin(2.0 * np.pi * cycles)
+
+    def instantaneous_frequency(self, steps: int, sample_rate: float) -> NDArray[np.float64]:
+        """Instantaneous frequency (Hz), shape (steps,)."""
+        fraction = np.arange(steps) / steps
+        start, end = self.frequency_start, self.frequency_end
+        if self.spacing == "linear":
+            return start + (end - start) * fraction
+        return start * (end / start) ** fraction
+
+
+class Square(Excitation):
+    """Square wave between +amplitude and -amplitude, starting with +amplitude (paper, section 4)."""
+
+    kind: ClassVar[str] = "square"
+
+    amplitude: float = required("m", "peak amplitude", 1e-9, HIGHEST_AMPLITUDE)
+    frequency: float = quantity(5.0, "Hz", "fundamental frequency", 1e-3, HIGHEST_FREQUENCY)
+
+    @property
+    def highest_frequency(self) -> float:
+        """The fundamental (Hz); the harmonics of a sampled square wave fold back by nature."""
+        return self.frequency
+
+    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
+        """Samples of the square wave (m), shape (steps,)."""
+        half_periods = np.floor(2.0 * self.frequency * np.arange(steps) / sample_rate + EDGE_TOLERANCE)
+        return np.where(half_periods % 2 == 0, self.amplitude, -self.amplitude)
+
+
+class Tones(Excitation):
+    """Sum of sines, tone i being amplitudes[i] * sin(2 pi frequencies[i] t + phases[i])."""
+
+    kind: ClassVar[str] = "tones"
+
+    frequencies: tuple[float, ...] = Field(description="frequency of each tone (Hz)")
+    amplitudes: tuple[float, ...] = Field(description="peak amplitude of each tone (m)")
+    phases: tuple[float, ...] = Field((), description="phase of each tone at the first sample; empty: all zero (rad)")
+
+    @model_validator(mode="after")
+    def _tones_fit_together(self) -> Self:
+        if not self.frequencies:
+            raise ValueError("tones: give at least one frequency in 'frequencies' (Hz)")
+        if len(self.amplitudes) != len(self.frequencies):
+            raise ValueError(
+                f"tones: {len(self.frequencies)} frequencies but {len(self.amplitudes)} amplitudes; give one per tone"
+            )
+        if self.phases and len(self.phases) != len(self.frequencies):
+            raise ValueError(
+                f"tones: {len(self.frequencies)} frequencies but {len(self.phases)} phases; give one per tone or none"
+            )
+        for frequency in self.frequencies:
+            if not 1e-3 <= frequency <= HIGHEST_FREQUENCY:
+                raise ValueError(
+                    f"tones: frequency {frequency:g} Hz is not allowed; allowed: 0.001 to {HIGHEST_FREQUENCY:g} Hz"
+                )
+        for amplitude in self.amplitudes:
+            if amplitude < 0.0:
+                raise ValueError(f"tones: amplitude {amplitude:g} m is not allowed; it must not be negative")
+        if not 1e-9 <= sum(self.amplitudes) <= HIGHEST_AMPLITUDE:
+            raise ValueError(
+                f"tones: the amplitudes sum up to {sum(self.amplitudes):g} m; allowed: 1e-09 to {HIGHEST_AMPLITUDE:g} m"
+            )
+        return self
+
+    @property
+    def highest_frequency(self) -> float:
+        """Frequency of the highest tone (Hz)."""
+        return max(self.frequencies)
+
+    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
+        """Samples of the sum (m), shape (steps,)."""
+        time = np.arange(steps) / sample_rate
+        signal = np.zeros(steps)
+        phases = self.phases or (0.0,) * len(self.frequencies)
+        for frequency, amplitude, phase in zip(self.frequencies, self.amplitudes, phases, strict=True):
+            signal += amplitude * np.sin(2.0 * np.pi * frequency * time + phase)
+        return signal
+
+    def instantaneous_frequency(self, steps: int, sample_rate: float) -> NDArray[np.float64] | None:
+        """Frequency of a single tone (Hz), shape (steps,); a sum of several has none."""
+        return np.full(steps, self.frequencies[0]) if len(self.frequencies) == 1 else None

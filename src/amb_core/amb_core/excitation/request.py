@@ -1,0 +1,61 @@
+"""Excitations from requests in which 0 or empty means `not given`, as in the service that starts one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from amb_core.errors import ExcitationError
+from amb_core.excitation.deterministic import Square, Sweep, Tones
+from amb_core.excitation.seeded import Multisine, Prbs, WhiteNoise
+from amb_core.excitation.signal import Excitation
+from amb_core.parameters import validate
+
+KINDS: dict[str, type[Excitation]] = {kind.kind: kind for kind in (Sweep, Square, Multisine, Prbs, WhiteNoise, Tones)}
+
+
+def excitation_from_request(kind: str, values: Mapping[str, Any]) -> Excitation:
+    """Make the parameters of an excitation from a request.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    values : Mapping
+        Values by field name, in SI units. 0, an empty text and an empty list mean `not given`: the kind's default
+        applies. Fields that only other kinds use must not be given.
+
+    Raises
+    ------
+    ExcitationError
+        If the kind is unknown, a value is out of range, a field is not used by the kind, or one without default is
+        missing; one line that says which.
+    """
+    if kind not in KINDS:
+        raise ExcitationError(f"unknown kind of excitation {kind!r}; allowed: {', '.join(KINDS)}")
+    parameters = KINDS[kind]
+    fields = parameters.model_fields
+    used = ", ".join(fields)
+    every_field = {field for other in KINDS.values() for field in other.model_fields}
+    given = {name: _plain(value) for name, value in values.items()}
+    for name, value in given.items():
+        if name in fields or (name in every_field and not value):
+            continue
+        problem = f"{kind} does not use '{name}'" if name in every_field else f"unknown field '{name}'"
+        raise ExcitationError(f"{problem} = {value!r}; {kind} uses {used}")
+    given = {name: value for name, value in given.items() if value and name in fields}
+    for name, field in fields.items():
+        if field.is_required() and name not in given:
+            raise ExcitationError(f"{kind} has no default for '{name}'; give it ({kind} uses {used})")
+    for name, value in given.items():
+        if isinstance(value, tuple) and any(isinstance(item, float) and not math.isfinite(item) for item in value):
+            raise ExcitationError(f"{kind}: '{name}' = {list(value)} is not allowed; every value must be finite")
+    return validate(parameters, given, ExcitationError)
+
+
+def _plain(value: Any) -> Any:
+    """A number, text or tuple, whatever array type it comes in; its truth says whether the value is given."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    return tuple(value) if isinstance(value, list) else value

@@ -1,0 +1,143 @@
+"""Excitations with a random part that a seed fixes: random-phase multisine, PRBS and band-limited white noise.
+
+Each axis has its own random part. With axes `both`, the default here, x and y are excited at once by
+independent signals, so that a model of both inputs can be told from the data.
+
+Sources: R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley, 2012,
+chapter 5 (multisine, noise); L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 13.3 (PRBS).
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+from scipy.signal import max_len_seq
+
+from amb_core.errors import ExcitationError
+from amb_core.excitation.deterministic import EDGE_TOLERANCE, HIGHEST_AMPLITUDE, HIGHEST_FREQUENCY
+from amb_core.excitation.signal import AXES_DESCRIPTION, Axes, Excitation, required
+from amb_core.parameters import choice, quantity
+
+
+class _Seeded(Excitation):
+    """What the kinds with a random part share."""
+
+    amplitude: float = required("m", "peak amplitude", 1e-9, HIGHEST_AMPLITUDE)
+    axes: Axes = choice("both", AXES_DESCRIPTION)
+    seed: int = quantity(0, "-", "seed of the random number generator", 0, 2**32 - 1)
+
+
+class _Band(_Seeded):
+    """What the kinds with a flat spectrum in a band share."""
+
+    frequency_start: float = quantity(11.0, "Hz", "lower end of the band", 1e-3, HIGHEST_FREQUENCY)
+    frequency_end: float = quantity(400.0, "Hz", "upper end of the band", 1e-3, HIGHEST_FREQUENCY)
+
+    @model_validator(mode="after")
+    def _band_is_not_empty(self) -> Self:
+        if self.frequency_start >= self.frequency_end:
+            raise ValueError(
+                f"{self.kind}: the band {self.frequency_start:g} Hz to {self.frequency_end:g} Hz is empty; "
+                "frequency_start must be below frequency_end"
+            )
+        return self
+
+    @property
+    def highest_frequency(self) -> float:
+        """Upper end of the band (Hz)."""
+        return self.frequency_end
+
+    def random(self, axis: int) -> np.random.Generator:
+        """Random numbers of one axis (0 for x, 1 for y), the same ones every time."""
+        return np.random.default_rng([self.seed, axis])
+
+    def lines(self, steps: int, sample_rate: float) -> slice:
+        """Lines of the discrete spectrum that lie in the band; without mean value and Nyquist frequency.
+
+        Raises
+        ------
+        ExcitationError
+            If there is none, because the signal is too short to resolve the band.
+        """
+        resolution = sample_rate / steps
+        first = max(1, int(np.ceil(self.frequency_start / resolution - EDGE_TOLERANCE)))
+        last = min((steps - 1) // 2, int(np.floor(self.frequency_end / resolution + EDGE_TOLERANCE)))
+        if first > last:
+            raise ExcitationError(
+                f"{self.kind}: no multiple of {resolution:g} Hz (1 / duration per axis) lies in the band "
+                f"{self.frequency_start:g} Hz to {self.frequency_end:g} Hz; lengthen the duration or widen the band"
+            )
+        return slice(first, last + 1)
+
+
+class Multisine(_Band):
+    """Random-phase multisine: sines of equal amplitude at every multiple of 1 / duration in the band.
+
+    The signal on an axis is exactly one period, so a discrete Fourier transform over it shows no leakage and its
+    resolution is the finest that the duration allows. Phases are uniform over the circle. The highest magnitude is
+    `amplitude`. With axes `in_turn` the period is half the duration.
+    """
+
+    kind: ClassVar[str] = "multisine"
+
+    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
+        """Samples of one period (m), shape (steps,)."""
+        lines = self.lines(steps, sample_rate)
+        phases = self.random(axis).uniform(0.0, 2.0 * np.pi, lines.stop - lines.start)
+        spectrum = np.zeros(steps // 2 + 1, dtype=complex)
+        spectrum[lines] = np.exp(1j * phases)
+        signal: NDArray[np.float64] = np.fft.irfft(spectrum, steps)
+        signal *= self.amplitude / np.max(np.abs(signal))
+        return signal
+
+
+class Prbs(_Seeded):
+    """Pseudo-random binary sequence between +amplitude and -amplitude.
+
+    A maximum length sequence from a random state of its shift register, each bit held for one period of the clock. x
+    takes the first half of the bits and y the second, of the shortest register whose sequence does not repeat within
+    them: the two axes share no pattern. The spectrum has its first zero at the clock rate and is flat to within 3 dB
+    up to 0.44 of it.
+    """
+
+    kind: ClassVar[str] = "prbs"
+
+    frequency: float = quantity(500.0, "Hz", "clock rate", 1e-3, HIGHEST_FREQUENCY)
+
+    @property
+    def highest_frequency(self) -> float:
+        """Clock rate (Hz)."""
+        return self.frequency
+
+    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
+        """Samples of the sequence (m), shape (steps,)."""
+        clock = np.floor(self.frequency * np.arange(steps) / sample_rate + EDGE_TOLERANCE).astype(np.int64)
+        bits = int(clock[-1]) + 1
+        register = max(2, (2 * bits).bit_length())
+        start = int(np.random.default_rng(self.seed).integers(1, 2**register))
+        state = [start >> position & 1 for position in range(register)]
+        sequence, _ = max_len_seq(register, state=state, length=2 * bits)
+        own = sequence[axis * bits : (axis + 1) * bits]
+        signal: NDArray[np.float64] = self.amplitude * (2.0 * own[clock] - 1.0)
+        return signal
+
+
+class WhiteNoise(_Band):
+    """Gaussian noise, flat in the band and nothing outside; its rms on an axis is exactly `amplitude`."""
+
+    kind: ClassVar[str] = "white_noise"
+
+    amplitude: float = required("m", "rms amplitude", 1e-9, HIGHEST_AMPLITUDE)
+
+    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
+        """Samples of the noise (m), shape (steps,)."""
+        lines = self.lines(steps, sample_rate)
+        parts = self.random(axis).standard_normal((2, lines.stop - lines.start))
+        spectrum = np.zeros(steps // 2 + 1, dtype=complex)
+        spectrum[lines] = parts[0] + 1j * parts[1]
+        signal: NDArray[np.float64] = np.fft.irfft(spectrum, steps)
+        signal *= self.amplitude / np.sqrt(np.mean(signal**2))
+        return signal
