@@ -1,0 +1,1 @@
+"""amb_controller_node: position controller and excitation generator as ROS 2 nodes."""

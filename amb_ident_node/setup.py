@@ -1,0 +1,28 @@
+"""Build of the package amb_ident_node."""
+
+from setuptools import find_packages, setup
+
+NAME = "amb_ident_node"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Recorder of bags and identification of state-space models of an active magnetic bearing as ROS 2 nodes.",
+    maintainer="AMB workbench maintainers",
+    maintainer_email="maintainers@users.noreply.example",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "recorder=amb_ident_node.recorder:main",
+            "identifier=amb_ident_node.identifier:main",
+        ]
+    },
+)

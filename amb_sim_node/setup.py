@@ -1,0 +1,27 @@
+"""Build of the package amb_sim_node."""
+
+from setuptools import find_packages, setup
+
+NAME = "amb_sim_node"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Simulator of an active magnetic bearing as a ROS 2 node.",
+    maintainer="AMB workbench maintainers",
+    maintainer_email="maintainers@users.noreply.example",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "simulator=amb_sim_node.simulator:main",
+        ]
+    },
+)

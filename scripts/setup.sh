@@ -1,0 +1,102 @@
+#!/usr/bin/env bash
+# Sets the workspace up: .venv with ROS 2 Jazzy and everything that requirements.txt pins, then `colcon build`.
+# Does only what is out of date; a set-up that was interrupted is repaired by the next call.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+cd "$root"
+venv=$root/.venv
+venv_stamp=$venv/.complete     # checkout folder and checksum of requirements.txt; exists only if the install finished
+build_stamp=$root/install/.complete    # checksum of everything that the build depends on; only if the build finished
+
+say() { printf '\033[1m[setup]\033[0m %s\n' "$*"; }
+fail() { printf '[setup] error: %s\n' "$*" >&2; exit 1; }
+
+# A ROS installation or another workspace in the environment must not leak into this one.
+unset PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH ROS_DISTRO \
+    _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
+
+find_python() {  # a CPython 3.11 or 3.12 that can make environments and compile extensions
+    local candidate problems=""
+    for candidate in ${AMB_PYTHON:-python3.11 python3.12 python3}; do
+        local missing
+        missing=$("$candidate" - 2>/dev/null <<'PY'
+import importlib.util, os, platform, sys, sysconfig
+lacks = []
+if platform.python_implementation() != "CPython" or sys.version_info[:2] not in ((3, 11), (3, 12)):
+    lacks.append("is not CPython 3.11 or 3.12")
+if any(importlib.util.find_spec(name) is None for name in ("venv", "ensurepip")):
+    lacks.append("lacks the module venv or ensurepip (Debian: python3-venv)")
+if not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")):
+    lacks.append("lacks its C headers (Debian: python3-dev)")
+print(", ".join(lacks))
+PY
+        ) || continue
+        if [ -z "$missing" ]; then
+            command -v "$candidate"
+            return
+        fi
+        problems+="; $candidate $missing"
+    done
+    fail "needs CPython 3.11 or 3.12 with venv and C headers${problems:-; none found} (AMB_PYTHON names another one)"
+}
+
+checksum() { sha256sum | cut -d ' ' -f 1; }
+
+venv_state() { printf '%s\n%s\n' "$root" "$(checksum < requirements.txt)"; }
+
+build_state() {  # Python sources count by name only: the build links to them
+    local packages=(amb_* src)
+    find "${packages[@]}" -name __pycache__ -prune -o -type f ! -name '*.pyc' -print | LC_ALL=C sort
+    find "${packages[@]}" -name __pycache__ -prune -o -type f \( -name 'package.xml' -o -name 'setup.*' \
+        -o -name CMakeLists.txt -o -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name '*.yaml' \) -print0 |
+        LC_ALL=C sort -z | xargs -0 sha256sum
+    cat "$venv_stamp"
+}
+
+make_venv() {
+    [ "$(uname -sm)" = "Linux x86_64" ] || fail "the ROS 2 wheels exist for x86-64 Linux only, this is $(uname -sm)"
+    if [ ! -f "$venv_stamp" ] || [ "$(head -n 1 "$venv_stamp")" != "$root" ] || ! "$venv/bin/python" -c '' 2>/dev/null; then
+        local python
+        python=$(find_python)
+        say "new environment .venv from $python"
+        rm -rf "$venv" build install
+        "$python" -m venv "$venv"
+    fi
+    rm -f "$venv_stamp"
+    say "installing the packages that requirements.txt pins (a few minutes the first time)"
+    "$venv/bin/python" -m pip install --quiet --no-input --disable-pip-version-check -r requirements.txt
+    mend_cmake_files
+    venv_state > "$venv_stamp"
+}
+
+# The CMake files of the message packages name include folders of the machine on which the wheels were built.
+mend_cmake_files() {
+    local python_include numpy_include
+    python_include=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
+    numpy_include=$("$venv/bin/python" -c 'import numpy; print(numpy.get_include())')
+    grep -rlZ --include='*.cmake' /opt/python/ "$venv/share" | xargs -0 --no-run-if-empty sed -Ei \
+        -e "s|/opt/python/cp3[0-9]+-cp3[0-9]+/include/python3\.[0-9]+|$python_include|g" \
+        -e "s|/opt/python/cp3[0-9]+-cp3[0-9]+/lib/python3\.[0-9]+/site-packages/numpy/_core/include|$numpy_include|g"
+}
+
+build() {
+    say "building the ROS packages"
+    rm -f "$build_stamp"
+    # Warnings: `colcon build --symlink-install` itself relies on what setuptools announces to remove.
+    if ! PATH=$venv/bin:$PATH AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv PYTHONWARNINGS=ignore \
+        colcon --log-level error build --symlink-install --executor parallel \
+        --event-handlers console_direct- console_cohesion- status- console_stderr- summary- \
+        --cmake-args -DPython3_EXECUTABLE="$venv/bin/python" -DCMAKE_BUILD_TYPE=Release --no-warn-unused-cli; then
+        cat log/latest_build/*/stderr.log >&2
+        fail "the build failed; full logs are in log/latest_build"
+    fi
+    build_state | checksum > "$build_stamp"
+}
+
+exec 9< "${BASH_SOURCE[0]}"
+flock 9    # two calls at the same time: the second waits, then finds everything done
+missing=()
+for tool in git make g++; do command -v "$tool" > /dev/null || missing+=("$tool"); done
+[ ${#missing[@]} -eq 0 ] || fail "not installed: ${missing[*]} (Debian or Ubuntu: apt install git make g++)"
+if [ "$(cat "$venv_stamp" 2>/dev/null)" != "$(venv_state)" ] || [ ! -x "$venv/bin/python" ]; then make_venv; fi
+if [ ! -d build ] || [ "$(cat "$build_stamp" 2>/dev/null)" != "$(build_state | checksum)" ]; then build; fi

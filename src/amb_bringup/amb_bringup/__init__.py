@@ -1,0 +1,1 @@
+"""amb_bringup: launch files, parameter files and the command line amb."""

@@ -1,0 +1,33 @@
+"""Build of the package amb_bringup."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "amb_bringup"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Launch files, parameter files and the command line of the active magnetic bearing workbench.",
+    maintainer="AMB workbench maintainers",
+    maintainer_email="maintainers@users.noreply.example",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.yaml"))),
+        (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+        ("bin", ["bin/amb"]),  # colcon puts bin/ on PATH, so `amb` works wherever the workspace is sourced
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "amb=amb_bringup.cli:main",
+            "composed_loop=amb_bringup.composed_loop:main",
+        ]
+    },
+)

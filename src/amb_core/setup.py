@@ -1,0 +1,22 @@
+"""Build of the package amb_core."""
+
+from setuptools import find_packages, setup
+
+NAME = "amb_core"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Active magnetic bearings without ROS: plant, control law, excitations, identification and bags.",
+    maintainer="AMB workbench maintainers",
+    maintainer_email="maintainers@users.noreply.example",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+)
