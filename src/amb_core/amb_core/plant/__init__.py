@@ -1,0 +1,20 @@
+"""The plant of an active magnetic bearing: control current references in, rotor position out."""
+
+from amb_core.plant.parameters import (
+    AmplifierParameters,
+    IntegrationParameters,
+    MagneticCircuitParameters,
+    PlantParameters,
+    RotorParameters,
+)
+from amb_core.plant.plant import Plant, Trace
+
+__all__ = [
+    "AmplifierParameters",
+    "IntegrationParameters",
+    "MagneticCircuitParameters",
+    "Plant",
+    "PlantParameters",
+    "RotorParameters",
+    "Trace",
+]

@@ -1,0 +1,109 @@
+"""ROS parameters from the one declaration in amb_core: descriptors, ranges, and one clear line for a wrong value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from amb_core.errors import ParameterError
+from amb_core.parameters import Declaration, Parameters, declarations, flatten, validate
+
+P = TypeVar("P", bound=Parameters)
+
+DECLARED_BY_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | None = None) -> P:
+    """Declare all parameters of a set on a node and return the set with the values the node was started with.
+
+    The node must be made with `automatically_declare_parameters_from_overrides=True`: only so an unknown name in a
+    parameter file or on the command line is seen at all.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    parameters : type[Parameters]
+        The set; those not marked `runtime` become read-only.
+    on_change : callable, optional
+        Called with the new set after a runtime parameter was changed; without it every parameter is read-only.
+
+    Raises
+    ------
+    ParameterError
+        One line naming the node, the parameter, its value and what is allowed.
+    """
+    given = {
+        name: parameter.value
+        for name, parameter in node.get_parameters_by_prefix("").items()
+        if not name.startswith(DECLARED_BY_RCLPY)
+    }
+    try:
+        values = validate(parameters, given)
+    except ParameterError as problem:
+        raise ParameterError(f"{node.get_fully_qualified_name()}: {problem}") from None
+    for name in given:
+        node.undeclare_parameter(name)
+    current = flatten(values.model_dump())
+    for declaration in declarations(parameters):
+        writable = declaration.runtime and on_change is not None
+        node.declare_parameter(
+            declaration.name,
+            current[declaration.name],
+            _descriptor(declaration, read_only=not writable),
+            ignore_override=True,
+        )
+    if on_change is not None:
+        node.add_on_set_parameters_callback(_guard(node, parameters, current))
+        node.add_post_set_parameters_callback(_notify(parameters, current, on_change))
+    return values
+
+
+def _descriptor(declaration: Declaration, read_only: bool) -> ParameterDescriptor:
+    unit = "" if declaration.unit == "-" else f" [{declaration.unit}]"
+    descriptor = ParameterDescriptor(
+        description=declaration.description + unit,
+        additional_constraints=declaration.allowed if declaration.choices else "",
+        read_only=read_only,
+    )
+    if declaration.minimum is not None and declaration.maximum is not None:
+        if declaration.type is int:
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(declaration.minimum), to_value=int(declaration.maximum), step=1)
+            ]
+        else:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(declaration.minimum), to_value=float(declaration.maximum))
+            ]
+    return descriptor
+
+
+def _changed(current: dict[str, object], changes: Sequence[Parameter]) -> dict[str, object]:
+    return current | {change.name: change.value for change in changes if change.name in current}
+
+
+def _guard(
+    node: Node, parameters: type[P], current: dict[str, object]
+) -> Callable[[list[Parameter]], SetParametersResult]:
+    def check(changes: list[Parameter]) -> SetParametersResult:
+        try:
+            validate(parameters, _changed(current, changes))
+        except ParameterError as problem:
+            return SetParametersResult(successful=False, reason=f"{node.get_fully_qualified_name()}: {problem}")
+        return SetParametersResult(successful=True)
+
+    return check
+
+
+def _notify(
+    parameters: type[P], current: dict[str, object], on_change: Callable[[P], None]
+) -> Callable[[list[Parameter]], None]:
+    def take(changes: list[Parameter]) -> None:
+        current.update(_changed(current, changes))
+        on_change(validate(parameters, current))
+
+    return take
