@@ -1,0 +1,211 @@
+"""Node `pd_controller`: the control law of amb_core behind topics.
+
+It answers every position with the current reference of the same run and step, adds the excitation to the nominal
+reference, and publishes telemetry in blocks. A position that comes twice gets the same answer; a new run, or a gap in
+the steps, starts the law afresh.
+"""
+
+from __future__ import annotations
+
+from array import array
+
+from amb_msgs.msg import CurrentReference, Excitation, ExcitationStatus, LoopSamples, RotorPosition
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from amb_core.control import ControllerParameters, PdController
+from amb_core.parameters import quantity
+from amb_ros import diagnostics, topics
+from amb_ros.parameters import declare
+from amb_ros.process import run_node
+from amb_ros.qos import LATCHED, STREAM
+from amb_ros.stamps import SECOND, set_step_time
+
+FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
+
+
+class PdControllerParameters(ControllerParameters):
+    """Parameters of the node: those of the control law, and the size of its telemetry blocks."""
+
+    telemetry_block: int = quantity(100, "-", "steps in a block of telemetry", 1, 10_000)
+
+
+class PdControllerNode(Node):
+    """The controller. Topics and parameters: see the package's README."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "pd_controller", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True
+        )
+        self._parameters = declare(self, PdControllerParameters, self._on_parameters)
+        self._controller = PdController(self._parameters)
+        self._controller.update(0.0, 0.0, 0.0, 0.0)  # compile before the first position comes
+        self._run = 0
+        self._step = -1  # last step answered
+        self._gaps = 0
+        self._rate_error = ""
+        self._excitation: Excitation | None = None
+        self._answer = CurrentReference()
+        self._telemetry = _TelemetryBlock(self._parameters.sample_rate)
+        self._flushed_step = -1
+
+        self._current_publisher = self.create_publisher(CurrentReference, topics.CURRENT_REFERENCE, STREAM)
+        self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, STREAM)
+        self._status_publisher = self.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, LATCHED)
+        self._position_subscription = self.create_subscription(
+            RotorPosition, topics.POSITION, self._on_position, STREAM
+        )
+        self._excitation_subscription = self.create_subscription(
+            Excitation, topics.EXCITATION, self._on_excitation, LATCHED
+        )
+        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
+        self._flush_timer = self.create_timer(
+            FLUSH_PERIOD, self._on_flush_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    # -- the loop
+
+    def _on_position(self, message: RotorPosition) -> None:
+        run, step = message.run, message.step
+        if run != self._run or step != self._step + 1:
+            if run == self._run and step == self._step:
+                self._current_publisher.publish(self._answer)
+                return
+            self._start_afresh(run, step)
+        self._step = step
+        x, y = message.x, message.y
+        reference_x, reference_y = self._reference(run, step)
+        i_x, i_y = self._controller.update(x, y, reference_x, reference_y)
+        answer = self._answer
+        answer.header = message.header
+        answer.run = run
+        answer.step = step
+        answer.i_x = i_x
+        answer.i_y = i_y
+        self._current_publisher.publish(answer)
+        self._telemetry.add(step, reference_x, reference_y, x, y, i_x, i_y)
+        if len(self._telemetry) >= self._parameters.telemetry_block:
+            self._flush()
+        if step == 1:
+            self._check_sample_rate(message)
+
+    def _reference(self, run: int, step: int) -> tuple[float, float]:
+        x, y = self._parameters.nominal_reference_x, self._parameters.nominal_reference_y
+        excitation = self._excitation
+        if excitation is None or excitation.run != run or step < excitation.first_step:
+            return x, y
+        index = step - excitation.first_step
+        if index >= len(excitation.reference_x):
+            return x, y
+        return x + excitation.reference_x[index], y + excitation.reference_y[index]
+
+    def _start_afresh(self, run: int, step: int) -> None:
+        self._flush()
+        self._controller.reset()
+        if run == self._run:
+            self._gaps += 1
+            self.get_logger().warning(f"position of step {step} follows step {self._step} of run {run}: law restarted")
+        self._run = run
+        self._rate_error = ""
+
+    def _check_sample_rate(self, message: RotorPosition) -> None:
+        stamp = message.header.stamp
+        period = (stamp.sec + stamp.nanosec / SECOND) / message.step
+        if abs(period * self._parameters.sample_rate - 1.0) > 1e-3:
+            self._rate_error = (
+                f"positions come at {1.0 / period:g} Hz, the controller is set to sample_rate = "
+                f"{self._parameters.sample_rate:g} Hz"
+            )
+            self.get_logger().error(self._rate_error)
+
+    def _on_parameters(self, parameters: PdControllerParameters) -> None:
+        self._parameters = parameters
+        self._controller.configure(parameters)
+
+    # -- telemetry
+
+    def _flush(self) -> None:
+        if len(self._telemetry):
+            self._telemetry_publisher.publish(self._telemetry.take(self._run))
+
+    def _on_flush_timer(self) -> None:
+        """Publish a partial block when no sample has come since the last look: the run is paused or over."""
+        if self._step == self._flushed_step:
+            self._flush()
+        self._flushed_step = self._step
+
+    # -- excitation
+
+    def _on_excitation(self, message: Excitation) -> None:
+        status = ExcitationStatus(run=message.run, id=message.id, kind=message.kind)
+        status.message = self._refusal(message)
+        status.accepted = not status.message
+        if status.accepted:
+            if message.first_step == Excitation.FROM_NEXT_STEP:
+                message.first_step = self._step + 1 if message.run == self._run else 0
+            self._excitation = message
+            status.first_step = message.first_step
+            status.steps = len(message.reference_x)
+        else:
+            self.get_logger().warning(f"excitation {message.id} refused: {status.message}")
+        self._status_publisher.publish(status)
+
+    def _refusal(self, message: Excitation) -> str:
+        """Why an excitation cannot be applied; empty if it can."""
+        rate = self._parameters.sample_rate
+        if len(message.reference_x) != len(message.reference_y):
+            return f"{len(message.reference_x)} samples on x but {len(message.reference_y)} on y"
+        if message.reference_x and abs(message.sample_time * rate - 1.0) > 1e-9:
+            return f"made for a sample time of {message.sample_time:g} s; the controller runs at {1.0 / rate:g} s"
+        if message.run < self._run:
+            return f"meant for run {message.run}; the present run is {self._run}"
+        if message.first_step < Excitation.FROM_NEXT_STEP:
+            return f"first_step = {message.first_step}; allowed: a step of the future, or {Excitation.FROM_NEXT_STEP}"
+        if message.run == self._run and Excitation.FROM_NEXT_STEP < message.first_step <= self._step:
+            return f"first_step = {message.first_step} is in the past; allowed: {self._step + 1} or later"
+        return ""
+
+    # -- health
+
+    def _report(self) -> diagnostics.Report:
+        values = {"run": self._run, "step": self._step, "gaps in the steps": self._gaps}
+        if self._rate_error:
+            return diagnostics.ERROR, self._rate_error, values
+        return diagnostics.OK, "answering" if self._step >= 0 else "no position yet", values
+
+
+class _TelemetryBlock:
+    """The samples since the last block was published."""
+
+    def __init__(self, sample_rate: float) -> None:
+        self._sample_rate = sample_rate
+        self._first_step = 0
+        self._columns: tuple[list[float], ...] = tuple([] for _ in range(6))
+
+    def __len__(self) -> int:
+        return len(self._columns[0])
+
+    def add(self, step: int, *sample: float) -> None:
+        if not self._columns[0]:
+            self._first_step = step
+        for column, value in zip(self._columns, sample, strict=True):
+            column.append(value)
+
+    def take(self, run: int) -> LoopSamples:
+        """The block as a message; the next sample starts a new one."""
+        block = LoopSamples(run=run, first_step=self._first_step, sample_time=1.0 / self._sample_rate)
+        set_step_time(block.header.stamp, self._first_step, self._sample_rate)
+        names = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
+        for name, column in zip(names, self._columns, strict=True):
+            setattr(block, name, array("d", column))
+            column.clear()
+        return block
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM."""
+    return run_node(PdControllerNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,215 @@
+"""Node `simulator`: the plant of amb_core behind topics, in lock-step with the controller.
+
+It publishes the position of step k, waits for the current reference of step k, advances the plant by one controller
+sample and publishes the position of step k + 1. Nothing depends on timing: a late answer is waited for, and a position
+that stays unanswered is published again once a controller listens.
+"""
+
+from __future__ import annotations
+
+from amb_msgs.msg import CurrentReference, RotorPosition, SimulatorState
+from amb_msgs.srv import Pause, Reset, RunSteps
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from amb_core.errors import PlantError
+from amb_core.parameters import choice, quantity, switch
+from amb_core.plant import Plant, PlantParameters
+from amb_ros import diagnostics, topics
+from amb_ros.parameters import declare
+from amb_ros.process import run_node
+from amb_ros.qos import LATCHED, STREAM
+from amb_ros.stamps import set_step_time
+
+MODE_NAMES = {
+    SimulatorState.PAUSED: "paused",
+    SimulatorState.RUNNING: "running",
+    SimulatorState.WAITING: "waiting for the controller",
+    SimulatorState.DELEVITATED: "delevitated",
+    SimulatorState.FAULT: "fault",
+}
+
+
+class SimulatorParameters(PlantParameters):
+    """Parameters of the node: those of the plant, and how it appears in the graph."""
+
+    autostart: bool = switch(False, "run from the start instead of waiting, paused, for a run request")
+    frame_id: str = choice("stator", "frame in which positions are given")
+    clock_period: float = quantity(0.01, "s", "simulation time between messages on /clock", 1e-4, 10.0)
+    answer_timeout: float = quantity(
+        0.25, "s", "wall-clock time after which the answer of the controller counts as overdue", 0.05, 10.0
+    )
+
+
+class SimulatorNode(Node):
+    """The simulator. Topics, services and parameters: see the package's README."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "simulator", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True
+        )
+        self._parameters = declare(self, SimulatorParameters)
+        self._plant = Plant(self._parameters)
+        self._plant.advance(0.0, 0.0)  # compile before the first sample is asked for
+        self._sample_rate = self._parameters.integration.sample_rate
+        self._clock_steps = max(round(self._parameters.clock_period * self._sample_rate), 1)
+
+        self._position = RotorPosition()
+        self._position.header.frame_id = self._parameters.frame_id
+        self._clock = ClockMessage()
+        self._state = SimulatorState(mode=SimulatorState.PAUSED, run=0, sample_time=self._plant.sample_time)
+        self._fault = ""
+        self._answered = True  # False between the publication of a step and its answer
+        self._seen_step = -1  # step at the last look of the watch
+
+        self._position_publisher = self.create_publisher(RotorPosition, topics.POSITION, STREAM)
+        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
+        self._state_publisher = self.create_publisher(SimulatorState, topics.SIMULATOR_STATE, LATCHED)
+        self._current_subscription = self.create_subscription(
+            CurrentReference, topics.CURRENT_REFERENCE, self._on_current_reference, STREAM
+        )
+        self.create_service(Reset, "~/reset", self._on_reset)
+        self.create_service(Pause, "~/pause", self._on_pause)
+        self.create_service(RunSteps, "~/run", self._on_run)
+        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
+        self._watch = self.create_timer(
+            self._parameters.answer_timeout, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        self._reset()
+        if self._parameters.autostart:
+            self._start(0)
+
+    # -- the loop
+
+    def _on_current_reference(self, message: CurrentReference) -> None:
+        state = self._state
+        if self._answered or message.step != state.step or message.run != state.run:
+            return  # answer to a step of the past: published twice, or before a reset
+        if state.mode not in (SimulatorState.RUNNING, SimulatorState.WAITING):
+            return  # paused meanwhile; the step is published again when the run goes on
+        self._answered = True
+        try:
+            self._plant.advance(message.i_x, message.i_y)
+        except PlantError as problem:
+            self._fault = str(problem)
+            self.get_logger().error(self._fault)
+            self._set_mode(SimulatorState.FAULT)
+            return
+        state.step += 1
+        if self._plant.delevitated:
+            self.get_logger().warning(f"delevitated before step {state.step} of run {state.run}")
+            self._set_mode(SimulatorState.DELEVITATED)
+        elif state.step == state.last_step:
+            self._set_mode(SimulatorState.PAUSED)
+        else:
+            if state.mode == SimulatorState.WAITING:
+                self._set_mode(SimulatorState.RUNNING)
+            self._publish_position()
+
+    def _publish_position(self) -> None:
+        message = self._position
+        step = self._state.step
+        message.run = self._state.run
+        message.step = step
+        message.x, message.y = self._plant.position
+        set_step_time(message.header.stamp, step, self._sample_rate)
+        self._answered = False
+        self._position_publisher.publish(message)
+        if step % self._clock_steps == 0:
+            self._publish_clock()
+
+    def _publish_clock(self) -> None:
+        set_step_time(self._clock.clock, self._state.step, self._sample_rate)
+        self._clock_publisher.publish(self._clock)
+
+    def _on_watch(self) -> None:
+        """See whether the controller still answers, and publish an unanswered step again once somebody listens."""
+        state = self._state
+        if state.mode == SimulatorState.RUNNING:
+            if state.step == self._seen_step:
+                self._set_mode(SimulatorState.WAITING)
+            else:
+                self._publish_state()
+        if state.mode == SimulatorState.WAITING and self._position_publisher.get_subscription_count() > 0:
+            self._publish_position()
+        self._seen_step = state.step
+
+    # -- scenario control
+
+    def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        self._reset()
+        response.success = True
+        response.run = self._state.run
+        return response
+
+    def _on_pause(self, _request: Pause.Request, response: Pause.Response) -> Pause.Response:
+        if self._state.mode in (SimulatorState.RUNNING, SimulatorState.WAITING):
+            self._set_mode(SimulatorState.PAUSED)
+        response.success = True
+        response.run = self._state.run
+        response.step = self._state.step
+        return response
+
+    def _on_run(self, request: RunSteps.Request, response: RunSteps.Response) -> RunSteps.Response:
+        state = self._state
+        if state.mode == SimulatorState.PAUSED:
+            self._start(request.steps)
+            response.success = True
+        else:
+            remedy = "reset it first" if state.mode in (SimulatorState.DELEVITATED, SimulatorState.FAULT) else "pause it first"
+            response.message = f"the simulator is {MODE_NAMES[state.mode]} at step {state.step}; {remedy}"
+        response.run = state.run
+        response.first_step = state.step
+        response.last_step = state.last_step
+        return response
+
+    def _reset(self) -> None:
+        self._plant.reset()
+        self._fault = ""
+        self._answered = True
+        self._state.run += 1
+        self._state.step = 0
+        self._state.last_step = 0
+        self._set_mode(SimulatorState.PAUSED)
+        self._publish_clock()
+
+    def _start(self, steps: int) -> None:
+        self._state.last_step = self._state.step + steps if steps else 0
+        self._seen_step = -1
+        self._set_mode(SimulatorState.RUNNING)
+        self._publish_position()
+
+    # -- state and health
+
+    def _set_mode(self, mode: int) -> None:
+        self._state.mode = mode
+        self._publish_state()
+        self._diagnostics.publish()
+
+    def _publish_state(self) -> None:
+        set_step_time(self._state.header.stamp, self._state.step, self._sample_rate)
+        self._state_publisher.publish(self._state)
+
+    def _report(self) -> diagnostics.Report:
+        state = self._state
+        listeners = self._position_publisher.get_subscription_count()
+        if state.mode == SimulatorState.WAITING:
+            level = diagnostics.ERROR
+            summary = f"no answer from the controller to step {state.step}; {listeners} listening on position"
+        elif state.mode == SimulatorState.FAULT:
+            level, summary = diagnostics.ERROR, self._fault
+        elif state.mode == SimulatorState.DELEVITATED:
+            level, summary = diagnostics.ERROR, f"delevitated before step {state.step}"
+        else:
+            level, summary = diagnostics.OK, MODE_NAMES[state.mode]
+        return level, summary, {"run": state.run, "step": state.step, "mode": MODE_NAMES[state.mode]}
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM."""
+    return run_node(SimulatorNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

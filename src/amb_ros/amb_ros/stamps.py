@@ -1,0 +1,14 @@
+"""Simulation time of a controller step as a ROS time stamp."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+
+SECOND = 1_000_000_000  # ns
+
+
+def set_step_time(stamp: Time, step: int, sample_rate: float) -> None:
+    """Set a stamp, in place, to the time of a controller step, rounded to the nanosecond."""
+    nanoseconds = round(step * SECOND / sample_rate)
+    stamp.sec = nanoseconds // SECOND
+    stamp.nanosec = nanoseconds % SECOND
