@@ -1,0 +1,210 @@
+"""Reads bags: what a bag holds, and its telemetry, excitations, parameters and model as the library's own types.
+
+Topics are found by message type, so that a bag reads whatever namespace it was recorded in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+
+from amb_core.bags.storage import Definition, Storage, open_storage
+from amb_core.errors import BagError
+from amb_core.experiments import AppliedExcitation, excitation_from_message
+from amb_core.records import LoopRecord
+from amb_core.telemetry import block_from_message, merge_blocks
+
+TELEMETRY = "amb_msgs/msg/LoopSamples"
+EXCITATION_STATUS = "amb_msgs/msg/ExcitationStatus"
+MODEL = "amb_msgs/msg/StateSpaceModel"
+PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
+
+ParameterValue = bool | int | float | str | list[Any] | bytes | None
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A topic of a bag and the number of its messages."""
+
+    name: str
+    type: str
+    messages: int
+
+
+def read_bag(path: str | Path) -> Bag:
+    """Open a bag: a folder, an `.mcap` or a `.db3` file, also one that was cut off while being written.
+
+    The files are read through once, to check and count; messages are decoded when asked for.
+
+    Raises
+    ------
+    BagError
+        If there is no bag, or if not one message of a damaged one can be read.
+    """
+    return Bag(Path(path))
+
+
+class Bag:
+    """A bag opened for reading.
+
+    Attributes
+    ----------
+    path : Path
+        Its folder or file.
+    topics : list of TopicInfo
+        What it holds, by name.
+    duration : float
+        Time from its first to its last message (s).
+    truncated : str
+        Why it does not read to its end, empty for a whole bag. What comes before the damage is read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._storage: Storage = open_storage(path)
+        self._decoder = _Decoder(path, self._storage.definitions)
+        counts: dict[tuple[str, str], int] = {}
+        start, end = 2**63 - 1, 0
+        for message in self._storage.messages():
+            key = (message.topic, message.type)
+            counts[key] = counts.get(key, 0) + 1
+            start, end = min(start, message.log_time), max(end, message.log_time)
+        self.topics = [TopicInfo(name, kind, count) for (name, kind), count in sorted(counts.items())]
+        self.duration = (end - start) / 1e9 if counts else 0.0
+        self.truncated = self._storage.damage
+        if self.truncated and not counts:
+            raise BagError(f"bag {path}: no message can be read: {self.truncated}")
+        self._telemetry: dict[int, list[LoopRecord]] | None = None
+
+    @property
+    def messages(self) -> int:
+        """Number of messages."""
+        return sum(topic.messages for topic in self.topics)
+
+    @property
+    def runs(self) -> list[int]:
+        """Runs with telemetry, in the order in which they were recorded."""
+        return list(self._blocks()) if self._topic_of(TELEMETRY) else []
+
+    def telemetry(self, run: int | None = None, first_step: int | None = None, stop: int | None = None) -> LoopRecord:
+        """The loop samples of a run.
+
+        Parameters
+        ----------
+        run : int, optional
+            The run; by default the last one.
+        first_step, stop : int, optional
+            The steps wanted, `stop` not included; by default all.
+
+        Raises
+        ------
+        BagError
+            If there is no telemetry, no such run, or if steps are missing.
+        """
+        if self._topic_of(TELEMETRY) is None:
+            there = ", ".join(topic.name for topic in self.topics) or "none"
+            raise BagError(f"bag {self.path}: holds no telemetry ({TELEMETRY}); its topics: {there}")
+        blocks = self._blocks()
+        run = self.runs[-1] if run is None else run
+        if run not in blocks:
+            raise BagError(f"bag {self.path}: holds no run {run}; its runs: {', '.join(map(str, blocks))}")
+        try:
+            return merge_blocks(blocks[run], first_step, stop)
+        except BagError as problem:
+            raise BagError(f"bag {self.path}, run {run}: {problem}") from None
+
+    def excitations(self, run: int | None = None) -> list[AppliedExcitation]:
+        """The excitations of a run (by default the last with telemetry) as the controller answered them, in order."""
+        if run is None and not self.runs:
+            return []
+        run = self.runs[-1] if run is None else run
+        answers = (excitation_from_message(message) for message in self._decoded(EXCITATION_STATUS))
+        return [answer for answer in answers if answer.run == run]
+
+    def parameters(self) -> dict[str, dict[str, ParameterValue]]:
+        """The last known parameters of each node, by full node name and parameter name."""
+        nodes: dict[str, dict[str, ParameterValue]] = {}
+        for event in self._decoded(PARAMETERS):
+            values = nodes.setdefault(event.node, {})
+            for parameter in [*event.new_parameters, *event.changed_parameters]:
+                values[parameter.name] = _parameter_value(parameter.value)
+            for parameter in event.deleted_parameters:
+                values.pop(parameter.name, None)
+        return nodes
+
+    def _blocks(self) -> dict[int, list[LoopRecord]]:
+        """Telemetry blocks by run, the run recorded last at the end."""
+        if self._telemetry is None:
+            blocks: dict[int, list[LoopRecord]] = {}
+            for message in self._decoded(TELEMETRY):
+                run = int(message.run)
+                if run in blocks and run != next(reversed(blocks)):
+                    blocks[run] = blocks.pop(run)
+                blocks.setdefault(run, []).append(block_from_message(message))
+            self._telemetry = blocks
+        return self._telemetry
+
+    def _topic_of(self, message_type: str) -> str | None:
+        """Name of the topic of a type, None when there is none."""
+        names = [topic.name for topic in self.topics if topic.type == message_type]
+        if len(names) > 1 and message_type != PARAMETERS:
+            raise BagError(f"bag {self.path}: {message_type} is on more than one topic: {', '.join(names)}")
+        return names[0] if names else None
+
+    def _decoded(self, message_type: str) -> Iterator[Any]:
+        """Messages of a type, decoded."""
+        if self._topic_of(message_type) is None:
+            return
+        for message in self._storage.messages():
+            if message.type == message_type:
+                yield self._decoder.decode(message.type, message.data)
+
+
+class _Decoder:
+    """Decodes CDR by the definitions that the bag brings along."""
+
+    def __init__(self, path: Path, definitions: dict[str, Definition]) -> None:
+        self._path = path
+        self._definitions = definitions
+        self._types = get_typestore(Stores.EMPTY)
+
+    def decode(self, message_type: str, data: bytes) -> Any:
+        try:
+            if message_type not in self._types.types:
+                self._register(message_type)
+            return self._types.deserialize_cdr(data, message_type)
+        except (TypesysError, SerdeError) as problem:
+            raise BagError(f"bag {self._path}: a message of type {message_type} cannot be decoded: {problem}") from None
+
+    def _register(self, message_type: str) -> None:
+        if message_type not in self._definitions:
+            raise BagError(f"bag {self._path}: lacks the definition of {message_type}; record with Iron or later")
+        definition = self._definitions[message_type]
+        if definition.encoding == "ros2idl":
+            self._types.register(get_types_from_idl(definition.text))
+        else:
+            self._types.register(get_types_from_msg(definition.text, message_type))
+
+
+def _parameter_value(value: Any) -> ParameterValue:
+    """Value of a rcl_interfaces/ParameterValue by its type tag (rcl_interfaces/msg/ParameterType)."""
+    fields = (
+        "bool_value",
+        "integer_value",
+        "double_value",
+        "string_value",
+        "byte_array_value",
+        "bool_array_value",
+        "integer_array_value",
+        "double_array_value",
+        "string_array_value",
+    )
+    if not 1 <= value.type <= len(fields):
+        return None
+    content = getattr(value, fields[value.type - 1])
+    return content if value.type <= 4 else list(content)

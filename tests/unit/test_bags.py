@@ -1,0 +1,360 @@
+"""Bags: what is written is read back, by others too; what is cut off reads up to the cut; what is wrong is named."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from amb_core.bags import BagWriter, read_bag
+from amb_core.errors import BagError
+
+MESSAGES = Path(__file__).parents[2] / "amb_msgs" / "msg"
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+for file in MESSAGES.glob("*.msg"):
+    TYPES.register(get_types_from_msg(file.read_text(), f"amb_msgs/msg/{file.stem}"))
+
+LOOP_SAMPLES = "amb_msgs/msg/LoopSamples"
+STATUS = "amb_msgs/msg/ExcitationStatus"
+EVENT = "rcl_interfaces/msg/ParameterEvent"
+BLOCK = 100
+SIGNALS = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
+
+
+def definition(message_type: str) -> str:
+    return TYPES.generate_msgdef(message_type, ros_version=2)[0]
+
+
+def serialize(message: Any) -> bytes:
+    return bytes(TYPES.serialize_cdr(message, message.__msgtype__))
+
+
+def signal(name: str, steps: np.ndarray) -> np.ndarray:
+    """Samples that tell every step and signal apart."""
+    return np.sin(1e-3 * steps) + SIGNALS.index(name)
+
+
+def block(run: int, first_step: int, steps: int = BLOCK) -> bytes:
+    time = TYPES.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    header = TYPES.types["std_msgs/msg/Header"](stamp=time, frame_id="")
+    index = np.arange(first_step, first_step + steps)
+    samples = {name: signal(name, index) for name in SIGNALS}
+    return serialize(
+        TYPES.types[LOOP_SAMPLES](header=header, run=run, first_step=first_step, sample_time=1e-4, **samples)
+    )
+
+
+def status(run: int, first_step: int, steps: int, accepted: bool = True, kind: str = "square") -> bytes:
+    return serialize(
+        TYPES.types[STATUS](run=run, id=1, kind=kind, accepted=accepted, message="", first_step=first_step, steps=steps)
+    )
+
+
+def event(node: str, **values: float) -> bytes:
+    kinds = TYPES.types
+    empty = np.zeros(0)
+    parameters = [
+        kinds["rcl_interfaces/msg/Parameter"](
+            name=name,
+            value=kinds["rcl_interfaces/msg/ParameterValue"](
+                type=3,
+                bool_value=False,
+                integer_value=0,
+                double_value=value,
+                string_value="",
+                byte_array_value=empty.astype(np.uint8),
+                bool_array_value=empty.astype(bool),
+                integer_array_value=empty.astype(np.int64),
+                double_array_value=empty,
+                string_array_value=[],
+            ),
+        )
+        for name, value in values.items()
+    ]
+    stamp = kinds["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    return serialize(
+        kinds[EVENT](stamp=stamp, node=node, new_parameters=parameters, changed_parameters=[], deleted_parameters=[])
+    )
+
+
+def write_telemetry(folder: Path, blocks: list[tuple[int, int]], chunk_age: float = 60.0) -> Path:
+    """A bag of telemetry blocks (run, first step), one chunk for every ten of them."""
+    with BagWriter(folder, chunk_age) as bag:
+        bag.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
+        for number, (run, first_step) in enumerate(blocks):
+            bag.write("/amb/telemetry", block(run, first_step), 10**9 + 10**7 * number)
+            if number % 10 == 9:
+                bag.flush()
+    return folder
+
+
+@pytest.fixture
+def bag_folder(tmp_path: Path) -> Path:
+    return write_telemetry(tmp_path / "bag", [(1, BLOCK * k) for k in range(50)])
+
+
+def test_samples_come_back_bit_for_bit(bag_folder: Path) -> None:
+    bag = read_bag(bag_folder)
+    record = bag.telemetry()
+    steps = np.arange(50 * BLOCK)
+    assert (record.first_step, record.steps, record.sample_time) == (0, 50 * BLOCK, 1e-4)
+    for axis, name in enumerate("xy"):
+        np.testing.assert_array_equal(record.reference[:, axis], signal(f"reference_{name}", steps))
+        np.testing.assert_array_equal(record.position[:, axis], signal(f"position_{name}", steps))
+        np.testing.assert_array_equal(record.current[:, axis], signal(f"current_{name}", steps))
+    assert bag.truncated == ""
+    assert [(topic.name, topic.type, topic.messages) for topic in bag.topics] == [("/amb/telemetry", LOOP_SAMPLES, 50)]
+    assert bag.duration == pytest.approx(0.49)
+
+
+def test_rosbags_reads_the_same_messages(bag_folder: Path) -> None:
+    with AnyReader([bag_folder]) as reader:
+        stored = [reader.deserialize(data, connection.msgtype) for connection, _, data in reader.messages()]
+        assert reader.connections[0].digest == TYPES.hash_rihs01(LOOP_SAMPLES)
+    assert [message.first_step for message in stored] == [BLOCK * k for k in range(50)]
+
+
+def test_metadata_has_what_ros2_bag_info_asks_for(bag_folder: Path) -> None:
+    information = yaml.safe_load((bag_folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert information["version"] == 9
+    assert information["storage_identifier"] == "mcap"
+    assert information["relative_file_paths"] == ["bag_0.mcap"]
+    assert information["message_count"] == 50
+    assert information["starting_time"]["nanoseconds_since_epoch"] == 10**9
+    assert information["duration"]["nanoseconds"] == 49 * 10**7
+    (topic,) = information["topics_with_message_count"]
+    assert topic["topic_metadata"]["serialization_format"] == "cdr"
+    assert topic["topic_metadata"]["offered_qos_profiles"][0]["reliability"] == "reliable"
+
+
+def test_a_file_reads_without_its_folder(bag_folder: Path) -> None:
+    assert read_bag(bag_folder / "bag_0.mcap").telemetry().steps == 50 * BLOCK
+
+
+def test_the_last_run_is_the_default(tmp_path: Path) -> None:
+    bag = read_bag(write_telemetry(tmp_path / "bag", [(4, 0), (4, 100), (5, 0)]))
+    assert bag.runs == [4, 5]
+    assert bag.telemetry().steps == BLOCK
+    assert bag.telemetry(run=4).steps == 2 * BLOCK
+    with pytest.raises(BagError, match="holds no run 9; its runs: 4, 5"):
+        bag.telemetry(run=9)
+
+
+def test_order_and_repetition_of_blocks_do_not_matter(tmp_path: Path) -> None:
+    record = read_bag(write_telemetry(tmp_path / "bag", [(1, 100), (1, 0), (1, 100), (1, 200)])).telemetry()
+    np.testing.assert_array_equal(record.position[:, 0], signal("position_x", np.arange(300)))
+
+
+def test_missing_steps_are_named(tmp_path: Path) -> None:
+    bag = read_bag(write_telemetry(tmp_path / "bag", [(1, 0), (1, 200), (1, 500)]))
+    with pytest.raises(BagError, match=r"run 1: telemetry: steps 100 to 199 and 300 to 499 are missing \(300 of 600\)"):
+        bag.telemetry()
+    assert bag.telemetry(first_step=210, stop=290).steps == 80
+
+
+def test_steps_beyond_the_data_are_named(bag_folder: Path) -> None:
+    with pytest.raises(BagError, match="steps 5000 to 5099 are missing.*from step 0 to 4999"):
+        read_bag(bag_folder).telemetry(first_step=4900, stop=5100)
+
+
+def test_a_restarted_simulator_is_noticed(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
+        message = TYPES.deserialize_cdr(block(1, 0), LOOP_SAMPLES)
+        writer.write("/amb/telemetry", serialize(message), 1)
+        message.position_x = message.position_x + 1e-6
+        writer.write("/amb/telemetry", serialize(message), 2)
+    with pytest.raises(BagError, match="occurs twice with different samples"):
+        read_bag(tmp_path / "bag").telemetry()
+
+
+def test_excitations_are_those_of_the_run(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/rig/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
+        writer.add_topic("/rig/excitation_status", STATUS, definition(STATUS))
+        writer.write("/rig/excitation_status", status(1, 0, 10), 1)
+        writer.write("/rig/excitation_status", status(2, 50, 500), 2)
+        writer.write("/rig/excitation_status", status(2, 70, 500, accepted=False), 3)
+        writer.write("/rig/telemetry", block(2, 0), 4)
+    found = read_bag(tmp_path / "bag").excitations()
+    assert [(item.first_step, item.steps, item.accepted) for item in found] == [(50, 500, True), (70, 500, False)]
+
+
+def test_parameters_are_the_last_known_per_node(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/parameter_events", EVENT, definition(EVENT))
+        writer.write("/parameter_events", event("/amb/pd_controller", proportional_gain=2e4, derivative_gain=38.0), 1)
+        writer.write("/parameter_events", event("/amb/pd_controller", derivative_gain=40.0), 2)
+    assert read_bag(tmp_path / "bag").parameters() == {
+        "/amb/pd_controller": {"proportional_gain": 2e4, "derivative_gain": 40.0}
+    }
+
+
+@pytest.fixture
+def file_bytes(bag_folder: Path) -> bytes:
+    return (bag_folder / "bag_0.mcap").read_bytes()
+
+
+def test_cut_anywhere_it_reads_whole_chunks_or_says_that_nothing_is_left(file_bytes: bytes, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    readable = []
+    for length in [
+        *range(0, 120),
+        *range(120, len(file_bytes) - 1, 997),
+        *range(len(file_bytes) - 60, len(file_bytes)),
+    ]:
+        cut.write_bytes(file_bytes[:length])
+        try:
+            bag = read_bag(cut)
+        except BagError as problem:
+            assert "no message can be read" in str(problem)
+            readable.append(0)
+            continue
+        assert bag.truncated
+        assert bag.messages % 10 == 0, "only whole chunks"
+        assert bag.telemetry().steps == BLOCK * bag.messages
+        readable.append(bag.messages)
+    assert readable == sorted(readable)
+    assert readable[-1] == 50, "without its index it still reads in full"
+
+
+def test_a_damaged_chunk_is_not_read(file_bytes: bytes, tmp_path: Path) -> None:
+    damaged = bytearray(file_bytes)
+    middle = len(damaged) // 2
+    damaged[middle : middle + 4] = b"\xff\xff\xff\xff"
+    (tmp_path / "damaged.mcap").write_bytes(damaged)
+    bag = read_bag(tmp_path / "damaged.mcap")
+    assert bag.truncated
+    assert 0 < bag.messages < 50
+
+
+def test_what_was_flushed_survives_a_kill(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "bag", chunk_age=0.0)
+    writer.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
+    for k in range(7):
+        writer.write("/amb/telemetry", block(1, BLOCK * k), k)
+    bag = read_bag(tmp_path / "bag")
+    assert bag.truncated
+    assert bag.telemetry().steps == 7 * BLOCK
+    writer.close()
+
+
+def test_a_full_disk_is_an_error_and_leaves_a_readable_bag(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "bag", chunk_age=0.0)
+    writer.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, limits[1]))
+    try:
+        with pytest.raises(BagError, match="cannot be written: File too large"):
+            for k in range(1000):
+                writer.write("/amb/telemetry", block(1, BLOCK * k), k)
+        with pytest.raises(BagError, match="cannot be written"):
+            writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    bag = read_bag(tmp_path / "bag")
+    assert bag.truncated
+    assert bag.telemetry().steps > 0
+
+
+@pytest.mark.parametrize("mode", ["sqlite3", "compressed file", "compressed messages"])
+def test_other_bags_of_ros2_bag_record_are_read(tmp_path: Path, mode: str) -> None:
+    plugin = StoragePlugin.SQLITE3 if mode == "sqlite3" else StoragePlugin.MCAP
+    writer = Writer(tmp_path / "bag", version=9, storage_plugin=plugin)
+    if mode != "sqlite3":
+        compression = CompressionMode.FILE if mode == "compressed file" else CompressionMode.MESSAGE
+        writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/amb/telemetry", LOOP_SAMPLES, typestore=TYPES)
+        for k in range(5):
+            writer.write(connection, k, block(3, BLOCK * k))
+    bag = read_bag(tmp_path / "bag")
+    assert bag.runs == [3]
+    assert bag.telemetry().steps == 5 * BLOCK
+
+
+def test_a_database_file_reads_without_metadata(tmp_path: Path) -> None:
+    with Writer(tmp_path / "bag", version=9) as writer:
+        connection = writer.add_connection("/amb/telemetry", LOOP_SAMPLES, typestore=TYPES)
+        writer.write(connection, 1, block(3, 0))
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    assert read_bag(tmp_path / "bag").telemetry().steps == BLOCK
+
+
+def test_split_bags_are_read_in_order(tmp_path: Path) -> None:
+    folder = tmp_path / "split"
+    folder.mkdir()
+    for number in range(12):
+        part = write_telemetry(tmp_path / f"part_{number}", [(1, BLOCK * number)])
+        (part / f"part_{number}_0.mcap").rename(folder / f"split_{number}.mcap")
+    assert read_bag(folder).telemetry().steps == 12 * BLOCK
+
+
+def wrong_bags(tmp_path: Path) -> Iterator[tuple[Path, str]]:
+    yield tmp_path / "nowhere", "there is no such file or folder"
+    (tmp_path / "empty").mkdir()
+    yield tmp_path / "empty", "holds neither"
+    (tmp_path / "text.txt").write_text("no bag")
+    yield tmp_path / "text.txt", "not a bag"
+    (tmp_path / "text.mcap").write_text("this is not an MCAP file")
+    yield tmp_path / "text.mcap", "not an MCAP file"
+    (tmp_path / "text.db3").write_text("this is not a database, though it is long enough to be looked at")
+    yield tmp_path / "text.db3", "cannot be read"
+    (tmp_path / "void.mcap").touch()
+    yield tmp_path / "void.mcap", "no message can be read"
+    lost = write_telemetry(tmp_path / "lost", [(1, 0)])
+    (lost / "lost_0.mcap").unlink()
+    yield lost, "lists lost_0.mcap, which is not there"
+
+
+def test_what_is_no_bag_is_named(tmp_path: Path) -> None:
+    for path, reason in wrong_bags(tmp_path):
+        with pytest.raises(BagError, match=reason) as caught:
+            read_bag(path)
+        assert str(tmp_path) in str(caught.value)
+
+
+def test_without_telemetry_the_topics_that_are_there_are_named(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/amb/excitation_status", STATUS, definition(STATUS))
+        writer.write("/amb/excitation_status", status(1, 0, 10), 1)
+    bag = read_bag(tmp_path / "bag")
+    with pytest.raises(BagError, match="holds no telemetry .*; its topics: /amb/excitation_status"):
+        bag.telemetry()
+    assert bag.runs == []
+
+
+def test_telemetry_on_two_topics_is_ambiguous(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        for rig in ("/rig1/telemetry", "/rig2/telemetry"):
+            writer.add_topic(rig, LOOP_SAMPLES, definition(LOOP_SAMPLES))
+            writer.write(rig, block(1, 0), 1)
+    with pytest.raises(BagError, match="more than one topic: /rig1/telemetry, /rig2/telemetry"):
+        read_bag(tmp_path / "bag").telemetry()
+
+
+def test_a_message_that_does_not_decode_is_an_error(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
+        writer.write("/amb/telemetry", block(1, 0)[:200], 1)
+    with pytest.raises(BagError, match="cannot be decoded"):
+        read_bag(tmp_path / "bag").telemetry()
+
+
+def test_a_folder_that_exists_is_not_overwritten(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="exists already"):
+        BagWriter(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(BagError, match="cannot be made: Not a directory"):
+        BagWriter(tmp_path / "file" / "bag")
