@@ -64,7 +64,7 @@ make_venv() {
     fi
     rm -f "$venv_stamp"
     say "installing the packages that requirements.txt pins (a few minutes the first time)"
-    "$venv/bin/python" -m pip install --quiet --no-input --disable-pip-version-check -r requirements.txt
+    "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check -r requirements.txt
     mend_cmake_files
     venv_state > "$venv_stamp"
 }
@@ -74,7 +74,7 @@ mend_cmake_files() {
     local python_include numpy_include
     python_include=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
     numpy_include=$("$venv/bin/python" -c 'import numpy; print(numpy.get_include())')
-    grep -rlZ --include='*.cmake' /opt/python/ "$venv/share" | xargs -0 --no-run-if-empty sed -Ei \
+    { grep -rlZ --include='*.cmake' /opt/python/ "$venv/share" || true; } | xargs -0 --no-run-if-empty sed -Ei \
         -e "s|/opt/python/cp3[0-9]+-cp3[0-9]+/include/python3\.[0-9]+|$python_include|g" \
         -e "s|/opt/python/cp3[0-9]+-cp3[0-9]+/lib/python3\.[0-9]+/site-packages/numpy/_core/include|$numpy_include|g"
 }
@@ -82,17 +82,20 @@ mend_cmake_files() {
 build() {
     say "building the ROS packages"
     rm -f "$build_stamp"
-    # Warnings: `colcon build --symlink-install` itself relies on what setuptools announces to remove.
+    # PYTHONWARNINGS: `colcon build --symlink-install` relies on what setuptools warns about.
     if ! PATH=$venv/bin:$PATH AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv PYTHONWARNINGS=ignore \
         colcon --log-level error build --symlink-install --executor parallel \
         --event-handlers console_direct- console_cohesion- status- console_stderr- summary- \
-        --cmake-args -DPython3_EXECUTABLE="$venv/bin/python" -DCMAKE_BUILD_TYPE=Release --no-warn-unused-cli; then
+        --cmake-args -G Ninja -DPython3_EXECUTABLE="$venv/bin/python" -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF; then
         cat log/latest_build/*/stderr.log >&2
         fail "the build failed; full logs are in log/latest_build"
     fi
     build_state | checksum > "$build_stamp"
 }
 
+case $root in *[[:space:]]*)
+    fail "the folder '$root' has a space in its name, with which the executables of ROS packages cannot start; move it" ;;
+esac
 exec 9< "${BASH_SOURCE[0]}"
 flock 9    # two calls at the same time: the second waits, then finds everything done
 missing=()

@@ -7,7 +7,7 @@ NAME = "amb_ros"
 setup(
     name=NAME,
     version="0.1.0",
-    description="ROS wiring shared by the nodes: parameter declaration, process life cycle, quality of service, diagnostics.",
+    description="ROS wiring shared by the nodes: parameters, process life cycle, quality of service, diagnostics.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",
     license="Apache-2.0",

@@ -1,0 +1,30 @@
+# Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-slow bench lint clean
+SHELL := /bin/bash
+RUN := source scripts/env.sh &&
+
+help:  ## print this
+	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
+
+setup:  ## make .venv with ROS 2 Jazzy, build the packages
+	@bash scripts/setup.sh
+
+demo: setup  ## the paper's main experiment over ROS topics; leaves results/demo
+	@$(RUN) amb demo
+
+test: setup  ## all tests but the slow ones
+	@$(RUN) python -m pytest -m "not slow"
+
+test-slow: setup  ## the slow tests
+	@$(RUN) python -m pytest -m slow
+
+bench: setup  ## speed of plant and loop; writes results/bench.json
+	@$(RUN) python tests/benchmarks/run.py
+
+lint: setup  ## ruff and mypy
+	@$(RUN) ruff check . && ruff format --check . && mypy
+
+clean:  ## remove everything that the targets above made
+	rm -rf .venv build install log results .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

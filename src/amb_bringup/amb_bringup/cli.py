@@ -1,0 +1,30 @@
+"""The command line `amb`: puts the commands together, and turns errors meant for the user into one line."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from amb_bringup.commands import graph
+from amb_core.errors import AmbError
+
+app = typer.Typer(
+    name="amb",
+    help="Workbench for active magnetic bearings on ROS 2: levitate, excite, record, identify.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command()(graph.up)
+app.command(context_settings={"allow_extra_args": True, "allow_interspersed_args": False})(graph.run)
+
+
+def main() -> int:
+    """Run `amb` with the arguments of the process; returns its exit code."""
+    try:
+        app()
+        return 0
+    except AmbError as problem:
+        print(f"amb: {problem}", file=sys.stderr)
+        return 1

@@ -1,0 +1,1 @@
+"""The commands of `amb`, one module per subject; what is slow to import is imported inside the commands."""

@@ -1,0 +1,181 @@
+"""Runs the nodes of a launch file as separate processes: start, watch, stop, with nothing left behind.
+
+`ros2 launch` does this where it is installed. This one needs no `launch` packages, and is plain to use from Python:
+
+    with Graph.from_launch_file(launch_file("bearing"), env={"ROS_DOMAIN_ID": "7"}) as graph:
+        ...
+        graph.check()  # raises as soon as a node has ended
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+
+from amb_bringup.launch_file import NodeProcess, read_launch_file
+from amb_bringup.packages import LaunchError, share_folder
+
+POLL_PERIOD = 0.05  # s
+STOP_STAGES = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))  # signal, patience (s)
+KEPT_LINES = 50  # of each node's output, for error messages
+
+Output = Callable[[str, str], None]
+
+
+def launch_file(name: str) -> Path:
+    """Path of a launch file of this package: `bearing` (separate processes) or `composed`."""
+    return share_folder("amb_bringup") / "launch" / f"{name}.launch.yaml"
+
+
+class Graph:
+    """The processes of a node graph.
+
+    Parameters
+    ----------
+    nodes : sequence of NodeProcess
+        What to start.
+    env : mapping, optional
+        Environment variables for all nodes on top of the present ones, such as ROS_DOMAIN_ID.
+    output : callable, optional
+        Called with node name and text for every line that a node writes, from one thread per node.
+
+    Attributes
+    ----------
+    processes : dict of str to subprocess.Popen
+        The started processes by node name.
+    """
+
+    def __init__(
+        self, nodes: Sequence[NodeProcess], env: Mapping[str, str] | None = None, output: Output | None = None
+    ) -> None:
+        self._nodes = {node.name: node for node in nodes}
+        self._env = {**os.environ, "PYTHONUNBUFFERED": "1", **(env or {})}
+        self._output = output
+        self._lines: dict[str, deque[str]] = {name: deque(maxlen=KEPT_LINES) for name in self._nodes}
+        self._readers: dict[str, threading.Thread] = {}
+        self.processes: dict[str, subprocess.Popen[str]] = {}
+
+    @classmethod
+    def from_launch_file(
+        cls,
+        path: str | Path,
+        arguments: Mapping[str, str] | None = None,
+        env: Mapping[str, str] | None = None,
+        output: Output | None = None,
+    ) -> Graph:
+        """The graph that a launch file describes; see `read_launch_file` for arguments and errors."""
+        return cls(read_launch_file(path, arguments), env, output)
+
+    def start(self) -> None:
+        """Start all nodes.
+
+        Raises
+        ------
+        LaunchError
+            If a process cannot be started; those already started are stopped.
+        """
+        try:
+            for name in self._nodes:
+                self.start_node(name)
+        except BaseException:
+            self.stop()
+            raise
+
+    def start_node(self, name: str) -> None:
+        """Start one node, for the first time or again after it has ended."""
+        if name not in self._nodes:
+            raise LaunchError(f"the graph has no node '{name}'; it has: {', '.join(self._nodes)}")
+        if name in self.processes and self.processes[name].poll() is None:
+            raise LaunchError(f"node '{name}' runs already")
+        node = self._nodes[name]
+        try:
+            # In a session of its own: Ctrl-C in the terminal reaches this process alone, which then ends the nodes.
+            process = subprocess.Popen(
+                node.command,
+                env={**self._env, **node.env},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                errors="replace",
+                start_new_session=True,
+            )
+        except OSError as problem:
+            raise LaunchError(f"node '{name}' cannot be started: {problem}") from None
+        self.processes[name] = process
+        self._readers[name] = threading.Thread(target=self._forward, args=(name, process), daemon=True)
+        self._readers[name].start()
+
+    def ended(self) -> dict[str, int]:
+        """Exit codes of the nodes that have ended (negative: the signal that killed the process)."""
+        codes = {name: process.poll() for name, process in self.processes.items()}
+        return {name: code for name, code in codes.items() if code is not None}
+
+    def check(self) -> None:
+        """Raise `LaunchError` with name, exit code and last words if a node has ended."""
+        for name, code in self.ended().items():
+            self._readers[name].join(timeout=1.0)
+            raise LaunchError(f"{describe_end(name, code)}; it said last: {self.last_line(name)}")
+
+    def wait(self, timeout: float | None = None) -> dict[str, int]:
+        """Wait until a node ends or `timeout` (s) is over; returns what `ended` returns."""
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while not (ended := self.ended()) and (deadline is None or time.monotonic() < deadline):
+            time.sleep(POLL_PERIOD)
+        return ended
+
+    def stop(self) -> dict[str, int]:
+        """End all nodes: SIGINT, and for those that do not follow SIGTERM, at last SIGKILL. Returns the exit codes."""
+        for number, patience in STOP_STAGES:
+            running = [process for process in self.processes.values() if process.poll() is None]
+            for process in running:
+                with contextlib.suppress(ProcessLookupError):
+                    process.send_signal(number)
+            deadline = time.monotonic() + patience
+            for process in running:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(max(0.0, deadline - time.monotonic()))
+        for reader in self._readers.values():
+            reader.join(timeout=1.0)
+        return self.ended()
+
+    def lines(self, name: str) -> list[str]:
+        """The last lines that a node wrote."""
+        return list(self._lines[name])
+
+    def last_line(self, name: str) -> str:
+        """The last line that a node wrote, or `(nothing)`."""
+        return self._lines[name][-1] if self._lines[name] else "(nothing)"
+
+    def __enter__(self) -> Graph:
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def _forward(self, name: str, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        with process.stdout:
+            for line in process.stdout:
+                text = line.rstrip()
+                self._lines[name].append(text)
+                if self._output is not None:
+                    self._output(name, text)
+
+
+def describe_end(name: str, code: int) -> str:
+    """How a node ended, in words."""
+    if code < 0:
+        return f"node {name} was killed by {signal.Signals(-code).name}"
+    return f"node {name} ended with exit code {code}"
