@@ -11,7 +11,9 @@ from array import array
 
 from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
 from amb_msgs.srv import StartExcitation, StopExcitation
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -54,8 +56,10 @@ class ExcitationGeneratorNode(Node):
         self._state_subscription = self.create_subscription(
             SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, LATCHED
         )
-        self.create_service(StartExcitation, "~/start", self._on_start)
-        self.create_service(StopExcitation, "~/stop", self._on_stop)
+        # A service that awaits the controller's answer must not keep the answer's own callback from running.
+        concurrent = ReentrantCallbackGroup()
+        self.create_service(StartExcitation, "~/start", self._on_start, callback_group=concurrent)
+        self.create_service(StopExcitation, "~/stop", self._on_stop, callback_group=concurrent)
 
     async def _on_start(
         self, request: StartExcitation.Request, response: StartExcitation.Response
@@ -151,7 +155,7 @@ class ExcitationGeneratorNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run_node(ExcitationGeneratorNode, args)
+    return run_node(ExcitationGeneratorNode, args, SingleThreadedExecutor)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from threadpoolctl import threadpool_limits
@@ -16,16 +16,29 @@ from amb_core.errors import AmbError
 SPIN_TIMEOUT = 0.5  # s; EventsExecutor hangs without a timeout, and the loop must see a shutdown
 
 
-def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
-    """Make the nodes, spin them on one EventsExecutor until SIGINT or SIGTERM, return the exit code of the process.
+def run_nodes(
+    factories: Sequence[Callable[[], Node]],
+    args: list[str] | None = None,
+    executor_type: Callable[[], Executor] = EventsExecutor,
+) -> int:
+    """Make the nodes, spin them on one executor until SIGINT or SIGTERM, return the exit code of the process.
 
     A node that refuses its parameters raises an `AmbError`: its text goes to stderr as one line, and the code is 1.
+
+    Parameters
+    ----------
+    factories : sequence of callables
+        Each makes a node.
+    args : list of str, optional
+        Command line; that of the process by default.
+    executor_type : callable
+        EventsExecutor is the fastest but does not await coroutines; nodes whose callbacks are coroutines need another.
     """
     threadpool_limits(1)  # small matrices: more BLAS threads only take the cores from the other nodes
     rclpy.init(args=args)
     nodes: list[Node] = []
     try:
-        executor = EventsExecutor()
+        executor = executor_type()
         for factory in factories:
             nodes.append(factory())
             executor.add_node(nodes[-1])
@@ -40,12 +53,14 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
         rclpy.try_shutdown()
 
 
-def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
+def run_node(
+    factory: Callable[[], Node], args: list[str] | None = None, executor_type: Callable[[], Executor] = EventsExecutor
+) -> int:
     """`run_nodes` for one node: the body of every executable's `main`."""
-    return run_nodes([factory], args)
+    return run_nodes([factory], args, executor_type)
 
 
-def spin(executor: rclpy.executors.Executor) -> None:
+def spin(executor: Executor) -> None:
     """Spin until the context is shut down."""
     try:
         while rclpy.ok():
