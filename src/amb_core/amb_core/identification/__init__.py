@@ -1,0 +1,22 @@
+"""Identification: from a record of the closed loop to a discrete-time state-space model of the plant.
+
+>>> result = identify(record, order=10, controller=ControllerParameters())  # doctest: +SKIP
+>>> result.model.fit, result.model.unstable_poles()  # doctest: +SKIP
+"""
+
+from amb_core.identification.closed_loop import closed_loop_poles, simulate_closed_loop
+from amb_core.identification.identify import METHODS, Identification, identify
+from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.subspace import n4sid
+from amb_core.identification.validation import nrmse_fit
+
+__all__ = [
+    "METHODS",
+    "Identification",
+    "StateSpaceModel",
+    "closed_loop_poles",
+    "identify",
+    "n4sid",
+    "nrmse_fit",
+    "simulate_closed_loop",
+]
