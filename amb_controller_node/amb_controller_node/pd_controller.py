@@ -19,7 +19,7 @@ from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import LATCHED, STREAM
-from amb_ros.stamps import SECOND, set_step_time
+from amb_ros.stamps import set_step_time
 
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
 
@@ -77,7 +77,6 @@ class PdControllerNode(Node):
         reference_x, reference_y = self._reference(run, step)
         i_x, i_y = self._controller.update(x, y, reference_x, reference_y)
         answer = self._answer
-        answer.header = message.header
         answer.run = run
         answer.step = step
         answer.i_x = i_x
@@ -109,8 +108,7 @@ class PdControllerNode(Node):
         self._rate_error = ""
 
     def _check_sample_rate(self, message: RotorPosition) -> None:
-        stamp = message.header.stamp
-        period = (stamp.sec + stamp.nanosec / SECOND) / message.step
+        period = message.time / message.step
         if abs(period * self._parameters.sample_rate - 1.0) > 1e-3:
             self._rate_error = (
                 f"positions come at {1.0 / period:g} Hz, the controller is set to sample_rate = "

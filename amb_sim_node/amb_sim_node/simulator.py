@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from amb_core.errors import PlantError
-from amb_core.parameters import choice, quantity, switch
+from amb_core.parameters import quantity, switch
 from amb_core.plant import Plant, PlantParameters
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
@@ -35,7 +35,6 @@ class SimulatorParameters(PlantParameters):
     """Parameters of the node: those of the plant, and how it appears in the graph."""
 
     autostart: bool = switch(False, "run from the start instead of waiting, paused, for a run request")
-    frame_id: str = choice("stator", "frame in which positions are given")
     clock_period: float = quantity(0.01, "s", "simulation time between messages on /clock", 1e-4, 10.0)
     answer_timeout: float = quantity(
         0.25, "s", "wall-clock time after which the answer of the controller counts as overdue", 0.05, 10.0
@@ -56,7 +55,6 @@ class SimulatorNode(Node):
         self._clock_steps = max(round(self._parameters.clock_period * self._sample_rate), 1)
 
         self._position = RotorPosition()
-        self._position.header.frame_id = self._parameters.frame_id
         self._clock = ClockMessage()
         self._state = SimulatorState(mode=SimulatorState.PAUSED, run=0, sample_time=self._plant.sample_time)
         self._fault = ""
@@ -112,8 +110,8 @@ class SimulatorNode(Node):
         step = self._state.step
         message.run = self._state.run
         message.step = step
+        message.time = step / self._sample_rate
         message.x, message.y = self._plant.position
-        set_step_time(message.header.stamp, step, self._sample_rate)
         self._answered = False
         self._position_publisher.publish(message)
         if step % self._clock_steps == 0:
@@ -157,8 +155,10 @@ class SimulatorNode(Node):
             self._start(request.steps)
             response.success = True
         else:
-            remedy = "reset it first" if state.mode in (SimulatorState.DELEVITATED, SimulatorState.FAULT) else "pause it first"
-            response.message = f"the simulator is {MODE_NAMES[state.mode]} at step {state.step}; {remedy}"
+            over = state.mode in (SimulatorState.DELEVITATED, SimulatorState.FAULT)
+            response.message = (
+                f"the simulator is {MODE_NAMES[state.mode]} at step {state.step}; {'reset' if over else 'pause'} it first"
+            )
         response.run = state.run
         response.first_step = state.step
         response.last_step = state.last_step

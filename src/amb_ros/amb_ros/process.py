@@ -9,6 +9,7 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 from threadpoolctl import threadpool_limits
 
 from amb_core.errors import AmbError
@@ -64,6 +65,7 @@ def spin(executor: Executor) -> None:
     """Spin until the context is shut down."""
     try:
         while rclpy.ok():
-            executor.spin_once(timeout_sec=SPIN_TIMEOUT)
+            # A future that never completes: the loop over the events then runs inside the executor, not here.
+            executor.spin_until_future_complete(Future(), timeout_sec=SPIN_TIMEOUT)
     except (ExternalShutdownException, KeyboardInterrupt):
         pass

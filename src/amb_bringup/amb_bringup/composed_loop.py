@@ -1,0 +1,20 @@
+"""Simulator and controller as two nodes in one process, still talking through their topics.
+
+This is the way to a 10 kHz loop in real time from Python: within a process a message takes tens of microseconds less.
+"""
+
+from __future__ import annotations
+
+from amb_controller_node.pd_controller import PdControllerNode
+from amb_sim_node.simulator import SimulatorNode
+
+from amb_ros.process import run_nodes
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run both nodes until SIGINT or SIGTERM."""
+    return run_nodes([SimulatorNode, PdControllerNode], args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
