@@ -55,7 +55,8 @@ build_state() {  # Python sources count by name only: the build links to them
 
 make_venv() {
     [ "$(uname -sm)" = "Linux x86_64" ] || fail "the ROS 2 wheels exist for x86-64 Linux only, this is $(uname -sm)"
-    if [ ! -f "$venv_stamp" ] || [ "$(head -n 1 "$venv_stamp")" != "$root" ] || ! "$venv/bin/python" -c '' 2>/dev/null; then
+    # Interrupted, moved to another folder, or its Python removed: nothing to build upon.
+    if [ "$(head -n 1 "$venv_stamp" 2>/dev/null)" != "$root" ] || ! "$venv/bin/python" -c '' 2>/dev/null; then
         local python
         python=$(find_python)
         say "new environment .venv from $python"

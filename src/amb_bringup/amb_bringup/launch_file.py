@@ -24,6 +24,7 @@ from amb_bringup.packages import LaunchError, find_executable, share_folder
 
 NODE_KEYS = ("pkg", "exec", "name", "namespace", "output", "args", "param", "remap", "env")
 ARGUMENT_KEYS = ("name", "default", "description")
+SUBSTITUTION = re.compile(r"\$\(([^()$]*)\)")
 
 
 @dataclass(frozen=True)
@@ -153,10 +154,9 @@ class _Reader:
         value = body.get(key)
         if not isinstance(value, str) or not value:
             raise LaunchError(f"{place}: '{key}' = {value!r} must be a text")
-        result = re.sub(r"\$\(([^()$]*)\)", lambda match: self._substitute(place, match[1]), value)
-        if "$(" in re.sub(r"\$\([^()$]*\)", "", value):
+        if "$(" in SUBSTITUTION.sub("", value):
             raise LaunchError(f"{place}: '{key}' = '{value}': nested or open substitutions are not supported here")
-        return result
+        return SUBSTITUTION.sub(lambda match: self._substitute(place, match[1]), value)
 
     def _substitute(self, place: str, expression: str) -> str:
         kind, *words = expression.split()
