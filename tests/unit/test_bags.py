@@ -15,6 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from amb_core.bags import BagWriter, read_bag
+from amb_core.control import ControllerParameters
 from amb_core.errors import BagError
 
 MESSAGES = Path(__file__).parents[2] / "amb_msgs" / "msg"
@@ -55,33 +56,6 @@ def block(run: int, first_step: int, steps: int = BLOCK) -> bytes:
 def status(run: int, first_step: int, steps: int, accepted: bool = True, kind: str = "square") -> bytes:
     return serialize(
         TYPES.types[STATUS](run=run, id=1, kind=kind, accepted=accepted, message="", first_step=first_step, steps=steps)
-    )
-
-
-def event(node: str, **values: float) -> bytes:
-    kinds = TYPES.types
-    empty = np.zeros(0)
-    parameters = [
-        kinds["rcl_interfaces/msg/Parameter"](
-            name=name,
-            value=kinds["rcl_interfaces/msg/ParameterValue"](
-                type=3,
-                bool_value=False,
-                integer_value=0,
-                double_value=value,
-                string_value="",
-                byte_array_value=empty.astype(np.uint8),
-                bool_array_value=empty.astype(bool),
-                integer_array_value=empty.astype(np.int64),
-                double_array_value=empty,
-                string_array_value=[],
-            ),
-        )
-        for name, value in values.items()
-    ]
-    stamp = kinds["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
-    return serialize(
-        kinds[EVENT](stamp=stamp, node=node, new_parameters=parameters, changed_parameters=[], deleted_parameters=[])
     )
 
 
@@ -161,7 +135,7 @@ def test_missing_steps_are_named(tmp_path: Path) -> None:
 
 
 def test_steps_beyond_the_data_are_named(bag_folder: Path) -> None:
-    with pytest.raises(BagError, match="steps 5000 to 5099 are missing.*from step 0 to 4999"):
+    with pytest.raises(BagError, match=r"steps 5000 to 5099 are missing.*from step 0 to 4999"):
         read_bag(bag_folder).telemetry(first_step=4900, stop=5100)
 
 
@@ -189,13 +163,28 @@ def test_excitations_are_those_of_the_run(tmp_path: Path) -> None:
 
 
 def test_parameters_are_the_last_known_per_node(tmp_path: Path) -> None:
+    first = {
+        "proportional_gain": 2e4,
+        "derivative_on": "error",
+        "clip": True,
+        "block": 100,
+        "unset": None,
+        "axes": ["x", "y"],
+        "tones": [10.0, 20.0],
+        "steps": [1, 2],
+        "flags": [True, False],
+    }
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/parameter_events", EVENT, definition(EVENT))
-        writer.write("/parameter_events", event("/amb/pd_controller", proportional_gain=2e4, derivative_gain=38.0), 1)
-        writer.write("/parameter_events", event("/amb/pd_controller", derivative_gain=40.0), 2)
-    assert read_bag(tmp_path / "bag").parameters() == {
-        "/amb/pd_controller": {"proportional_gain": 2e4, "derivative_gain": 40.0}
+        writer.write_parameters("/parameter_events", "/amb/pd_controller", first, 1)
+        writer.write_parameters("/parameter_events", "/amb/pd_controller", {"proportional_gain": 3e4}, 2)
+        writer.write_parameters("/parameter_events", "/amb/simulator", {"gravity": False}, 3)
+    bag = read_bag(tmp_path / "bag")
+    assert bag.parameters() == {
+        "/amb/pd_controller": first | {"proportional_gain": 3e4},
+        "/amb/simulator": {"gravity": False},
     }
+    assert bag.controller_parameters() == ControllerParameters(proportional_gain=3e4)
 
 
 @pytest.fixture
@@ -207,7 +196,7 @@ def test_cut_anywhere_it_reads_whole_chunks_or_says_that_nothing_is_left(file_by
     cut = tmp_path / "cut.mcap"
     readable = []
     for length in [
-        *range(0, 120),
+        *range(120),
         *range(120, len(file_bytes) - 1, 997),
         *range(len(file_bytes) - 60, len(file_bytes)),
     ]:
@@ -327,7 +316,7 @@ def test_without_telemetry_the_topics_that_are_there_are_named(tmp_path: Path) -
         writer.add_topic("/amb/excitation_status", STATUS, definition(STATUS))
         writer.write("/amb/excitation_status", status(1, 0, 10), 1)
     bag = read_bag(tmp_path / "bag")
-    with pytest.raises(BagError, match="holds no telemetry .*; its topics: /amb/excitation_status"):
+    with pytest.raises(BagError, match=r"holds no telemetry .*; its topics: /amb/excitation_status"):
         bag.telemetry()
     assert bag.runs == []
 

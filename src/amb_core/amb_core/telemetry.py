@@ -3,55 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import AmbError, BagError
 from amb_core.records import LoopRecord
-
-
-class LoopSamples(Protocol):
-    """What a telemetry message carries, whether received over ROS or decoded from a bag (amb_msgs/LoopSamples)."""
-
-    run: int
-    first_step: int
-    sample_time: float
-    reference_x: ArrayLike
-    reference_y: ArrayLike
-    position_x: ArrayLike
-    position_y: ArrayLike
-    current_x: ArrayLike
-    current_y: ArrayLike
-
-
-def block_from_message(message: LoopSamples) -> LoopRecord:
-    """The samples of one telemetry message.
-
-    Raises
-    ------
-    BagError
-        If its arrays differ in length or its sample time is not positive.
-    """
-    try:
-        block = LoopRecord(
-            int(message.first_step),
-            float(message.sample_time),
-            _axes(message.reference_x, message.reference_y),
-            _axes(message.position_x, message.position_y),
-            _axes(message.current_x, message.current_y),
-        )
-    except ValueError:
-        raise BagError(
-            f"telemetry block of run {message.run} at step {message.first_step}: its arrays must have one length"
-        ) from None
-    if not block.sample_time > 0.0:
-        raise BagError(
-            f"telemetry block of run {message.run} at step {message.first_step}: "
-            f"sample time {block.sample_time} s must be positive"
-        )
-    return block
 
 
 class StepCoverage:
@@ -166,7 +122,3 @@ def _join(ordered: Sequence[LoopRecord], first_step: int, stop: int, error: type
         signals[:, start - first_step + known : block_stop - first_step] = values[:, known:]
         end = max(end, block_stop)
     return LoopRecord(first_step, sample_time, signals[0], signals[1], signals[2])
-
-
-def _axes(x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
-    return np.column_stack([np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)])

@@ -8,23 +8,34 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
+from amb_core.bags.parameter_events import PARAMETER_EVENT
 from amb_core.bags.storage import Definition, Storage, open_storage
 from amb_core.errors import BagError
-from amb_core.experiments import AppliedExcitation, excitation_from_message
+from amb_core.experiments import AppliedExcitation, controller_of, last_experiment, select_window
+from amb_core.messages import (
+    ParameterValue,
+    block_from_message,
+    excitation_from_message,
+    model_from_message,
+    parameters_from_messages,
+)
 from amb_core.records import LoopRecord
-from amb_core.telemetry import block_from_message, merge_blocks
+from amb_core.telemetry import merge_blocks
+
+if TYPE_CHECKING:
+    from amb_core.control import ControllerParameters
+    from amb_core.identification import StateSpaceModel
 
 TELEMETRY = "amb_msgs/msg/LoopSamples"
 EXCITATION_STATUS = "amb_msgs/msg/ExcitationStatus"
 MODEL = "amb_msgs/msg/StateSpaceModel"
-PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
 
-ParameterValue = bool | int | float | str | list[Any] | bytes | None
+CONTROLLER_NODE = "pd_controller"
 
 
 @dataclass(frozen=True)
@@ -118,6 +129,25 @@ class Bag:
         except BagError as problem:
             raise BagError(f"bag {self.path}, run {run}: {problem}") from None
 
+    def experiment(self, first_step: int = -1, steps: int = 0) -> LoopRecord:
+        """The samples of the last experiment of the last run, or of other steps of it, as `select_window` chooses them.
+
+        Raises
+        ------
+        BagError, IdentificationError
+            If there are no such samples.
+        """
+        if not self.runs:
+            return self.telemetry()  # which says what is there instead
+        run = self.runs[-1]
+        blocks = self._blocks()[run]
+        available = (
+            min(block.first_step for block in blocks),
+            max(block.first_step + block.steps for block in blocks),
+        )
+        window = select_window(available, last_experiment(self.excitations(run), run), first_step, steps)
+        return self.telemetry(run, *window)
+
     def excitations(self, run: int | None = None) -> list[AppliedExcitation]:
         """The excitations of a run (by default the last with telemetry) as the controller answered them, in order."""
         if run is None and not self.runs:
@@ -129,13 +159,26 @@ class Bag:
     def parameters(self) -> dict[str, dict[str, ParameterValue]]:
         """The last known parameters of each node, by full node name and parameter name."""
         nodes: dict[str, dict[str, ParameterValue]] = {}
-        for event in self._decoded(PARAMETERS):
+        for event in self._decoded(PARAMETER_EVENT):
             values = nodes.setdefault(event.node, {})
-            for parameter in [*event.new_parameters, *event.changed_parameters]:
-                values[parameter.name] = _parameter_value(parameter.value)
+            values.update(parameters_from_messages([*event.new_parameters, *event.changed_parameters]))
             for parameter in event.deleted_parameters:
                 values.pop(parameter.name, None)
         return nodes
+
+    def model(self) -> StateSpaceModel | None:
+        """The last model that was identified while recording, None when there is none."""
+        last = None
+        for message in self._decoded(MODEL):
+            last = message
+        return None if last is None else model_from_message(last)
+
+    def controller_parameters(self) -> ControllerParameters | None:
+        """Parameters of the recorded controller (a node named pd_controller), None when they were not recorded."""
+        for node, values in self.parameters().items():
+            if node.rsplit("/", 1)[-1] == CONTROLLER_NODE:
+                return controller_of(values)
+        return None
 
     def _blocks(self) -> dict[int, list[LoopRecord]]:
         """Telemetry blocks by run, the run recorded last at the end."""
@@ -152,7 +195,7 @@ class Bag:
     def _topic_of(self, message_type: str) -> str | None:
         """Name of the topic of a type, None when there is none."""
         names = [topic.name for topic in self.topics if topic.type == message_type]
-        if len(names) > 1 and message_type != PARAMETERS:
+        if len(names) > 1 and message_type != PARAMETER_EVENT:
             raise BagError(f"bag {self.path}: {message_type} is on more than one topic: {', '.join(names)}")
         return names[0] if names else None
 
@@ -189,22 +232,3 @@ class _Decoder:
             self._types.register(get_types_from_idl(definition.text))
         else:
             self._types.register(get_types_from_msg(definition.text, message_type))
-
-
-def _parameter_value(value: Any) -> ParameterValue:
-    """Value of a rcl_interfaces/ParameterValue by its type tag (rcl_interfaces/msg/ParameterType)."""
-    fields = (
-        "bool_value",
-        "integer_value",
-        "double_value",
-        "string_value",
-        "byte_array_value",
-        "bool_array_value",
-        "integer_array_value",
-        "double_array_value",
-        "string_array_value",
-    )
-    if not 1 <= value.type <= len(fields):
-        return None
-    content = getattr(value, fields[value.type - 1])
-    return content if value.type <= 4 else list(content)

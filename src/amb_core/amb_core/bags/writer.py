@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -17,7 +18,9 @@ import yaml
 from mcap.writer import Writer
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
+from amb_core.bags.parameter_events import encode_parameters
 from amb_core.errors import BagError
+from amb_core.messages import ParameterValue
 
 METADATA_VERSION = 9
 CHUNK_SIZE = 256 * 1024
@@ -127,6 +130,10 @@ class BagWriter:
         self._start, self._end = min(self._start, log_time), max(self._end, log_time)
         if time.monotonic() - self._flushed > self._chunk_age:
             self.flush()
+
+    def write_parameters(self, topic: str, node: str, values: Mapping[str, ParameterValue], log_time: int) -> None:
+        """Append the parameters of a node to a topic of type rcl_interfaces/msg/ParameterEvent."""
+        self.write(topic, encode_parameters(self._types, node, values, log_time), log_time)
 
     def flush(self) -> None:
         """Write the chunk in progress to the disk.

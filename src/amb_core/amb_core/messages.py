@@ -1,0 +1,120 @@
+"""What the messages of amb_msgs carry, as the library's own types.
+
+Fields are taken by name, so that a message may come from ROS or be decoded from a bag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from amb_core.errors import BagError
+from amb_core.experiments import AppliedExcitation
+from amb_core.records import LoopRecord
+
+if TYPE_CHECKING:
+    from amb_core.identification import StateSpaceModel
+
+ParameterValue = bool | int | float | str | list[Any] | None
+
+
+def block_from_message(message: Any) -> LoopRecord:
+    """The samples of a LoopSamples message.
+
+    Raises
+    ------
+    BagError
+        If its arrays differ in length or its sample time is not positive.
+    """
+    where = f"telemetry block of run {message.run} at step {message.first_step}"
+    try:
+        block = LoopRecord(
+            int(message.first_step),
+            float(message.sample_time),
+            _axes(message.reference_x, message.reference_y),
+            _axes(message.position_x, message.position_y),
+            _axes(message.current_x, message.current_y),
+        )
+    except ValueError:
+        raise BagError(f"{where}: its arrays must have one length") from None
+    if not block.sample_time > 0.0:
+        raise BagError(f"{where}: sample time {block.sample_time} s must be positive")
+    return block
+
+
+def excitation_from_message(message: Any) -> AppliedExcitation:
+    """The excitation that an ExcitationStatus message answers."""
+    return AppliedExcitation(
+        run=int(message.run),
+        id=int(message.id),
+        kind=str(message.kind),
+        accepted=bool(message.accepted),
+        message=str(message.message),
+        first_step=int(message.first_step),
+        steps=int(message.steps),
+    )
+
+
+def model_from_message(message: Any) -> StateSpaceModel:
+    """The model of a StateSpaceModel message.
+
+    Raises
+    ------
+    BagError
+        If its arrays do not have the sizes that it states.
+    IdentificationError
+        If a value is not finite.
+    """
+    # Loads compilers and solvers, which a recorder does not need.
+    from amb_core.identification import StateSpaceModel
+
+    n, m, p = int(message.order), int(message.inputs), int(message.outputs)
+    shapes = {"a": (n, n), "b": (n, m), "c": (p, n), "d": (p, m), "k": (n, p), "innovation_covariance": (p, p)}
+    try:
+        matrices = {name: np.asarray(getattr(message, name)).reshape(shape) for name, shape in shapes.items()}
+    except ValueError as problem:
+        raise BagError(f"model of order {n} with {m} inputs and {p} outputs: {problem}") from None
+    return StateSpaceModel(
+        **matrices,
+        input_offset=np.asarray(message.input_offset),
+        output_offset=np.asarray(message.output_offset),
+        initial_state=np.asarray(message.initial_state),
+        sample_time=float(message.sample_time),
+        input_names=tuple(message.input_names),
+        output_names=tuple(message.output_names),
+        method=str(message.method),
+        source=str(message.source),
+        samples=int(message.samples),
+        fit=np.asarray(message.fit),
+    )
+
+
+def parameters_from_messages(messages: Iterable[Any]) -> dict[str, ParameterValue]:
+    """Names and values of rcl_interfaces/Parameter messages; None for a parameter that is not set."""
+    return {message.name: _parameter_value(message.value) for message in messages}
+
+
+def _parameter_value(value: Any) -> ParameterValue:
+    """Value of a rcl_interfaces/ParameterValue: its type counts these fields from 1 (see ParameterType)."""
+    fields = (
+        "bool_value",
+        "integer_value",
+        "double_value",
+        "string_value",
+        "byte_array_value",
+        "bool_array_value",
+        "integer_array_value",
+        "double_array_value",
+        "string_array_value",
+    )
+    if not 1 <= value.type <= len(fields):
+        return None
+    content = getattr(value, fields[value.type - 1])
+    return list(content) if fields[value.type - 1].endswith("array_value") else content
+
+
+def _axes(x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
+    return np.column_stack([np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)])

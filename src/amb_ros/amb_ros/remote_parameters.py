@@ -1,0 +1,71 @@
+"""The parameters of other nodes, read from a worker thread while the node itself keeps spinning."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.client import Client
+from rclpy.node import Node
+
+from amb_core.errors import ParameterError
+from amb_core.messages import ParameterValue, parameters_from_messages
+
+POLL_PERIOD = 0.005  # s; `Client.wait_for_service` looks only four times a second
+
+
+class RemoteParameters:
+    """Reads parameters of the nodes in the graph; call it from another thread than the one that spins the node."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._clients: dict[str, tuple[Client, Client]] = {}
+
+    def nodes(self) -> list[str]:
+        """Full names of the nodes in this node's namespace, itself included."""
+        own = self._node.get_namespace()
+        found = self._node.get_node_names_and_namespaces()
+        return sorted({f"{space.rstrip('/')}/{name}" for name, space in found if space == own and name[0] != "_"})
+
+    def read(self, remote: str, timeout: float) -> dict[str, ParameterValue]:
+        """All parameters of a node by name.
+
+        Parameters
+        ----------
+        remote : str
+            Full name of the node.
+        timeout : float
+            Longest wait for each answer (s).
+
+        Raises
+        ------
+        ParameterError
+            If the node does not answer in time.
+        """
+        if remote not in self._clients:
+            self._clients[remote] = (
+                self._node.create_client(ListParameters, f"{remote}/list_parameters"),
+                self._node.create_client(GetParameters, f"{remote}/get_parameters"),
+            )
+        lister, getter = self._clients[remote]
+        names = self._call(lister, ListParameters.Request(), remote, timeout).result.names
+        values = self._call(getter, GetParameters.Request(names=names), remote, timeout).values
+        return parameters_from_messages(
+            Parameter(name=name, value=value) for name, value in zip(names, values, strict=True)
+        )
+
+    def _call(self, client: Client, request: Any, remote: str, timeout: float) -> Any:
+        deadline = time.monotonic() + timeout
+        while not client.service_is_ready() and time.monotonic() < deadline:
+            time.sleep(POLL_PERIOD)
+        if client.service_is_ready():
+            answered = threading.Event()
+            future = client.call_async(request)
+            future.add_done_callback(lambda _future: answered.set())
+            if answered.wait(timeout):
+                return future.result()
+            client.remove_pending_request(future)
+        raise ParameterError(f"node {remote} did not tell its parameters within {timeout:g} s; is it running?")

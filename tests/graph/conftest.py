@@ -1,0 +1,127 @@
+"""Graph tests: nodes as processes of their own, talking over DDS in a domain of their own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+from domain_coordinator import domain_id
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+
+TIMEOUT = 20.0  # s; for whatever takes a moment: start of a process, discovery, an answer
+
+
+class Graph:
+    """Processes under test, and nodes of the test itself, in one DDS domain.
+
+    Nodes of the test spin in a thread: what they receive arrives while the test waits in `wait_until` or `call`.
+    """
+
+    def __init__(self, domain: int, folder: Path) -> None:
+        self.folder = folder
+        self._environment = os.environ | {
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_LOG_DIR": str(folder / "log"),
+            "ROS_PYTHON_CHECK_FIELDS": "1",
+        }
+        self._processes: list[subprocess.Popen[str]] = []
+        self._nodes: list[Node] = []
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._executor = EventsExecutor(context=self._context)
+        self._thread = threading.Thread(target=self._spin)
+        self._thread.start()
+        self.node = self.add_node("graph_test")
+
+    def start(
+        self, module: str, *arguments: str, parameters: Mapping[str, Any] | None = None, **options: Any
+    ) -> subprocess.Popen[str]:
+        """Start the node of a module, such as `amb_ident_node.recorder`, as a process.
+
+        `arguments` follow `--ros-args`; `options` go to Popen.
+        """
+        command = [sys.executable, "-m", module, "--ros-args", *arguments]
+        if parameters:
+            file = self.folder / f"parameters_{len(self._processes)}.yaml"
+            file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
+            command += ["--params-file", str(file)]
+        process = subprocess.Popen(
+            command, env=self._environment, cwd=self.folder, stderr=subprocess.PIPE, text=True, **options
+        )
+        self._processes.append(process)
+        return process
+
+    def stop(self, process: subprocess.Popen[str], by: signal.Signals = signal.SIGINT) -> tuple[int, str]:
+        """End a process by a signal; its exit code and what it wrote to stderr."""
+        process.send_signal(by)
+        _, errors = process.communicate(timeout=TIMEOUT)
+        return process.returncode, errors
+
+    def add_node(self, name: str, namespace: str = "", **options: Any) -> Node:
+        """A node of the test itself."""
+        node = Node(name, namespace=namespace, context=self._context, **options)
+        self._executor.add_node(node)
+        self._nodes.append(node)
+        return node
+
+    def call(self, service_type: Any, name: str, /, **fields: Any) -> Any:
+        """Call a service once it is there, with these fields in the request, and return its response."""
+        client = self.node.create_client(service_type, name)
+        self.wait_until(client.service_is_ready, what=f"service {name}")
+        future = client.call_async(service_type.Request(**fields))
+        self.wait_until(future.done, what=f"an answer of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def wait_until(self, condition: Callable[[], object], what: str = "the condition") -> None:
+        """Wait until a condition holds, and fail if it does not in time."""
+        deadline = time.monotonic() + TIMEOUT
+        while not condition():
+            assert time.monotonic() < deadline, f"{what} did not come within {TIMEOUT} s"
+            time.sleep(0.005)
+
+    def close(self) -> None:
+        """End all processes and nodes."""
+        for process in self._processes:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        for process in self._processes:
+            try:
+                process.communicate(timeout=TIMEOUT)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
+        self._context.try_shutdown()
+        self._thread.join()
+        for node in self._nodes:  # or it would live on in the domain, and with it what it has published
+            node.destroy_node()
+
+    def _spin(self) -> None:
+        with contextlib.suppress(ExternalShutdownException):
+            while self._context.ok():
+                self._executor.spin_once(timeout_sec=0.1)
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    """A graph of its own for one test; its processes run in `tmp_path`."""
+    with domain_id() as domain:
+        graph = Graph(int(domain), tmp_path)
+        try:
+            yield graph
+        finally:
+            graph.close()

@@ -1,0 +1,224 @@
+"""The recorder: complete bags, complaints about incomplete ones, and bags that survive a kill."""
+
+from __future__ import annotations
+
+import resource
+import signal
+from array import array
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rosbags.highlevel import AnyReader
+
+from amb_core.bags import read_bag
+from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, SimulatorState, StateSpaceModel
+from amb_msgs.srv import StartRecording, StopRecording
+from amb_ros.qos import LATCHED, STREAM
+
+if TYPE_CHECKING:
+    from tests.graph.conftest import Graph
+
+RECORDER = "amb_ident_node.recorder"
+BLOCK = 100
+SIGNALS = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
+
+
+class Loop:
+    """Publishes what simulator and controller would."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        node = graph.node
+        self.telemetry = node.create_publisher(LoopSamples, "/amb/telemetry", STREAM)
+        self.state = node.create_publisher(SimulatorState, "/amb/simulator/state", LATCHED)
+        self.excitation = node.create_publisher(Excitation, "/amb/excitation", LATCHED)
+        self.status = node.create_publisher(ExcitationStatus, "/amb/excitation_status", LATCHED)
+        self.model = node.create_publisher(StateSpaceModel, "/amb/model", LATCHED)
+        self.diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def publish_blocks(self, run: int, first: int, stop: int) -> None:
+        for number in range(first, stop):
+            steps = np.arange(BLOCK * number, BLOCK * (number + 1))
+            samples = {name: array("d", np.sin(steps + k).tobytes()) for k, name in enumerate(SIGNALS)}
+            self.telemetry.publish(LoopSamples(run=run, first_step=int(steps[0]), sample_time=1e-4, **samples))
+
+    def start_bag(self, uri: str = "bag") -> Any:
+        return self.graph.call(StartRecording, "/amb/recorder/start", uri=uri)
+
+    def stop_bag(self, run: int = 0, step: int = 0, timeout: float = 0.0) -> Any:
+        return self.graph.call(
+            StopRecording, "/amb/recorder/stop", wait_for_run=run, wait_for_step=step, timeout=timeout
+        )
+
+
+@pytest.fixture
+def loop(graph: Graph) -> Loop:
+    return Loop(graph)
+
+
+def test_everything_published_after_the_start_is_in_the_bag(loop: Loop, graph: Graph) -> None:
+    controller = graph.add_node("pd_controller", "/amb")
+    controller.declare_parameter("proportional_gain", 21_000.0)
+    loop.state.publish(SimulatorState(mode=SimulatorState.PAUSED, run=3, step=0))
+    loop.status.publish(ExcitationStatus(run=3, id=1, kind="square", accepted=True, first_step=200, steps=600))
+    loop.model.publish(StateSpaceModel(order=1))
+    graph.start(RECORDER)
+    started = loop.start_bag()
+    assert started.success, started.message
+    loop.diagnostics.publish(DiagnosticArray())
+    loop.publish_blocks(3, 0, 100)
+    stopped = loop.stop_bag(3, 100 * BLOCK)
+    assert stopped.success, stopped.message
+    assert stopped.uri == started.uri == str(graph.folder / "bags" / "bag")
+
+    bag = read_bag(stopped.uri)
+    assert not bag.truncated
+    record = bag.telemetry(3)
+    assert (record.first_step, record.steps) == (0, 100 * BLOCK)
+    np.testing.assert_array_equal(record.position[:, 1], np.sin(np.arange(100 * BLOCK) + 3))
+    assert [(item.first_step, item.stop) for item in bag.excitations()] == [(200, 800)]
+    assert bag.experiment().steps == 600
+    assert bag.parameters()["/amb/pd_controller"]["proportional_gain"] == 21_000.0
+    assert bag.parameters()["/amb/recorder"]["chunk_period"] == 0.5
+    assert bag.controller_parameters().proportional_gain == 21_000.0
+    names = {topic.name for topic in bag.topics}
+    assert {"/amb/telemetry", "/amb/simulator/state", "/amb/excitation_status", "/amb/model"} <= names
+    assert {"/parameter_events", "/rosout", "/diagnostics"} <= names
+    assert stopped.messages == bag.messages
+
+
+def test_others_read_the_bag_with_its_definitions(loop: Loop, graph: Graph) -> None:
+    graph.start(RECORDER)
+    loop.start_bag()
+    loop.publish_blocks(1, 0, 5)
+    folder = Path(loop.stop_bag(1, 5 * BLOCK).uri)
+    offered = graph.node.get_publishers_info_by_topic("/amb/telemetry")[0].topic_type_hash
+    with AnyReader([folder]) as reader:
+        (telemetry,) = (item for item in reader.connections if item.topic == "/amb/telemetry")
+        assert telemetry.digest == str(offered)
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)
+
+
+def test_a_start_loses_no_message(loop: Loop, graph: Graph) -> None:
+    """Published in the very moment in which the recorder answers, again and again."""
+    graph.start(RECORDER)
+    for run in range(1, 11):
+        loop.start_bag(f"bag_{run}")
+        loop.publish_blocks(run, 0, 20)
+        stopped = loop.stop_bag(run, 20 * BLOCK)
+        assert stopped.success, stopped.message
+        assert read_bag(stopped.uri).telemetry(run).steps == 20 * BLOCK
+
+
+def test_missing_telemetry_is_named_and_the_bag_closed(loop: Loop, graph: Graph) -> None:
+    graph.start(RECORDER)
+    loop.start_bag()
+    loop.publish_blocks(1, 0, 3)
+    loop.publish_blocks(1, 5, 8)
+    stopped = loop.stop_bag(1, 8 * BLOCK)
+    assert not stopped.success
+    assert stopped.message == "telemetry of run 1 lacks steps 300 to 499"
+    assert not read_bag(stopped.uri).truncated
+
+
+def test_telemetry_that_does_not_come_is_missing(loop: Loop, graph: Graph) -> None:
+    graph.start(RECORDER)
+    loop.start_bag()
+    loop.publish_blocks(1, 0, 1)
+    stopped = loop.stop_bag(1, 5 * BLOCK, timeout=0.3)
+    assert not stopped.success
+    assert stopped.message == "telemetry of run 1 lacks steps 100 to 499"
+
+
+def test_a_run_that_began_while_recording_must_be_there_from_its_first_step(loop: Loop, graph: Graph) -> None:
+    graph.start(RECORDER)
+    loop.start_bag()
+    loop.publish_blocks(1, 7, 9)
+    loop.publish_blocks(2, 1, 2)
+    stopped = loop.stop_bag(2, 2 * BLOCK)
+    assert stopped.message == "telemetry of run 2 lacks steps 0 to 99"
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_closes_the_bag_and_the_exit_code_is_0(loop: Loop, graph: Graph, by: signal.Signals) -> None:
+    process = graph.start(RECORDER)
+    uri = loop.start_bag().uri
+    loop.publish_blocks(1, 0, 10)
+    file = next(Path(uri).glob("*.mcap"))
+    size = file.stat().st_size
+    graph.wait_until(lambda: file.stat().st_size > size, what="a chunk on the disk")
+    code, errors = graph.stop(process, by)
+    assert code == 0, errors
+    bag = read_bag(uri)
+    assert not bag.truncated
+    assert bag.telemetry().steps == 10 * BLOCK
+
+
+def test_a_killed_recorder_leaves_all_but_the_last_chunk(loop: Loop, graph: Graph) -> None:
+    process = graph.start(RECORDER, parameters={"chunk_period": 0.1})
+    uri = loop.start_bag().uri
+    loop.publish_blocks(1, 0, 50)
+    graph.wait_until(lambda: _steps_on_disk(uri) == 50 * BLOCK, what="the telemetry on the disk")
+    loop.publish_blocks(1, 50, 60)
+    graph.stop(process, signal.SIGKILL)
+    bag = read_bag(uri)
+    assert bag.truncated
+    record = bag.telemetry()
+    assert record.steps >= 50 * BLOCK
+    np.testing.assert_array_equal(record.position[:, 0], np.sin(np.arange(record.steps) + 2))
+
+
+def _steps_on_disk(uri: str) -> int:
+    bag = read_bag(uri)
+    return bag.telemetry().steps if bag.runs else 0
+
+
+def test_a_full_disk_ends_the_recording_but_not_the_node(loop: Loop, graph: Graph) -> None:
+    limit = 2_000_000  # bytes a file may have: enough for what DDS keeps in shared memory, not for the bag
+    process = graph.start(RECORDER, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
+    loop.start_bag()
+    rng = np.random.default_rng(1)
+    noise = {name: array("d", rng.normal(size=3000).tobytes()) for name in SIGNALS}
+    for number in range(40):
+        loop.telemetry.publish(LoopSamples(run=1, first_step=3000 * number, sample_time=1e-4, **noise))
+    stopped = loop.stop_bag(1, 3000 * 40)
+    assert not stopped.success
+    assert "cannot be written: File too large" in stopped.message
+    assert read_bag(stopped.uri).truncated
+    assert process.poll() is None
+    assert not loop.stop_bag().success
+
+
+def test_bad_requests_are_refused_and_the_node_lives(loop: Loop, graph: Graph) -> None:
+    graph.start(RECORDER)
+    stopped = loop.stop_bag()
+    assert (stopped.success, stopped.message) == (False, "nothing is being recorded; call ~/start first")
+    (graph.folder / "file").touch()
+    assert "cannot be made: Not a directory" in loop.start_bag(str(graph.folder / "file" / "bag")).message
+    assert "exists already" in loop.start_bag(str(graph.folder)).message
+    assert loop.start_bag("good").success
+    again = loop.start_bag("other")
+    assert not again.success
+    assert "already recording" in again.message
+    assert "timeout = nan s is not allowed" in loop.stop_bag(timeout=float("nan")).message
+    assert loop.stop_bag().success
+
+
+def test_recording_on_start(graph: Graph) -> None:
+    process = graph.start(RECORDER, parameters={"record_on_start": True, "directory": "here"})
+    graph.wait_until(lambda: list(graph.folder.glob("here/amb_*/*.mcap")), what="a bag")
+    assert graph.stop(process)[0] == 0
+    assert list(graph.folder.glob("here/amb_*/metadata.yaml"))
+
+
+def test_a_wrong_parameter_ends_the_node_with_one_line(graph: Graph) -> None:
+    process = graph.start(RECORDER, parameters={"chunk_period": 99.0})
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert errors.splitlines() == [
+        "[amb] /amb/recorder: parameter 'chunk_period' = 99.0 is not allowed; allowed: 0.05 to 10 s"
+    ]
