@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from amb_core.errors import ExcitationError
-from amb_core.excitation import KINDS, Excitation, excitation_from_request, generate
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from amb_core.errors import ExcitationError
+from amb_core.excitation import KINDS, Excitation, excitation_from_request, generate
 
 RATE = 10_000.0
 SEEDED = ("multisine", "prbs", "white_noise")
@@ -248,7 +249,7 @@ def test_a_band_without_a_line_is_refused() -> None:
 
 
 def test_a_signal_without_a_sample_on_each_axis_is_refused() -> None:
-    with pytest.raises(ExcitationError, match="duration 0.001 s is too short"):
+    with pytest.raises(ExcitationError, match=r"duration 0\.001 s is too short"):
         generate(make("square", duration=1e-3), 1_000.0)
 
 

@@ -68,8 +68,8 @@ def identify(
 ) -> Identification:
     """Identify the plant from control currents and positions, and validate it in closed loop on the same data.
 
-    Where a method has several models to offer, the one whose closed loop follows the worse of the two positions best
-    is taken.
+    Where a method has several models to offer, the one is taken whose closed loop is stable and follows the worse of
+    the two positions best.
 
     Parameters
     ----------
@@ -109,9 +109,13 @@ def _validate(model: StateSpaceModel, record: LoopRecord, controller: Controller
     return Identification(replace(model, fit=fit), record, simulation, poles)
 
 
-def _quality(result: Identification) -> tuple[float, float]:
-    """The worse fit; among models that diverge, the size of the one-step prediction errors."""
-    return float(np.min(result.model.fit)), -float(np.linalg.det(result.model.innovation_covariance))
+def _quality(result: Identification) -> tuple[bool, float, float]:
+    """Stability, the worse fit and, among models that diverge, the size of the one-step prediction errors.
+
+    The data come from a bounded loop, so a model whose loop drifts away, however slowly, is the worse one.
+    """
+    size = float(np.linalg.det(result.model.innovation_covariance))
+    return result.stable, float(np.min(result.model.fit)), -size
 
 
 def _check_finite(record: LoopRecord) -> None:

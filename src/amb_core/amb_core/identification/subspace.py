@@ -28,6 +28,8 @@ from amb_core.identification.predictor import fit_input_matrix, innovations
 HIGHEST_ORDER = 30
 HORIZONS = (1.2, 1.5, 2.0, 3.0, 5.0)  # block rows in multiples of the order
 _MOST_BLOCK_ROWS = 200
+_SMALLEST_MAGNITUDE = 1e-30  # far from the limits of floating point, so that variances are neither zero nor infinite
+_SMALLEST_EIGENVALUE = 1e-12  # of the correlation matrix of all signals
 _LEAST_BLOCK_ROWS = 8
 
 
@@ -69,6 +71,7 @@ def n4sid(
     input_offset, output_offset = inputs.mean(axis=0), outputs.mean(axis=0)
     input_scale, output_scale = inputs.std(axis=0), outputs.std(axis=0)
     u, y = (inputs - input_offset) / input_scale, (outputs - output_offset) / output_scale
+    _check_independence(np.hstack([u, y]))
     # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
     with threadpool_limits(limits=1, user_api="blas"):
         try:
@@ -150,6 +153,22 @@ def _check_samples(kind: str, samples: NDArray[np.float64]) -> None:
             raise IdentificationError(
                 f"{kind} of axis {name} is constant at {samples[0, axis]:g}; both axes must move to be identified"
             )
+        largest = float(np.max(np.abs(samples[:, axis])))
+        if not _SMALLEST_MAGNITUDE < largest < 1.0 / _SMALLEST_MAGNITUDE:
+            raise IdentificationError(
+                f"{kind} of axis {name} has a largest magnitude of {largest:g} (A or m); "
+                f"allowed: {_SMALLEST_MAGNITUDE:g} to {1.0 / _SMALLEST_MAGNITUDE:g}"
+            )
+
+
+def _check_independence(signals: NDArray[np.float64]) -> None:
+    """Refuse signals (inputs, then outputs, each with mean 0 and variance 1) of which one follows from the others."""
+    eigenvalues = np.linalg.eigvalsh(signals.T @ signals / len(signals))
+    if eigenvalues[0] < _SMALLEST_EIGENVALUE:
+        raise IdentificationError(
+            "inputs and outputs of the two axes are not independent (one is a sum of multiples of the others); "
+            "excite the axes independently"
+        )
 
 
 def _predictor_matrices(
@@ -167,7 +186,7 @@ def _predictor_matrices(
     if info != 0:
         raise IdentificationError(f"the system matrices cannot be estimated (SLICOT IB01BD, info {info})")
     variance = linalg.solve_discrete_are(a.T, c.T, q, r, s=s)
-    k = linalg.solve(c @ variance @ c.T + r, (a @ variance @ c.T + s).T).T
+    k = np.linalg.solve(c @ variance @ c.T + r, (a @ variance @ c.T + s).T).T
     radius = float(np.max(np.abs(np.linalg.eigvals(a - k @ c))))
     if not radius < 1.0:
         raise IdentificationError(f"the predictor of order {order} is unstable (spectral radius {radius:.6g})")

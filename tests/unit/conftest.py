@@ -1,0 +1,81 @@
+"""A small linear bearing with known poles, in closed loop with the paper's controller, as data for identification."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from amb_core.control import ControllerParameters, PdController
+from amb_core.excitation import excitation_from_request, generate
+from amb_core.identification import StateSpaceModel
+from amb_core.records import LoopRecord
+
+
+class LinearBearing:
+    """Two rotor axes with first-order actuators of 1.5 and 2 kHz, some coupling, gravity along -y."""
+
+    sample_time = 1e-4  # s
+    mass = 6.25  # kg
+    current_gain = 66.0  # N/A
+    stiffness_x, stiffness_y = 3.30e5, 3.15e5  # N/m, magnitudes of the negative stiffnesses
+    gravity_current = mass * 9.81 / current_gain  # A
+
+    @functools.cached_property
+    def model(self) -> StateSpaceModel:
+        """The bearing itself as a model, about the operating point that carries the weight, at rest at the start."""
+        a, b, c = np.zeros((6, 6)), np.zeros((6, 2)), np.zeros((2, 6))
+        stiffness, gain = self.stiffness_x / self.mass, self.current_gain / self.mass
+        a[0, 1] = a[2, 3] = 1.0
+        a[1, [0, 2, 4, 5]] = stiffness, 0.01 * stiffness, gain, 0.03 * gain
+        a[3, [2, 4, 5]] = self.stiffness_y / self.mass, -0.02 * gain, gain
+        for state, axis, bandwidth in ((4, 0, 1_500.0), (5, 1, 2_000.0)):
+            a[state, state] = -2.0 * np.pi * bandwidth
+            b[state, axis] = 2.0 * np.pi * bandwidth
+        c[0, 0] = c[1, 2] = 1.0
+        a, b, *_ = cont2discrete((a, b, c, np.zeros((2, 2))), self.sample_time)
+        return StateSpaceModel(
+            a=a,
+            b=b,
+            c=c,
+            d=np.zeros((2, 2)),
+            k=np.zeros((6, 2)),
+            innovation_covariance=np.eye(2) * 1e-18,
+            input_offset=np.array([0.0, self.gravity_current]),
+            output_offset=np.zeros(2),
+            initial_state=np.zeros(6),
+            sample_time=self.sample_time,
+        )
+
+    @functools.cache  # noqa: B019  (one bearing for the whole session)
+    def experiment(
+        self,
+        noise: float = 1e-9,
+        kind: str = "square",
+        lead: int = 0,
+        controller: ControllerParameters | None = None,
+        **settings: Any,
+    ) -> LoopRecord:
+        """The loop from rest under an excitation of 50 um and 2 s after `lead` steps, with white sensor noise (m)."""
+        request = {"amplitude": 50e-6, "duration": 2.0, **settings}
+        signal = generate(excitation_from_request(kind, request), 1.0 / self.sample_time).samples
+        reference = np.vstack([np.zeros((lead, 2)), signal])
+        errors = np.random.default_rng(1).normal(scale=noise, size=reference.shape)
+        law = PdController(controller or ControllerParameters())
+        model = self.model
+        state = np.zeros(6)
+        position, current = np.empty_like(reference), np.empty_like(reference)
+        for step, target in enumerate(reference):
+            position[step] = model.c @ state + errors[step]
+            current[step] = law.update(*position[step], *target)
+            state = model.a @ state + model.b @ (current[step] - model.input_offset)
+        return LoopRecord(0, self.sample_time, reference, position, current)
+
+
+@pytest.fixture(scope="session")
+def bearing() -> LinearBearing:
+    """The linear bearing."""
+    return LinearBearing()

@@ -1,0 +1,54 @@
+"""Figures: axes in um and s, plant and model with fit, drawn without a display."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from amb_core.figures import orbit_figure, response_figure
+from amb_core.records import LoopRecord
+
+
+@pytest.fixture
+def measured() -> LoopRecord:
+    time = np.arange(500) * 1e-4
+    position = 1e-6 * np.column_stack([50.0 * np.sin(300.0 * time), -66.0 + 10.0 * np.cos(300.0 * time)])
+    return LoopRecord(1_000, 1e-4, np.zeros((500, 2)), position, np.zeros((500, 2)))
+
+
+def test_the_orbit_is_in_um_with_plant_model_and_backup_bearing(measured: LoopRecord) -> None:
+    figure = orbit_figure(measured, replace(measured, position=1.01 * measured.position), 250e-6)
+    (axes,) = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (µm)", "y (µm)")
+    assert axes.get_title()
+    plant, model, bearing = axes.get_lines()
+    assert np.array_equal(plant.get_xydata(), 1e6 * measured.position)
+    assert "fit x" in model.get_label()
+    assert np.hypot(*bearing.get_xydata().T) == pytest.approx(250.0)
+
+
+def test_the_response_is_in_um_over_s_with_the_fit_of_each_axis(measured: LoopRecord) -> None:
+    figure = response_figure(measured, replace(measured, position=1.01 * measured.position))
+    upper, lower = figure.axes
+    assert (upper.get_ylabel(), lower.get_ylabel(), lower.get_xlabel()) == ("x (µm)", "y (µm)", "time (s)")
+    for axis, axes in enumerate(figure.axes):
+        reference, plant, model = axes.get_lines()
+        assert reference.get_label() == "reference"
+        assert plant.get_xdata()[0] == pytest.approx(0.1)
+        assert np.array_equal(plant.get_ydata(), 1e6 * measured.position[:, axis])
+        assert "fit" in model.get_label()
+
+
+def test_the_plant_is_drawn_alone_where_there_is_no_model(measured: LoopRecord) -> None:
+    assert len(orbit_figure(measured).axes[0].get_lines()) == 1
+    assert len(response_figure(measured).axes[0].get_lines()) == 2
+
+
+def test_figures_are_saved_as_png(measured: LoopRecord, tmp_path: Path) -> None:
+    response_figure(measured, measured).savefig(tmp_path / "response.png")
+    orbit_figure(measured, measured).savefig(tmp_path / "orbit.png")
+    assert (tmp_path / "response.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "orbit.png").stat().st_size > 5_000
