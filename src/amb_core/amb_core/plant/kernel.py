@@ -23,9 +23,10 @@ AX, AY = 20, 21  # acceleration at the previous internal step (m/s^2)
 INTEGRAL = 22  # integral parts of the amplifiers' PI (duty)
 CURRENT_SUM = 26  # sums of the coil currents over the switching period (A)
 DUTY = 30  # duty cycles (-)
-PHASE = 34  # internal step within the switching period (-)
-STARTED = 35  # 0 before the first internal step
-STATE_SIZE = 36
+CURRENT_START = 34  # coil currents without the voltages' direct part at the start of the switching period (A)
+PHASE = 38  # internal step within the switching period (-)
+STARTED = 39  # 0 before the first internal step
+STATE_SIZE = 40
 
 # Constants vector
 STEP, GAP, GAP_RELUCTANCE, FORCE, MASS, GRAVITY, RADIUS = range(7)
@@ -45,7 +46,7 @@ WORK_SIZE = 42
 # Columns of a trace row, one row per internal step: flux, flux rate, current, voltage, x, y, vx, vy, force x, y
 TRACE_FLUX, TRACE_RATE, TRACE_CURRENT, TRACE_VOLTAGE, TRACE_ROTOR, TRACE_FORCE, TRACE_SIZE = 0, 8, 16, 20, 24, 28, 30
 
-OK, DELEVITATED, NOT_FINITE = 0, 1, 2
+OK, DELEVITATED, NOT_FINITE, INPUT_NOT_FINITE = 0, 1, 2, 3
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -63,7 +64,7 @@ def advance(
 
     Parameters
     ----------
-    state : ndarray, shape (36,)
+    state : ndarray, shape (40,)
         State vector, changed in place.
     constants : ndarray, shape (16,)
         Scalars of the plant.
@@ -81,16 +82,19 @@ def advance(
     Returns
     -------
     int
-        OK, DELEVITATED (the rotor touched the backup bearing) or NOT_FINITE.
+        OK, DELEVITATED (the rotor touched the backup bearing), NOT_FINITE, or INPUT_NOT_FINITE (nothing done).
     """
+    if not math.isfinite(current_x + current_y):
+        return INPUT_NOT_FINITE
     period = int(constants[PERIOD])
     phase = int(state[PHASE])
     _set_references(constants, work, current_x, current_y)
     for n in range(steps):
+        _set_drops(state, constants, matrices, work)
         if phase == 0:
             _update_duties(state, constants, work)
         _set_voltages(state, constants, work, phase)
-        _solve_network(state, constants, matrices, work)
+        _set_rates(matrices, work)
         if constants[UNIPOLAR] != 0.0 and _any_negative_current(work):
             _block_negative_currents(matrices, work)
         _set_force(state, constants, matrices, work)
@@ -120,13 +124,16 @@ def _update_duties(state, constants, work):
     """PI on the mean current of the past switching period; the integral part holds while the duty is at its limit."""
     period = constants[PERIOD]
     for coil in range(COILS):
-        error = work[_REFERENCE + coil] - state[CURRENT_SUM + coil] / period
+        # Trapezoidal mean: the sum counts the start of every step, so half the change over the period is missing.
+        missing = 0.5 * (work[_CURRENT + coil] - state[CURRENT_START + coil])
+        error = work[_REFERENCE + coil] - (state[CURRENT_SUM + coil] + missing) / period
         integral = state[INTEGRAL + coil] + constants[KI] * error * period * constants[STEP]
         duty = 0.5 + constants[KP] * error + integral
         if constants[DUTY_MIN] <= duty <= constants[DUTY_MAX]:
             state[INTEGRAL + coil] = integral
         state[DUTY + coil] = min(max(duty, constants[DUTY_MIN]), constants[DUTY_MAX])
         state[CURRENT_SUM + coil] = 0.0
+        state[CURRENT_START + coil] = work[_CURRENT + coil]
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -140,26 +147,32 @@ def _set_voltages(state, constants, work, phase):
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _solve_network(state, constants, matrices, work):
-    """Flux rates (with extrapolated magnetomotive forces) and coil currents (with the present ones)."""
+def _set_drops(state, constants, matrices, work):
+    """Magnetomotive force drops along the poles, and what the coil currents owe to them."""
     for j in range(POLES):
         gap = constants[GAP] - state[X] * matrices[COSINE, j] - state[Y] * matrices[SINE, j]
         work[j] = gap * constants[GAP_RELUCTANCE] * state[FLUX + j]
     for j in range(0, POLES, 4):
         _accumulate(matrices, RELUCTANCE, POLES, j, state, FLUX, work, j)
     if state[STARTED] == 0.0:
-        state[STARTED] = 1.0
         for j in range(POLES):
             state[MMF + j] = work[j]
     for j in range(POLES):
         work[_EXTRAPOLATED + j] = 1.5 * work[j] - 0.5 * state[MMF + j]
         state[MMF + j] = work[j]
-    for j in range(POLES + COILS):
+    for coil in range(COILS):
+        work[_CURRENT + coil] = 0.0
+    _accumulate(matrices, SOLUTION, POLES, POLES, work, 0, work, _CURRENT)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _set_rates(matrices, work):
+    """Flux rates from the extrapolated drops and the voltages, and the voltages' part of the coil currents."""
+    for j in range(POLES):
         work[_RATES + j] = 0.0
     for j in range(0, POLES, 4):
         _accumulate(matrices, SOLUTION, POLES, j, work, _EXTRAPOLATED, work, _RATES + j)
         _accumulate(matrices, SOLUTION + POLES, COILS, j, work, _VOLTAGE, work, _RATES + j)
-    _accumulate(matrices, SOLUTION, POLES, POLES, work, 0, work, _CURRENT)
     _accumulate(matrices, SOLUTION + POLES, COILS, POLES, work, _VOLTAGE, work, _CURRENT)
 
 
@@ -224,10 +237,13 @@ def _integrate(state, constants, work):
         acceleration = work[_FORCE + axis] / constants[MASS]
         if axis == 1:
             acceleration -= constants[GRAVITY]
+        if state[STARTED] == 0.0:
+            state[AX + axis] = acceleration
         velocity = state[VX + axis]
         state[VX + axis] += h * (1.5 * acceleration - 0.5 * state[AX + axis])
         state[X + axis] += 0.5 * h * (velocity + state[VX + axis])
         state[AX + axis] = acceleration
+    state[STARTED] = 1.0
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -75,6 +75,7 @@ class Plant:
         bias = np.full(COILS, self.parameters.amplifier.bias_current)
         self._state[:POLES] = self.static_flux(bias, rotor.initial_x, rotor.initial_y)
         self._state[kernel.CURRENT_SUM : kernel.CURRENT_SUM + COILS] = bias * self._constants[kernel.PERIOD]
+        self._state[kernel.CURRENT_START : kernel.CURRENT_START + COILS] = bias
 
     @property
     def position(self) -> tuple[float, float]:
@@ -89,7 +90,7 @@ class Plant:
         Raises
         ------
         PlantError
-            If the rotor has delevitated, or a state is not finite.
+            If the rotor has delevitated, or a reference or a state is not finite.
         """
         if self.delevitated:
             raise PlantError(f"the rotor delevitated at sample {self.samples}; reset the plant")
@@ -98,7 +99,7 @@ class Plant:
         )
         self.samples += 1
         if status != kernel.OK:
-            self._stop(status)
+            self._stop(status, current_x, current_y)
         return float(self._state[kernel.X]), float(self._state[kernel.Y])
 
     def trace(self, current_x: float, current_y: float, samples: int = 1) -> Trace:
@@ -110,7 +111,7 @@ class Plant:
         )
         self.samples += samples
         if status != kernel.OK:
-            self._stop(status)
+            self._stop(status, current_x, current_y)
         columns = np.split(rows, [8, 16, 20, 24, 26, 28], axis=1)
         return Trace(np.arange(steps) * self.parameters.integration.internal_step, *columns)
 
@@ -137,11 +138,16 @@ class Plant:
                 f"constant is {1.0 / fastest:.3g} s; allowed: at most {0.5 / fastest:.3g} s"
             )
 
-    def _stop(self, status: int) -> None:
+    def _stop(self, status: int, current_x: float, current_y: float) -> None:
         if status == kernel.DELEVITATED:
             self.delevitated = True
             return
         time = self.samples * self.sample_time
+        if status == kernel.INPUT_NOT_FINITE:
+            raise PlantError(
+                f"control current references {current_x} A, {current_y} A not finite at sample {self.samples}, "
+                f"{time:.6f} s"
+            )
         names = {"flux": slice(0, POLES), "rotor": slice(kernel.X, kernel.AX)}
         bad = [name for name, part in names.items() if not np.isfinite(self._state[part]).all()]
         raise PlantError(f"state not finite ({', '.join(bad)}) at sample {self.samples}, {time:.6f} s; reset the plant")

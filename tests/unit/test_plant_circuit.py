@@ -1,0 +1,110 @@
+"""The magnetic circuit against closed forms, in the limit of ideal iron."""
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+
+from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters
+from amb_core.plant.network import POLE_ANGLES, build_network, flux_constraints
+
+IDEAL_IRON = 1e12
+TURNS, AIR_GAP, BIAS = 50, 0.6e-3, 3.0
+AREA = 13.89e-3 * 49.15e-3
+COS = np.cos(np.pi / 8)
+
+
+def ideal_plant(**circuit: object) -> Plant:
+    return Plant(
+        PlantParameters(magnetic_circuit=MagneticCircuitParameters(relative_permeability=IDEAL_IRON, **circuit))
+    )
+
+
+def static_force(plant: Plant, coil_currents: list[float], x: float = 0.0, y: float = 0.0) -> np.ndarray:
+    flux = plant.static_flux(np.array(coil_currents), x, y)
+    directions = np.column_stack([np.cos(POLE_ANGLES), np.sin(POLE_ANGLES)])
+    return (flux**2 / (2 * mu_0 * AREA)) @ directions
+
+
+def stiffness(plant: Plant, step: float = 1e-9) -> float:
+    ahead, behind = (static_force(plant, [BIAS] * 4, x=side * step)[0] for side in (1, -1))
+    return (ahead - behind) / (2 * step)
+
+
+@pytest.mark.parametrize("coupling", [True, False])
+def test_force_of_one_electromagnet_is_the_textbook_force(coupling):
+    current = 2.0
+    expected = mu_0 * (2 * TURNS) ** 2 * AREA * current**2 * COS / (4 * AIR_GAP**2)
+    force = static_force(ideal_plant(coupling=coupling), [current, 0.0, 0.0, 0.0])
+    assert force[0] == pytest.approx(expected, rel=1e-9)
+    assert force[1] == pytest.approx(0.0, abs=1e-9 * expected)
+
+
+@pytest.mark.parametrize("coupling", [True, False])
+def test_current_gain_is_66_newton_per_ampere(coupling):
+    plant = ideal_plant(coupling=coupling)
+    current = 0.5  # the differential force is linear in it, so any value serves
+    force = static_force(plant, [BIAS + current, BIAS, BIAS - current, BIAS])[0]
+    expected = mu_0 * (2 * TURNS) ** 2 * AREA * BIAS * COS / AIR_GAP**2
+    assert force / current == pytest.approx(expected, rel=1e-9)
+    assert expected == pytest.approx(66.0, abs=0.1)
+
+
+def test_negative_stiffness_follows_from_the_gaps_of_all_poles_when_they_share_flux():
+    bias_flux = mu_0 * TURNS * BIAS * AREA / AIR_GAP
+    per_pole = bias_flux**2 / (mu_0 * AREA * AIR_GAP)
+    # Every pole stands at full bias whatever its neighbours do, so sum_j cos^2(theta_j) = 4 counts; in separate
+    # circuits the y electromagnets keep their flux when x changes, and only 4 cos^2(22.5 deg) is left.
+    assert stiffness(ideal_plant(coupling=True)) == pytest.approx(4 * per_pole, rel=1e-6)
+    assert stiffness(ideal_plant(coupling=False)) == pytest.approx(4 * COS**2 * per_pole, rel=1e-6)
+
+
+def test_textbook_stiffness_lies_between_coupled_and_separate_circuits():
+    # k_i i_0 / g takes the gap change as x instead of x cos(theta): 3.30e5 N/m.
+    textbook = mu_0 * (2 * TURNS) ** 2 * AREA * BIAS**2 * COS / AIR_GAP**3
+    assert stiffness(ideal_plant(coupling=False)) < textbook < stiffness(ideal_plant(coupling=True))
+    assert textbook == pytest.approx(3.30e5, rel=2e-3)
+
+
+def test_coil_inductance_is_that_of_two_gaps_in_series():
+    plant = ideal_plant(coupling=False)
+    flux = plant.static_flux(np.array([1.0, 0.0, 0.0, 0.0]), 0.0, 0.0)
+    linkage = (plant.network.winding.T @ flux)[0]
+    expected = (2 * TURNS) ** 2 * mu_0 * AREA / (2 * AIR_GAP)
+    assert linkage == pytest.approx(expected, rel=1e-9)
+    assert expected == pytest.approx(7.15e-3, rel=1e-3)
+
+
+def test_bias_flux_density_is_0_314_tesla():
+    flux = ideal_plant().static_flux(np.full(4, BIAS), 0.0, 0.0)
+    np.testing.assert_allclose(np.abs(flux) / AREA, mu_0 * TURNS * BIAS / AIR_GAP, rtol=1e-9)
+    assert abs(flux[0]) / AREA == pytest.approx(0.314, abs=1e-3)
+
+
+def test_linear_iron_lowers_the_bias_flux_by_its_share_of_the_reluctance():
+    real = np.abs(Plant().static_flux(np.full(4, BIAS), 0.0, 0.0)).mean()
+    ideal = np.abs(ideal_plant().static_flux(np.full(4, BIAS), 0.0, 0.0)).mean()
+    # poles 24.4 mm / 4000 and ring segments against a gap of 0.6 mm
+    assert 0.95 < real / ideal < 0.99
+
+
+@pytest.mark.parametrize("coupling", [True, False])
+def test_solution_satisfies_the_network_equations(coupling):
+    parameters = MagneticCircuitParameters(coupling=coupling)
+    network = build_network(parameters)
+    rng = np.random.default_rng(1)
+    drops, voltages = rng.normal(size=8), rng.normal(size=4)
+    rates, currents = np.split(network.solution @ np.concatenate([drops, voltages]), [8])
+    constraints = flux_constraints(coupling)
+    assert constraints.T @ rates == pytest.approx(0.0, abs=1e-9 * np.abs(rates).max())
+    np.testing.assert_allclose(
+        network.winding.T @ rates + parameters.coil_resistance * currents, voltages, atol=1e-9
+    )
+    unbalanced = network.eddy_coefficient @ rates - network.winding @ currents + drops
+    potential = constraints @ np.linalg.lstsq(constraints, unbalanced, rcond=None)[0]
+    np.testing.assert_allclose(unbalanced, potential, atol=1e-9 * np.abs(drops).max())
+
+
+def test_ring_drops_take_energy_from_the_poles_only():
+    network = build_network(MagneticCircuitParameters())
+    np.testing.assert_allclose(network.iron_reluctance, network.iron_reluctance.T)
+    assert np.linalg.eigvalsh(network.iron_reluctance).min() > 0
