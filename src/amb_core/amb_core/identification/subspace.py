@@ -28,6 +28,7 @@ from amb_core.identification.predictor import fit_input_matrix, innovations
 HIGHEST_ORDER = 30
 HORIZONS = (1.2, 1.5, 2.0, 3.0, 5.0)  # block rows in multiples of the order
 _MOST_BLOCK_ROWS = 200
+_MOST_ELEMENTS = 30_000_000  # of the data matrix, which SLICOT holds where it must turn from Cholesky to QR: 240 MB
 _SMALLEST_MAGNITUDE = 1e-30  # far from the limits of floating point, so that variances are neither zero nor infinite
 _SMALLEST_EIGENVALUE = 1e-12  # of the correlation matrix of all signals
 _LEAST_BLOCK_ROWS = 8
@@ -107,11 +108,14 @@ def n4sid_horizons(
 ) -> list[StateSpaceModel]:
     """Models of one order from horizons of different length, at least one; arguments and errors are those of `n4sid`.
 
-    A long horizon averages noise, a short one lets an operating point drift. Which is better the data must show.
+    A long horizon averages noise, a short one lets an operating point drift. Which is better the data must show. Of
+    long data only short horizons are tried, to bound time and memory.
     """
     models: list[StateSpaceModel] = []
     reasons: list[IdentificationError] = []
-    for block_rows in sorted({_horizon(order, ratio) for ratio in HORIZONS}):
+    shortest, *longer = sorted({_horizon(order, ratio) for ratio in HORIZONS})
+    affordable = [block_rows for block_rows in longer if 8 * block_rows * len(inputs) <= _MOST_ELEMENTS]
+    for block_rows in [shortest, *affordable]:
         try:
             models.append(n4sid(inputs, outputs, sample_time, order, block_rows, source))
         except IdentificationError as reason:
@@ -185,7 +189,12 @@ def _predictor_matrices(
     a, c, _, _, q, r, s, _, _, info = ctrlsys.ib01bd("N", "C", "C", block_rows, order, m, p, len(u), triangle, 0.0)
     if info != 0:
         raise IdentificationError(f"the system matrices cannot be estimated (SLICOT IB01BD, info {info})")
-    variance = linalg.solve_discrete_are(a.T, c.T, q, r, s=s)
+    try:
+        variance = linalg.solve_discrete_are(a.T, c.T, q, r, s=s)
+    except (linalg.LinAlgError, ValueError):
+        raise IdentificationError(
+            f"the Kalman gain of order {order} does not exist; lower the order or excite both axes more"
+        ) from None
     k = np.linalg.solve(c @ variance @ c.T + r, (a @ variance @ c.T + s).T).T
     radius = float(np.max(np.abs(np.linalg.eigvals(a - k @ c))))
     if not radius < 1.0:
