@@ -31,7 +31,7 @@ def up(
         typer.echo(f"{typer.style(f'[{name}]', fg='cyan')} {text}")
 
     arguments = {} if params is None else {"params": str(params.absolute())}
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)
     reported: dict[str, int] = {}
     graph = Graph.from_launch_file(launch_file("composed" if composed else "bearing"), arguments, output=show)
