@@ -17,9 +17,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
+from amb_controller_node.parameters import GeneratorParameters
 from amb_core.errors import AmbError, ExcitationError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
-from amb_core.parameters import Parameters, quantity
 from amb_ros import topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -28,13 +28,6 @@ from amb_ros.qos import LATCHED
 REQUEST_FIELDS = [
     name for name in StartExcitation.Request.get_fields_and_field_types() if name not in ("kind", "run", "first_step")
 ]
-
-
-class GeneratorParameters(Parameters):
-    """Parameters of the node."""
-
-    sample_rate: float = quantity(10_000.0, "Hz", "controller sample rate f_s", 1_000.0, 100_000.0)
-    answer_timeout: float = quantity(3.0, "s", "longest wall-clock wait for the controller's answer", 0.1, 60.0)
 
 
 class ExcitationGeneratorNode(Node):

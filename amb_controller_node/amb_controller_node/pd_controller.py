@@ -13,8 +13,8 @@ from amb_msgs.msg import CurrentReference, Excitation, ExcitationStatus, LoopSam
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.control import ControllerParameters, PdController
-from amb_core.parameters import quantity
+from amb_controller_node.parameters import PdControllerParameters
+from amb_core.control import PdController
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -22,12 +22,6 @@ from amb_ros.qos import LATCHED, STREAM
 from amb_ros.stamps import set_step_time
 
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
-
-
-class PdControllerParameters(ControllerParameters):
-    """Parameters of the node: those of the control law, and the size of its telemetry blocks."""
-
-    telemetry_block: int = quantity(100, "-", "steps in a block of telemetry", 1, 10_000)
 
 
 class PdControllerNode(Node):

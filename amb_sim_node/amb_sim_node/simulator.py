@@ -14,13 +14,13 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from amb_core.errors import PlantError
-from amb_core.parameters import quantity, switch
-from amb_core.plant import Plant, PlantParameters
+from amb_core.plant import Plant
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import LATCHED, STREAM
 from amb_ros.stamps import set_step_time
+from amb_sim_node.parameters import SimulatorParameters
 
 MODE_NAMES = {
     SimulatorState.PAUSED: "paused",
@@ -29,16 +29,6 @@ MODE_NAMES = {
     SimulatorState.DELEVITATED: "delevitated",
     SimulatorState.FAULT: "fault",
 }
-
-
-class SimulatorParameters(PlantParameters):
-    """Parameters of the node: those of the plant, and how it appears in the graph."""
-
-    autostart: bool = switch(False, "run from the start instead of waiting, paused, for a run request")
-    clock_period: float = quantity(0.01, "s", "simulation time between messages on /clock", 1e-4, 10.0)
-    answer_timeout: float = quantity(
-        0.25, "s", "wall-clock time after which the answer of the controller counts as overdue", 0.05, 10.0
-    )
 
 
 class SimulatorNode(Node):

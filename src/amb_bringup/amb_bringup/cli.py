@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from amb_bringup.commands import graph
+from amb_bringup.commands import bag, demo, graph, identify
 from amb_core.errors import AmbError
 
 app = typer.Typer(
@@ -16,8 +16,11 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.command()(demo.demo)
 app.command()(graph.up)
 app.command(context_settings={"allow_extra_args": True, "allow_interspersed_args": False})(graph.run)
+app.command()(identify.identify)
+app.add_typer(bag.app, name="bag")
 
 
 def main() -> int:

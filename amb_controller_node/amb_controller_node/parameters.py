@@ -1,0 +1,19 @@
+"""Parameters of the nodes `pd_controller` and `excitation_generator`; no ROS needed to read a file with them."""
+
+from __future__ import annotations
+
+from amb_core.control import ControllerParameters
+from amb_core.parameters import Parameters, quantity
+
+
+class PdControllerParameters(ControllerParameters):
+    """Parameters of the node: those of the control law, and the size of its telemetry blocks."""
+
+    telemetry_block: int = quantity(100, "-", "steps in a block of telemetry", 1, 10_000)
+
+
+class GeneratorParameters(Parameters):
+    """Parameters of the node."""
+
+    sample_rate: float = quantity(10_000.0, "Hz", "controller sample rate f_s", 1_000.0, 100_000.0)
+    answer_timeout: float = quantity(3.0, "s", "longest wall-clock wait for the controller's answer", 0.1, 60.0)
