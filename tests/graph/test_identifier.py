@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from amb_bringup.cli import app
 from amb_core.control import ControllerParameters, PdController
+from amb_core.identification import StateSpaceModel as CoreModel
 from amb_core.messages import model_from_message
 from amb_core.records import LoopRecord
 from amb_msgs.msg import ExcitationStatus, LoopSamples, StateSpaceModel
@@ -131,7 +134,7 @@ def test_the_controller_is_asked_for_its_parameters(loop: Loop, graph: Graph, re
     assert "assumed" not in answer.message
 
 
-def test_a_bag_gives_the_same_model(loop: Loop, graph: Graph, record: LoopRecord) -> None:
+def test_a_bag_gives_the_same_model_here_and_on_the_command_line(loop: Loop, graph: Graph, record: LoopRecord) -> None:
     graph.start("amb_ident_node.recorder")
     started = graph.call(StartRecording, "/amb/recorder/start")
     loop.start()
@@ -143,6 +146,18 @@ def test_a_bag_gives_the_same_model(loop: Loop, graph: Graph, record: LoopRecord
     assert answer.model.source == started.uri
     assert answer.model.a == live.model.a
     assert answer.model.fit == live.model.fit
+
+    shown = CliRunner().invoke(app, ["bag", "info", started.uri])
+    assert shown.exit_code == 0
+    assert "/amb/telemetry" in shown.output
+    assert f"steps 0 to {STEPS - 1}" in shown.output
+    file = graph.folder / "model.json"
+    shown = CliRunner().invoke(
+        app, ["identify", started.uri, "--order", "4", "--out", str(file), "--figures", str(graph.folder / "figures")]
+    )
+    assert shown.exit_code == 0, shown.output
+    np.testing.assert_array_equal(CoreModel.load(file).a, model_from_message(answer.model).a)
+    assert {path.name for path in (graph.folder / "figures").iterdir()} == {"response.png", "orbit.png"}
 
 
 def test_the_node_answers_while_it_computes(loop: Loop, graph: Graph, record: LoopRecord) -> None:

@@ -56,7 +56,7 @@ class StepCoverage:
 
 def describe_gaps(gaps: Sequence[tuple[int, int]], shown: int = 3) -> str:
     """Spans of steps as text, such as `steps 100 to 199 and 300 to 399`; at most `shown` of them are spelled out."""
-    spans = [f"{start} to {stop - 1}" for start, stop in gaps[:shown]]
+    spans = [f"{start} to {stop - 1}" if stop > start + 1 else str(start) for start, stop in gaps[:shown]]
     if len(gaps) > shown:
         spans.append(f"{len(gaps) - shown} more spans")
     return "steps " + (", ".join(spans[:-1]) + " and " if len(spans) > 1 else "") + spans[-1]

@@ -29,6 +29,7 @@ def identify(
 
     from amb_core import identification
     from amb_core.bags import read_bag
+    from amb_core.errors import IdentificationError
     from amb_core.figures import orbit_figure, response_figure
 
     console = Console()
@@ -46,9 +47,12 @@ def identify(
         result.model.save(out)
         console.print(f"model: {out}")
     if figures is not None:
-        figures.mkdir(parents=True, exist_ok=True)
-        for name, figure in (("response", response_figure), ("orbit", orbit_figure)):
-            figure(record, result.simulation).savefig(figures / f"{name}.png", dpi=150)
+        try:
+            figures.mkdir(parents=True, exist_ok=True)
+            for name, figure in (("response", response_figure), ("orbit", orbit_figure)):
+                figure(record, result.simulation).savefig(figures / f"{name}.png", dpi=150)
+        except OSError as problem:
+            raise IdentificationError(f"figures in {figures}: cannot be written: {problem.strerror}") from None
         console.print(f"figures: {figures / 'response.png'}, {figures / 'orbit.png'}")
 
 
