@@ -7,23 +7,23 @@ controller's word: only the controller knows which step is still to come.
 from __future__ import annotations
 
 import json
+import threading
 from array import array
+from concurrent.futures import Future, ThreadPoolExecutor
 
 from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
 from amb_msgs.srv import StartExcitation, StopExcitation
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.task import Future
 
 from amb_controller_node.parameters import GeneratorParameters
-from amb_core.errors import AmbError, ExcitationError
+from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
 from amb_ros import topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import LATCHED
+from amb_ros.services import create_service
 
 REQUEST_FIELDS = [
     name for name in StartExcitation.Request.get_fields_and_field_types() if name not in ("kind", "run", "first_step")
@@ -37,10 +37,11 @@ class ExcitationGeneratorNode(Node):
         super().__init__(
             "excitation_generator", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True
         )
-        self._parameters = declare(self, GeneratorParameters)
+        self._settings = declare(self, GeneratorParameters)
         self._run = 0
+        self._run_known = threading.Event()
         self._id = 0
-        self._waiting: dict[int, Future] = {}
+        self._awaited: dict[int, Future[ExcitationStatus]] = {}
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._publisher = self.create_publisher(Excitation, topics.EXCITATION, LATCHED)
         self._status_subscription = self.create_subscription(
@@ -49,47 +50,38 @@ class ExcitationGeneratorNode(Node):
         self._state_subscription = self.create_subscription(
             SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, LATCHED
         )
-        # A service that awaits the controller's answer must not keep the answer's own callback from running.
-        concurrent = ReentrantCallbackGroup()
-        self.create_service(StartExcitation, "~/start", self._on_start, callback_group=concurrent)
-        self.create_service(StopExcitation, "~/stop", self._on_stop, callback_group=concurrent)
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="excitation_generator")
+        create_service(self, StartExcitation, "~/start", self._on_start, self._worker)
+        create_service(self, StopExcitation, "~/stop", self._on_stop, self._worker)
 
-    async def _on_start(
+    def _on_start(
         self, request: StartExcitation.Request, response: StartExcitation.Response
     ) -> StartExcitation.Response:
-        try:
-            settings = excitation_from_request(request.kind, {name: getattr(request, name) for name in REQUEST_FIELDS})
-            signal = generate(settings, self._parameters.sample_rate)
-            if request.first_step < Excitation.FROM_NEXT_STEP:
-                raise ExcitationError(
-                    f"first_step = {request.first_step} is not allowed; allowed: 0 or more, or "
-                    f"{Excitation.FROM_NEXT_STEP} for the next step"
-                )
-            message = self._message(signal, settings.model_dump(), request.run or self._run, request.first_step)
-            status = await self._publish(message)
-        except AmbError as problem:
-            response.message = str(problem)
-            return response
-        response.success = status.accepted
-        response.message = status.message
+        settings = excitation_from_request(request.kind, {name: getattr(request, name) for name in REQUEST_FIELDS})
+        signal = generate(settings, self._settings.sample_rate)
+        if request.first_step < Excitation.FROM_NEXT_STEP:
+            raise ExcitationError(
+                f"first_step = {request.first_step} is not allowed; allowed: 0 or more, or "
+                f"{Excitation.FROM_NEXT_STEP} for the next step"
+            )
+        run = request.run or self._current_run()
+        status = self._publish(self._message(signal, settings.model_dump(), run, request.first_step))
+        response.success = True
         response.run = status.run
         response.first_step = status.first_step
         response.steps = status.steps
         return response
 
-    async def _on_stop(
-        self, _request: StopExcitation.Request, response: StopExcitation.Response
-    ) -> StopExcitation.Response:
-        message = Excitation(
-            run=self._run, kind="stop", first_step=Excitation.FROM_NEXT_STEP, sample_time=1.0 / self._parameters.sample_rate
+    def _on_stop(self, _request: StopExcitation.Request, response: StopExcitation.Response) -> StopExcitation.Response:
+        self._publish(
+            Excitation(
+                run=self._current_run(),
+                kind="stop",
+                first_step=Excitation.FROM_NEXT_STEP,
+                sample_time=1.0 / self._settings.sample_rate,
+            )
         )
-        try:
-            status = await self._publish(message)
-        except AmbError as problem:
-            response.message = str(problem)
-            return response
-        response.success = status.accepted
-        response.message = status.message
+        response.success = True
         return response
 
     def _message(self, signal: ExcitationSignal, settings: dict[str, object], run: int, first_step: int) -> Excitation:
@@ -104,51 +96,59 @@ class ExcitationGeneratorNode(Node):
             frequency=array("d", b"" if signal.frequency is None else signal.frequency.tobytes()),
         )
 
-    async def _publish(self, message: Excitation) -> ExcitationStatus:
+    def _current_run(self) -> int:
+        timeout = self._settings.answer_timeout
+        if not self._run_known.wait(timeout):
+            raise ExcitationError(
+                f"no word within {timeout:g} s on {self._state_subscription.topic_name} about the present run; "
+                "is the simulator running? Or give the run in the request"
+            )
+        return self._run
+
+    def _publish(self, message: Excitation) -> ExcitationStatus:
         """Publish an excitation and return the controller's answer.
 
         Raises
         ------
         ExcitationError
-            If no controller answers in time.
+            If no controller answers in time, or it refuses.
         """
         self._id += 1
         message.id = self._id
         message.header.stamp = self._wall_clock.now().to_msg()
-        answer = self._waiting[self._id] = Future()
-        timeout = self._parameters.answer_timeout
-        timer = self.create_timer(
-            timeout, lambda: answer.done() or answer.set_result(None), clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
-        self._publisher.publish(message)
+        answer = self._awaited[self._id] = Future()
+        timeout = self._settings.answer_timeout
         try:
-            status = await answer
-        finally:
-            del self._waiting[message.id]
-            self.destroy_timer(timer)
-        if status is None:
+            self._publisher.publish(message)
+            status = answer.result(timeout)
+        except TimeoutError:
             raise ExcitationError(
                 f"no answer within {timeout:g} s from a controller on {self._publisher.topic_name} "
                 f"({self._publisher.get_subscription_count()} listening); is pd_controller running?"
-            )
-        if status.accepted and message.first_step != status.first_step:
+            ) from None
+        finally:
+            del self._awaited[message.id]
+        if not status.accepted:
+            raise ExcitationError(status.message)
+        if message.first_step != status.first_step:
             # For controllers and recorders that join later: the same excitation with its step resolved.
             message.first_step = status.first_step
             self._publisher.publish(message)
         return status
 
     def _on_status(self, message: ExcitationStatus) -> None:
-        answer = self._waiting.get(message.id)
+        answer = self._awaited.get(message.id)
         if answer is not None and not answer.done():
             answer.set_result(message)
 
     def _on_simulator_state(self, message: SimulatorState) -> None:
         self._run = message.run
+        self._run_known.set()
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run_node(ExcitationGeneratorNode, args, SingleThreadedExecutor)
+    return run_node(ExcitationGeneratorNode, args)
 
 
 if __name__ == "__main__":

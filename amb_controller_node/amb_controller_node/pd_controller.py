@@ -31,8 +31,8 @@ class PdControllerNode(Node):
         super().__init__(
             "pd_controller", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True
         )
-        self._parameters = declare(self, PdControllerParameters, self._on_parameters)
-        self._controller = PdController(self._parameters)
+        self._settings = declare(self, PdControllerParameters, self._on_parameters)
+        self._controller = PdController(self._settings)
         self._controller.update(0.0, 0.0, 0.0, 0.0)  # compile before the first position comes
         self._run = 0
         self._step = -1  # last step answered
@@ -40,7 +40,7 @@ class PdControllerNode(Node):
         self._rate_error = ""
         self._excitation: Excitation | None = None
         self._answer = CurrentReference()
-        self._telemetry = _TelemetryBlock(self._parameters.sample_rate)
+        self._telemetry = _TelemetryBlock(self._settings.sample_rate)
         self._flushed_step = -1
 
         self._current_publisher = self.create_publisher(CurrentReference, topics.CURRENT_REFERENCE, STREAM)
@@ -77,13 +77,13 @@ class PdControllerNode(Node):
         answer.i_y = i_y
         self._current_publisher.publish(answer)
         self._telemetry.add(step, reference_x, reference_y, x, y, i_x, i_y)
-        if len(self._telemetry) >= self._parameters.telemetry_block:
+        if len(self._telemetry) >= self._settings.telemetry_block:
             self._flush()
         if step == 1:
             self._check_sample_rate(message)
 
     def _reference(self, run: int, step: int) -> tuple[float, float]:
-        x, y = self._parameters.nominal_reference_x, self._parameters.nominal_reference_y
+        x, y = self._settings.nominal_reference_x, self._settings.nominal_reference_y
         excitation = self._excitation
         if excitation is None or excitation.run != run or step < excitation.first_step:
             return x, y
@@ -103,15 +103,15 @@ class PdControllerNode(Node):
 
     def _check_sample_rate(self, message: RotorPosition) -> None:
         period = message.time / message.step
-        if abs(period * self._parameters.sample_rate - 1.0) > 1e-3:
+        if abs(period * self._settings.sample_rate - 1.0) > 1e-3:
             self._rate_error = (
                 f"positions come at {1.0 / period:g} Hz, the controller is set to sample_rate = "
-                f"{self._parameters.sample_rate:g} Hz"
+                f"{self._settings.sample_rate:g} Hz"
             )
             self.get_logger().error(self._rate_error)
 
     def _on_parameters(self, parameters: PdControllerParameters) -> None:
-        self._parameters = parameters
+        self._settings = parameters
         self._controller.configure(parameters)
 
     # -- telemetry
@@ -144,7 +144,7 @@ class PdControllerNode(Node):
 
     def _refusal(self, message: Excitation) -> str:
         """Why an excitation cannot be applied; empty if it can."""
-        rate = self._parameters.sample_rate
+        rate = self._settings.sample_rate
         if len(message.reference_x) != len(message.reference_y):
             return f"{len(message.reference_x)} samples on x but {len(message.reference_y)} on y"
         if message.reference_x and abs(message.sample_time * rate - 1.0) > 1e-9:

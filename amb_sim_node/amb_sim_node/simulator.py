@@ -19,6 +19,7 @@ from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import LATCHED, STREAM
+from amb_ros.services import create_service
 from amb_ros.stamps import set_step_time
 from amb_sim_node.parameters import SimulatorParameters
 
@@ -38,14 +39,14 @@ class SimulatorNode(Node):
         super().__init__(
             "simulator", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True
         )
-        self._parameters = declare(self, SimulatorParameters)
-        self._plant = Plant(self._parameters)
+        self._settings = declare(self, SimulatorParameters)
+        self._plant = Plant(self._settings)
         self._plant.advance(0.0, 0.0)  # compile before the first sample is asked for
-        self._sample_rate = self._parameters.integration.sample_rate
-        self._clock_steps = max(round(self._parameters.clock_period * self._sample_rate), 1)
+        self._sample_rate = self._settings.integration.sample_rate
+        self._clock_steps = max(round(self._settings.clock_period * self._sample_rate), 1)
 
         self._position = RotorPosition()
-        self._clock = ClockMessage()
+        self._clock_message = ClockMessage()
         self._state = SimulatorState(mode=SimulatorState.PAUSED, run=0, sample_time=self._plant.sample_time)
         self._fault = ""
         self._answered = True  # False between the publication of a step and its answer
@@ -57,15 +58,15 @@ class SimulatorNode(Node):
         self._current_subscription = self.create_subscription(
             CurrentReference, topics.CURRENT_REFERENCE, self._on_current_reference, STREAM
         )
-        self.create_service(Reset, "~/reset", self._on_reset)
-        self.create_service(Pause, "~/pause", self._on_pause)
-        self.create_service(RunSteps, "~/run", self._on_run)
+        create_service(self, Reset, "~/reset", self._on_reset)
+        create_service(self, Pause, "~/pause", self._on_pause)
+        create_service(self, RunSteps, "~/run", self._on_run)
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
         self._watch = self.create_timer(
-            self._parameters.answer_timeout, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            self._settings.answer_timeout, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
         self._reset()
-        if self._parameters.autostart:
+        if self._settings.autostart:
             self._start(0)
 
     # -- the loop
@@ -108,8 +109,8 @@ class SimulatorNode(Node):
             self._publish_clock()
 
     def _publish_clock(self) -> None:
-        set_step_time(self._clock.clock, self._state.step, self._sample_rate)
-        self._clock_publisher.publish(self._clock)
+        set_step_time(self._clock_message.clock, self._state.step, self._sample_rate)
+        self._clock_publisher.publish(self._clock_message)
 
     def _on_watch(self) -> None:
         """See whether the controller still answers, and publish an unanswered step again once somebody listens."""

@@ -116,12 +116,24 @@ class Graph:
                 self._executor.spin_once(timeout_sec=0.1)
 
 
-@pytest.fixture
-def graph(tmp_path: Path) -> Iterator[Graph]:
-    """A graph of its own for one test; its processes run in `tmp_path`."""
+@contextlib.contextmanager
+def _open_graph(folder: Path) -> Iterator[Graph]:
     with domain_id() as domain:
-        graph = Graph(int(domain), tmp_path)
+        graph = Graph(int(domain), folder)
         try:
             yield graph
         finally:
             graph.close()
+
+
+@pytest.fixture(scope="session")
+def open_graph() -> Callable[[Path], contextlib.AbstractContextManager[Graph]]:
+    """Opens a graph whose processes run in a folder, for fixtures that share one among tests."""
+    return _open_graph
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    """A graph of its own for one test; its processes run in `tmp_path`."""
+    with _open_graph(tmp_path) as graph:
+        yield graph

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable, Sequence
 
@@ -14,58 +15,55 @@ from threadpoolctl import threadpool_limits
 
 from amb_core.errors import AmbError
 
-SPIN_TIMEOUT = 0.5  # s; EventsExecutor hangs without a timeout, and the loop must see a shutdown
+SPIN_TIMEOUT = 0.5  # s
 
 
-def run_nodes(
-    factories: Sequence[Callable[[], Node]],
-    args: list[str] | None = None,
-    executor_type: Callable[[], Executor] = EventsExecutor,
-) -> int:
-    """Make the nodes, spin them on one executor until SIGINT or SIGTERM, return the exit code of the process.
+def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
+    """Make the nodes, spin them on one EventsExecutor until SIGINT or SIGTERM, return the exit code of the process.
 
     A node that refuses its parameters raises an `AmbError`: its text goes to stderr as one line, and the code is 1.
-
-    Parameters
-    ----------
-    factories : sequence of callables
-        Each makes a node.
-    args : list of str, optional
-        Command line; that of the process by default.
-    executor_type : callable
-        EventsExecutor is the fastest but does not await coroutines; nodes whose callbacks are coroutines need another.
     """
     threadpool_limits(1)  # small matrices: more BLAS threads only take the cores from the other nodes
+    told_to_end: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # Without a KeyboardInterrupt that could break off a callback anywhere: rclpy shuts its context down instead.
+        signal.signal(number, lambda number, _frame: told_to_end.append(number))
     rclpy.init(args=args)
+    if told_to_end:
+        rclpy.try_shutdown()
     nodes: list[Node] = []
     try:
-        executor = executor_type()
+        executor = EventsExecutor()
         for factory in factories:
             nodes.append(factory())
             executor.add_node(nodes[-1])
-        spin(executor)
-        return 0
+        _spin(executor)
     except AmbError as problem:
         print(f"[amb] {problem}", file=sys.stderr)
         return 1
+    except ExternalShutdownException:
+        pass
+    except Exception:
+        if not told_to_end:
+            raise
+        # While starting: whatever was being made then fails without a context, in one way or another.
     finally:
         for node in reversed(nodes):
             node.destroy_node()
         rclpy.try_shutdown()
+    return 0
 
 
-def run_node(
-    factory: Callable[[], Node], args: list[str] | None = None, executor_type: Callable[[], Executor] = EventsExecutor
-) -> int:
+def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     """`run_nodes` for one node: the body of every executable's `main`."""
-    return run_nodes([factory], args, executor_type)
+    return run_nodes([factory], args)
 
 
-def spin(executor: Executor) -> None:
-    """Spin until the context is shut down."""
-    try:
-        while rclpy.ok():
-            # A future that never completes: the loop over the events then runs inside the executor, not here.
-            executor.spin_until_future_complete(Future(), timeout_sec=SPIN_TIMEOUT)
-    except (ExternalShutdownException, KeyboardInterrupt):
-        pass
+def _spin(executor: Executor) -> None:
+    """Spin until the context is shut down.
+
+    EventsExecutor hangs in `spin` and in waits without a time-out. Waiting for a future that never completes keeps the
+    loop over the events inside the executor, which is faster than one `spin_once` an event.
+    """
+    while rclpy.ok():
+        executor.spin_until_future_complete(Future(), timeout_sec=SPIN_TIMEOUT)

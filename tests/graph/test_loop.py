@@ -1,0 +1,336 @@
+"""The loop over topics: the same samples as without ROS, whatever the placement, pauses and failures."""
+
+from __future__ import annotations
+
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.parameter import Parameter
+
+from amb_core.control import ControllerParameters, PdController
+from amb_core.excitation import Square, generate
+from amb_core.loop import simulate
+from amb_core.messages import block_from_message
+from amb_core.plant import Plant
+from amb_core.telemetry import merge_blocks
+from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition, SimulatorState
+from amb_msgs.srv import Pause, Reset, RunSteps, StartExcitation, StopExcitation
+from amb_ros.qos import LATCHED, STREAM
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from amb_core.records import LoopRecord
+    from tests.graph.conftest import Graph
+
+SIMULATOR = "amb_sim_node.simulator"
+CONTROLLER = "amb_controller_node.pd_controller"
+GENERATOR = "amb_controller_node.excitation_generator"
+COMPOSED = "amb_bringup.composed_loop"
+STEPS = 1_050  # not a whole number of telemetry blocks
+SQUARE = Square(amplitude=20e-6, duration=0.08, frequency=50.0, axes="in_turn")
+EXCITED_FROM = 200
+
+
+class Bearing:
+    """What a user of the graph sees: services, state, telemetry and diagnostics."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.states: list[SimulatorState] = []
+        self.blocks: list[LoopSamples] = []
+        self.diagnostics: list[tuple[float, DiagnosticStatus]] = []
+        node = graph.node
+        node.create_subscription(SimulatorState, "/amb/simulator/state", self.states.append, LATCHED)
+        self.telemetry = node.create_subscription(LoopSamples, "/amb/telemetry", self.blocks.append, STREAM)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
+
+    def reset(self) -> int:
+        return self.graph.call(Reset, "/amb/simulator/reset").run
+
+    def run(self, steps: int) -> Any:
+        self.graph.wait_until(self.telemetry.get_publisher_count, "the controller")
+        answer = self.graph.call(RunSteps, "/amb/simulator/run", steps=steps)
+        assert answer.success, answer.message
+        return answer
+
+    def excite(self, excitation: Square, run: int, first_step: int) -> None:
+        answer = self.graph.call(
+            StartExcitation,
+            "/amb/excitation_generator/start",
+            kind=excitation.kind,
+            run=run,
+            first_step=first_step,
+            **excitation.model_dump(),
+        )
+        assert answer.success, answer.message
+        assert (answer.run, answer.first_step) == (run, first_step)
+
+    def wait_for_step(self, run: int, step: int) -> None:
+        self.graph.wait_until(
+            lambda: any(state.run == run and state.step >= step for state in self.states), f"step {step} of run {run}"
+        )
+
+    def wait_for_mode(self, mode: int) -> SimulatorState:
+        self.graph.wait_until(lambda: self.states and self.states[-1].mode == mode, f"mode {mode}")
+        return self.states[-1]
+
+    def record(self, run: int, steps: int) -> LoopRecord:
+        def mine() -> list[LoopSamples]:
+            return [block for block in self.blocks if block.run == run]
+
+        self.graph.wait_until(lambda: sum(len(block.position_x) for block in mine()) >= steps, "all telemetry")
+        return merge_blocks([block_from_message(block) for block in mine()], 0, steps)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        self.diagnostics += [(time.monotonic(), status) for status in array.status]
+
+
+@pytest.fixture
+def bearing(graph: Graph) -> Bearing:
+    return Bearing(graph)
+
+
+@pytest.fixture(scope="module")
+def without_ros() -> LoopRecord:
+    controller = PdController(ControllerParameters())
+    signal = generate(SQUARE, 10_000.0)
+    return simulate(Plant(), controller, STEPS, signal.samples, EXCITED_FROM)
+
+
+@pytest.fixture(scope="module")
+def shared_loop(open_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bearing]:
+    """A loop, paused at step 100, for tests that leave it as it is."""
+    with open_graph(tmp_path_factory.mktemp("shared_loop")) as graph:
+        start_loop(graph, SIMULATOR, CONTROLLER, GENERATOR)
+        bearing = Bearing(graph)
+        run = bearing.reset()
+        bearing.run(100)
+        bearing.wait_for_step(run, 100)
+        yield bearing
+
+
+def start_loop(graph: Graph, *modules: str) -> None:
+    for module in modules:
+        graph.start(module)
+
+
+@pytest.mark.parametrize("placement", [(SIMULATOR, CONTROLLER), (COMPOSED,)], ids=["separate", "composed"])
+def test_samples_over_topics_equal_those_without_ros_bit_for_bit(graph, bearing, without_ros, placement):
+    start_loop(graph, *placement, GENERATOR)
+    for _ in range(2):
+        run = bearing.reset()
+        bearing.excite(SQUARE, run, EXCITED_FROM)
+        bearing.run(STEPS)
+        assert bearing.record(run, STEPS).identical_to(without_ros)
+
+
+def test_pauses_do_not_change_the_samples(graph, bearing, without_ros):
+    start_loop(graph, SIMULATOR, CONTROLLER, GENERATOR)
+    run = bearing.reset()
+    bearing.excite(SQUARE, run, EXCITED_FROM)
+    bearing.run(333)
+    bearing.wait_for_step(run, 333)
+    bearing.run(0)  # until paused
+    paused = graph.call(Pause, "/amb/simulator/pause")
+    assert 333 <= paused.step < STEPS
+    bearing.run(STEPS - paused.step)
+    assert bearing.record(run, STEPS).identical_to(without_ros)
+
+
+def test_run_request_ends_at_its_last_step(graph, bearing):
+    start_loop(graph, SIMULATOR, CONTROLLER)
+    run = bearing.reset()
+    answer = bearing.run(250)
+    assert (answer.run, answer.first_step, answer.last_step) == (run, 0, 250)
+    bearing.wait_for_step(run, 250)
+    state = bearing.wait_for_mode(SimulatorState.PAUSED)
+    assert state.step == 250
+    assert bearing.record(run, 250).steps == 250
+
+
+def test_run_request_is_refused_while_running(graph, bearing):
+    start_loop(graph, SIMULATOR, CONTROLLER)
+    bearing.run(0)
+    answer = graph.call(RunSteps, "/amb/simulator/run", steps=10)
+    assert not answer.success
+    assert "pause it first" in answer.message
+
+
+def test_killed_controller_is_reported_within_a_second_and_the_loop_resumes_when_it_is_back(graph, bearing):
+    graph.start(SIMULATOR)
+    controller = graph.start(CONTROLLER)
+    run = bearing.reset()
+    bearing.run(0)
+    bearing.wait_for_step(run, 200)
+    controller.kill()
+    controller.wait()
+    killed = time.monotonic()
+
+    def complaint() -> list[float]:
+        return [
+            arrival
+            for arrival, status in bearing.diagnostics
+            if status.name == "amb/simulator"
+            and status.level == DiagnosticStatus.ERROR
+            and "no answer from the controller" in status.message
+        ]
+
+    graph.wait_until(complaint, "the simulator's complaint")
+    # The requirement is 1 s; it is a design value of the timers (0.25 s), so it holds with room on a busy machine.
+    assert complaint()[0] - killed < 1.0
+    stalled = bearing.wait_for_mode(SimulatorState.WAITING).step
+    graph.start(CONTROLLER)
+    bearing.wait_for_step(run, stalled + 200)
+
+
+def test_delevitation_ends_the_run_until_a_reset(graph, bearing):
+    graph.start(SIMULATOR)
+    graph.start(CONTROLLER, parameters={"current_limit": 0.5})  # too little to carry the rotor
+    run = bearing.reset()
+    bearing.run(0)
+    state = bearing.wait_for_mode(SimulatorState.DELEVITATED)
+    assert state.run == run
+    record = bearing.record(run, state.step)
+    assert np.hypot(*record.position[-1]) < 250e-6
+    answer = graph.call(RunSteps, "/amb/simulator/run", steps=10)
+    assert not answer.success
+    assert "delevitated" in answer.message
+    assert "reset it first" in answer.message
+    assert bearing.reset() == run + 1
+    bearing.run(10)
+    bearing.wait_for_step(run + 1, 10)
+
+
+def test_stop_returns_the_reference_to_nominal(graph, bearing):
+    start_loop(graph, SIMULATOR, CONTROLLER, GENERATOR)
+    run = bearing.reset()
+    bearing.excite(SQUARE.model_copy(update={"duration": 10.0}), run, 0)
+    bearing.run(100)
+    bearing.wait_for_step(run, 100)
+    assert graph.call(StopExcitation, "/amb/excitation_generator/stop").success
+    bearing.run(100)
+    reference = bearing.record(run, 200).reference
+    assert np.abs(reference[:100]).max() == SQUARE.amplitude
+    assert np.abs(reference[100:]).max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"kind": "triangle", "amplitude": 1e-5, "duration": 1.0}, "unknown kind of excitation 'triangle'; allowed:"),
+        ({"kind": "square", "amplitude": float("nan"), "duration": 1.0}, "'amplitude' = nan is not allowed"),
+        ({"kind": "square", "amplitude": -1e-5, "duration": 1.0}, "'amplitude' = -1e-05 is not allowed"),
+        ({"kind": "square", "amplitude": 1.0, "duration": 1.0}, "'amplitude' = 1.0 is not allowed; allowed:"),
+        ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "frequency": -5.0}, "'frequency' = -5.0"),
+        ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "frequency": 5_001.0}, "Nyquist"),
+        ({"kind": "sweep", "amplitude": 1e-5, "duration": 1.0, "frequency_end": 6_000.0}, "Nyquist"),
+        ({"kind": "square", "amplitude": 1e-5}, "no default for 'duration'"),
+        ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "axes": "z"}, "'axes' = 'z' is not allowed"),
+        ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "first_step": 99}, "in the past; allowed: 100 or later"),
+        ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "first_step": -2}, "first_step = -2 is not allowed"),
+    ],
+)
+def test_generator_refuses_bad_requests_with_the_reason(shared_loop, fields, reason):
+    answer = shared_loop.graph.call(StartExcitation, "/amb/excitation_generator/start", **{"first_step": -1, **fields})
+    assert not answer.success
+    assert reason in answer.message
+    assert "\n" not in answer.message
+
+
+@pytest.mark.parametrize(("run", "who"), [(0, "is the simulator running?"), (1, "is pd_controller running?")])
+def test_generator_alone_says_who_is_missing(graph, run, who):
+    graph.start(GENERATOR, parameters={"answer_timeout": 0.2})
+    answer = graph.call(
+        StartExcitation, "/amb/excitation_generator/start", kind="square", amplitude=1e-5, duration=1.0, run=run
+    )
+    assert not answer.success
+    assert who in answer.message
+
+
+def test_gains_can_be_changed_while_running_and_wrong_ones_are_refused(shared_loop):
+    def set_parameter(name: str, value: float) -> Any:
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        return shared_loop.graph.call(
+            SetParameters, "/amb/pd_controller/set_parameters", parameters=[parameter]
+        ).results[0]
+
+    assert set_parameter("proportional_gain", 21_000.0).successful
+    values = shared_loop.graph.call(
+        GetParameters, "/amb/pd_controller/get_parameters", names=["proportional_gain"]
+    ).values
+    assert values[0].double_value == 21_000.0
+    assert not set_parameter("proportional_gain", -1.0).successful
+    refused = set_parameter("sample_rate", 20_000.0)
+    assert not refused.successful
+    assert "read-only" in refused.reason
+
+
+def test_controller_reports_positions_at_another_rate_than_its_own(graph, bearing):
+    graph.start(SIMULATOR)
+    graph.start(CONTROLLER, parameters={"sample_rate": 5_000.0})
+    bearing.reset()
+    bearing.run(10)
+    graph.wait_until(
+        lambda: any("positions come at 10000 Hz" in status.message for _, status in bearing.diagnostics), "the complaint"
+    )
+
+
+def test_controller_answers_a_repeated_position_with_the_same_current(graph):
+    answers: list[CurrentReference] = []
+    graph.node.create_subscription(CurrentReference, "/amb/current_reference", answers.append, STREAM)
+    publisher = graph.node.create_publisher(RotorPosition, "/amb/position", STREAM)
+    graph.start(CONTROLLER)
+    graph.wait_until(
+        lambda: publisher.get_subscription_count() and graph.node.count_publishers("/amb/current_reference"),
+        "the controller",
+    )
+    graph.wait_until(lambda: _answered(publisher, answers), "the first answer")
+    first = answers[-1].i_x
+    publisher.publish(RotorPosition(run=1, step=1, time=1e-4, x=2e-6))
+    publisher.publish(RotorPosition(run=1, step=1, time=1e-4, x=2e-6))
+    graph.wait_until(lambda: sum(answer.step == 1 for answer in answers) == 2, "two answers")
+    currents = [answer.i_x for answer in answers if answer.step == 1]
+    assert currents[0] == currents[1] != first
+
+
+def _answered(publisher: Any, answers: list[CurrentReference]) -> bool:
+    publisher.publish(RotorPosition(run=1, step=0, time=0.0, x=1e-6))
+    time.sleep(0.02)
+    return bool(answers)
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("module", [SIMULATOR, CONTROLLER, GENERATOR, COMPOSED])
+def test_nodes_end_cleanly_when_told_to(graph, module, by):
+    process = graph.start(module)
+    name = "simulator" if module in (SIMULATOR, COMPOSED) else module.rsplit(".", 1)[-1]
+    graph.wait_until(lambda: (name, "/amb") in graph.node.get_node_names_and_namespaces(), name)
+    code, errors = graph.stop(process, by)
+    assert code == 0
+    assert errors == ""
+
+
+@pytest.mark.parametrize(
+    ("module", "parameters", "line"),
+    [
+        (SIMULATOR, {"magnetic_circuit": {"air_gap": -1.0}}, "'magnetic_circuit.air_gap' = -1.0 is not allowed"),
+        (SIMULATOR, {"magnetic_circuit": {"airgap": 1.0}}, "unknown parameter 'magnetic_circuit.airgap' = 1.0"),
+        (SIMULATOR, {"rotor": {"mass": "heavy"}}, "'rotor.mass' = 'heavy' is not allowed; allowed: 0.001 to 100000 kg"),
+        (SIMULATOR, {"integration": {"internal_step": 3e-7}}, "whole number of internal steps"),
+        (CONTROLLER, {"derivative_on": "speed"}, "'derivative_on' = 'speed' is not allowed; allowed: one of error"),
+        (CONTROLLER, {"proportional_gain": float("nan")}, "'proportional_gain' = nan is not allowed"),
+        (GENERATOR, {"sample_rate": 1.0}, "'sample_rate' = 1.0 is not allowed; allowed: 1000 to 100000 Hz"),
+    ],
+)
+def test_wrong_parameter_stops_the_node_at_start_with_one_line(graph, module, parameters, line):
+    process = graph.start(module, parameters=parameters)
+    _, errors = process.communicate(timeout=20.0)
+    assert process.returncode == 1
+    assert line in errors
+    assert len(errors.strip().splitlines()) == 1
