@@ -11,14 +11,14 @@ import threading
 from array import array
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
-from amb_msgs.srv import StartExcitation, StopExcitation
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_controller_node.parameters import GeneratorParameters
 from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
+from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
+from amb_msgs.srv import StartExcitation, StopExcitation
 from amb_ros import topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from array import array
 
-from amb_msgs.msg import CurrentReference, Excitation, ExcitationStatus, LoopSamples, RotorPosition
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.control import PdController
+from amb_msgs.msg import CurrentReference, Excitation, ExcitationStatus, LoopSamples, RotorPosition
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node

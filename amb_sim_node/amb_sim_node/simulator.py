@@ -7,14 +7,14 @@ that stays unanswered is published again once a controller listens.
 
 from __future__ import annotations
 
-from amb_msgs.msg import CurrentReference, RotorPosition, SimulatorState
-from amb_msgs.srv import Pause, Reset, RunSteps
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from amb_core.errors import PlantError
 from amb_core.plant import Plant
+from amb_msgs.msg import CurrentReference, RotorPosition, SimulatorState
+from amb_msgs.srv import Pause, Reset, RunSteps
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -36,9 +36,7 @@ class SimulatorNode(Node):
     """The simulator. Topics, services and parameters: see the package's README."""
 
     def __init__(self) -> None:
-        super().__init__(
-            "simulator", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True
-        )
+        super().__init__("simulator", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True)
         self._settings = declare(self, SimulatorParameters)
         self._plant = Plant(self._settings)
         self._plant.advance(0.0, 0.0)  # compile before the first sample is asked for
@@ -147,9 +145,8 @@ class SimulatorNode(Node):
             response.success = True
         else:
             over = state.mode in (SimulatorState.DELEVITATED, SimulatorState.FAULT)
-            response.message = (
-                f"the simulator is {MODE_NAMES[state.mode]} at step {state.step}; {'reset' if over else 'pause'} it first"
-            )
+            remedy = "reset it first" if over else "pause it first"
+            response.message = f"the simulator is {MODE_NAMES[state.mode]} at step {state.step}; {remedy}"
         response.run = state.run
         response.first_step = state.step
         response.last_step = state.last_step

@@ -232,7 +232,10 @@ def test_stop_returns_the_reference_to_nominal(graph, bearing):
         ({"kind": "sweep", "amplitude": 1e-5, "duration": 1.0, "frequency_end": 6_000.0}, "Nyquist"),
         ({"kind": "square", "amplitude": 1e-5}, "no default for 'duration'"),
         ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "axes": "z"}, "'axes' = 'z' is not allowed"),
-        ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "first_step": 99}, "in the past; allowed: 100 or later"),
+        (
+            {"kind": "square", "amplitude": 1e-5, "duration": 1.0, "first_step": 99},
+            "in the past; allowed: 100 or later",
+        ),
         ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "first_step": -2}, "first_step = -2 is not allowed"),
     ],
 )
@@ -277,7 +280,8 @@ def test_controller_reports_positions_at_another_rate_than_its_own(graph, bearin
     bearing.reset()
     bearing.run(10)
     graph.wait_until(
-        lambda: any("positions come at 10000 Hz" in status.message for _, status in bearing.diagnostics), "the complaint"
+        lambda: any("positions come at 10000 Hz" in status.message for _, status in bearing.diagnostics),
+        "the complaint",
     )
 
 

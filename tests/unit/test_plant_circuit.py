@@ -96,9 +96,7 @@ def test_solution_satisfies_the_network_equations(coupling):
     rates, currents = np.split(network.solution @ np.concatenate([drops, voltages]), [8])
     constraints = flux_constraints(coupling)
     assert constraints.T @ rates == pytest.approx(0.0, abs=1e-9 * np.abs(rates).max())
-    np.testing.assert_allclose(
-        network.winding.T @ rates + parameters.coil_resistance * currents, voltages, atol=1e-9
-    )
+    np.testing.assert_allclose(network.winding.T @ rates + parameters.coil_resistance * currents, voltages, atol=1e-9)
     unbalanced = network.eddy_coefficient @ rates - network.winding @ currents + drops
     potential = constraints @ np.linalg.lstsq(constraints, unbalanced, rcond=None)[0]
     np.testing.assert_allclose(unbalanced, potential, atol=1e-9 * np.abs(drops).max())

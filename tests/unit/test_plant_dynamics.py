@@ -1,5 +1,7 @@
 """The running plant: amplifiers, conservation laws, order of the integrator, and its limits."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.constants import mu_0
@@ -87,7 +89,7 @@ def test_error_falls_at_least_in_proportion_to_the_internal_step():
         return np.array(plant.position)
 
     positions = [final_position(step) for step in (1e-6, 0.5e-6, 0.25e-6, 0.125e-6)]
-    changes = [np.linalg.norm(coarse - fine) for coarse, fine in zip(positions, positions[1:], strict=False)]
+    changes = [np.linalg.norm(coarse - fine) for coarse, fine in itertools.pairwise(positions)]
     # Where in a step the switching instants fall makes single halvings uneven, so two are taken together.
     assert changes[0] / changes[2] > 4.0
     assert changes[1] < 1e-10
@@ -141,9 +143,7 @@ def test_coil_current_never_becomes_negative():
 
 def test_without_the_polarity_effect_the_same_command_drives_it_negative():
     plant = Plant(
-        PlantParameters(
-            rotor=RotorParameters(mass=1e5, gravity=0.0), amplifier=AmplifierParameters(unipolar=False)
-        )
+        PlantParameters(rotor=RotorParameters(mass=1e5, gravity=0.0), amplifier=AmplifierParameters(unipolar=False))
     )
     assert joined([plant.trace(-5.0, 0.0, samples=10)])["current"].min() < -0.01
 
@@ -204,7 +204,7 @@ def test_rotor_without_control_delevitates_and_says_so():
 
 def test_reference_that_is_not_finite_is_refused_before_it_reaches_the_state():
     plant = Plant()
-    with pytest.raises(PlantError, match="references nan A, 0.0 A not finite at sample 1"):
+    with pytest.raises(PlantError, match=r"references nan A, 0\.0 A not finite at sample 1"):
         plant.advance(float("nan"), 0.0)
 
 

@@ -1,10 +1,10 @@
 """`AmbClient`: the services of the graph as plain Python calls, with timeouts and clear errors.
 
-    with AmbClient() as amb:
-        run = amb.reset()
-        amb.start_excitation("square", amplitude=50e-6, duration=4.0, first_step=2000)
-        amb.run(42_000)
-        model = amb.identify(order=10)
+with AmbClient() as amb:
+    run = amb.reset()
+    amb.start_excitation("square", amplitude=50e-6, duration=4.0, first_step=2000)
+    amb.run(42_000)
+    model = amb.identify(order=10)
 """
 
 from __future__ import annotations
@@ -16,6 +16,13 @@ from types import TracebackType
 from typing import Any
 
 import rclpy
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+
+from amb_core.errors import AmbError
+from amb_core.identification import StateSpaceModel
+from amb_core.messages import model_from_message
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import (
     GetModel,
@@ -28,13 +35,6 @@ from amb_msgs.srv import (
     StopExcitation,
     StopRecording,
 )
-from rclpy.context import Context
-from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
-
-from amb_core.errors import AmbError
-from amb_core.identification import StateSpaceModel
-from amb_core.messages import model_from_message
 from amb_ros import topics
 from amb_ros.qos import LATCHED
 
@@ -137,7 +137,9 @@ class AmbClient:
                     if progress is not None:
                         progress(state.step)
                 if state.mode == SimulatorState.FAULT:
-                    raise ClientError(f"the plant failed at step {state.step}; see /diagnostics and the simulator's log")
+                    raise ClientError(
+                        f"the plant failed at step {state.step}; see /diagnostics and the simulator's log"
+                    )
                 if state.mode == SimulatorState.DELEVITATED or state.step >= started.last_step:
                     return RunEnd(state.run, state.step, state.mode == SimulatorState.DELEVITATED)
                 if state.mode == SimulatorState.PAUSED and state.step > started.first_step:

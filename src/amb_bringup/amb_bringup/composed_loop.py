@@ -6,9 +6,8 @@ This is the way to a 10 kHz loop in real time from Python: within a process a me
 from __future__ import annotations
 
 from amb_controller_node.pd_controller import PdControllerNode
-from amb_sim_node.simulator import SimulatorNode
-
 from amb_ros.process import run_nodes
+from amb_sim_node.simulator import SimulatorNode
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""The record of a loop run: what telemetry carries, as arrays. Written by loops and bags, read by identification and figures."""
+"""The record of a loop run: what telemetry carries, as arrays."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class LoopRecord:
     @property
     def time(self) -> NDArray[np.float64]:
         """Time of each sample from step 0 of the run (s), shape (steps,)."""
-        return (self.first_step + np.arange(self.steps)) * self.sample_time
+        return (self.first_step + np.arange(self.steps, dtype=np.float64)) * self.sample_time
 
     def window(self, first_step: int, steps: int) -> LoopRecord:
         """The samples of `steps` steps from `first_step` on.

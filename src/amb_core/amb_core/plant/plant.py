@@ -113,7 +113,7 @@ class Plant:
         if status != kernel.OK:
             self._stop(status, current_x, current_y)
         columns = np.split(rows, [8, 16, 20, 24, 26, 28], axis=1)
-        return Trace(np.arange(steps) * self.parameters.integration.internal_step, *columns)
+        return Trace(np.arange(steps, dtype=np.float64) * self.parameters.integration.internal_step, *columns)
 
     def static_flux(self, coil_currents: NDArray[np.float64], x: float, y: float) -> NDArray[np.float64]:
         """Pole fluxes (Wb), shape (8,), of constant coil currents (A), shape (4,), at a rotor position (m)."""
@@ -128,7 +128,7 @@ class Plant:
         return np.linalg.solve(system, drive)[:POLES]
 
     def _check_internal_step(self) -> None:
-        """The integrator is stable up to one internal step per fastest eddy-current time constant; half is asked for."""
+        """The integrator is stable up to one step per fastest eddy-current time constant; half of that is asked for."""
         gap = self.network.reluctance(0.0, 0.0, self.parameters.magnetic_circuit.air_gap)
         fastest = np.abs(np.linalg.eigvals(self.network.solution[:POLES, :POLES] @ gap)).max()
         step = self.parameters.integration.internal_step
