@@ -19,8 +19,10 @@ from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import LATCHED, STREAM
+from amb_ros.sample_messages import pack_current, unpack_position
 from amb_ros.stamps import set_step_time
 
+SIGNALS = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
 
 
@@ -39,7 +41,7 @@ class PdControllerNode(Node):
         self._gaps = 0
         self._rate_error = ""
         self._excitation: Excitation | None = None
-        self._answer = CurrentReference()
+        self._answer = b""  # to the last step
         self._telemetry = _TelemetryBlock(self._settings.sample_rate)
         self._flushed_step = -1
 
@@ -47,7 +49,7 @@ class PdControllerNode(Node):
         self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, STREAM)
         self._status_publisher = self.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, LATCHED)
         self._position_subscription = self.create_subscription(
-            RotorPosition, topics.POSITION, self._on_position, STREAM
+            RotorPosition, topics.POSITION, self._on_position, STREAM, raw=True
         )
         self._excitation_subscription = self.create_subscription(
             Excitation, topics.EXCITATION, self._on_excitation, LATCHED
@@ -59,28 +61,23 @@ class PdControllerNode(Node):
 
     # -- the loop
 
-    def _on_position(self, message: RotorPosition) -> None:
-        run, step = message.run, message.step
+    def _on_position(self, data: bytes) -> None:
+        run, step, time, x, y = unpack_position(data)
         if run != self._run or step != self._step + 1:
             if run == self._run and step == self._step:
                 self._current_publisher.publish(self._answer)
                 return
             self._start_afresh(run, step)
         self._step = step
-        x, y = message.x, message.y
         reference_x, reference_y = self._reference(run, step)
         i_x, i_y = self._controller.update(x, y, reference_x, reference_y)
-        answer = self._answer
-        answer.run = run
-        answer.step = step
-        answer.i_x = i_x
-        answer.i_y = i_y
-        self._current_publisher.publish(answer)
+        self._answer = pack_current(run, step, i_x, i_y)
+        self._current_publisher.publish(self._answer)
         self._telemetry.add(step, reference_x, reference_y, x, y, i_x, i_y)
         if len(self._telemetry) >= self._settings.telemetry_block:
             self._flush()
         if step == 1:
-            self._check_sample_rate(message)
+            self._check_sample_rate(time)
 
     def _reference(self, run: int, step: int) -> tuple[float, float]:
         x, y = self._settings.nominal_reference_x, self._settings.nominal_reference_y
@@ -101,8 +98,7 @@ class PdControllerNode(Node):
         self._run = run
         self._rate_error = ""
 
-    def _check_sample_rate(self, message: RotorPosition) -> None:
-        period = message.time / message.step
+    def _check_sample_rate(self, period: float) -> None:
         if abs(period * self._settings.sample_rate - 1.0) > 1e-3:
             self._rate_error = (
                 f"positions come at {1.0 / period:g} Hz, the controller is set to sample_rate = "
@@ -167,30 +163,28 @@ class PdControllerNode(Node):
 
 
 class _TelemetryBlock:
-    """The samples since the last block was published."""
+    """The samples since the last block was published, one after the other in a flat list."""
 
     def __init__(self, sample_rate: float) -> None:
         self._sample_rate = sample_rate
         self._first_step = 0
-        self._columns: tuple[list[float], ...] = tuple([] for _ in range(6))
+        self._samples: list[float] = []
 
     def __len__(self) -> int:
-        return len(self._columns[0])
+        return len(self._samples) // len(SIGNALS)
 
     def add(self, step: int, *sample: float) -> None:
-        if not self._columns[0]:
+        if not self._samples:
             self._first_step = step
-        for column, value in zip(self._columns, sample, strict=True):
-            column.append(value)
+        self._samples.extend(sample)
 
     def take(self, run: int) -> LoopSamples:
         """The block as a message; the next sample starts a new one."""
         block = LoopSamples(run=run, first_step=self._first_step, sample_time=1.0 / self._sample_rate)
         set_step_time(block.header.stamp, self._first_step, self._sample_rate)
-        names = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
-        for name, column in zip(names, self._columns, strict=True):
-            setattr(block, name, array("d", column))
-            column.clear()
+        for column, name in enumerate(SIGNALS):
+            setattr(block, name, array("d", self._samples[column :: len(SIGNALS)]))
+        self._samples.clear()
         return block
 
 

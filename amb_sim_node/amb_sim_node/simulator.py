@@ -19,6 +19,7 @@ from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import LATCHED, STREAM
+from amb_ros.sample_messages import pack_position, unpack_current
 from amb_ros.services import create_service
 from amb_ros.stamps import set_step_time
 from amb_sim_node.parameters import SimulatorParameters
@@ -43,7 +44,6 @@ class SimulatorNode(Node):
         self._sample_rate = self._settings.integration.sample_rate
         self._clock_steps = max(round(self._settings.clock_period * self._sample_rate), 1)
 
-        self._position = RotorPosition()
         self._clock_message = ClockMessage()
         self._state = SimulatorState(mode=SimulatorState.PAUSED, run=0, sample_time=self._plant.sample_time)
         self._fault = ""
@@ -54,7 +54,7 @@ class SimulatorNode(Node):
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
         self._state_publisher = self.create_publisher(SimulatorState, topics.SIMULATOR_STATE, LATCHED)
         self._current_subscription = self.create_subscription(
-            CurrentReference, topics.CURRENT_REFERENCE, self._on_current_reference, STREAM
+            CurrentReference, topics.CURRENT_REFERENCE, self._on_current_reference, STREAM, raw=True
         )
         create_service(self, Reset, "~/reset", self._on_reset)
         create_service(self, Pause, "~/pause", self._on_pause)
@@ -69,15 +69,16 @@ class SimulatorNode(Node):
 
     # -- the loop
 
-    def _on_current_reference(self, message: CurrentReference) -> None:
+    def _on_current_reference(self, data: bytes) -> None:
+        run, step, i_x, i_y = unpack_current(data)
         state = self._state
-        if self._answered or message.step != state.step or message.run != state.run:
+        if self._answered or step != state.step or run != state.run:
             return  # answer to a step of the past: published twice, or before a reset
         if state.mode not in (SimulatorState.RUNNING, SimulatorState.WAITING):
             return  # paused meanwhile; the step is published again when the run goes on
         self._answered = True
         try:
-            self._plant.advance(message.i_x, message.i_y)
+            self._plant.advance(i_x, i_y)
         except PlantError as problem:
             self._fault = str(problem)
             self.get_logger().error(self._fault)
@@ -95,14 +96,10 @@ class SimulatorNode(Node):
             self._publish_position()
 
     def _publish_position(self) -> None:
-        message = self._position
         step = self._state.step
-        message.run = self._state.run
-        message.step = step
-        message.time = step / self._sample_rate
-        message.x, message.y = self._plant.position
+        x, y = self._plant.position
         self._answered = False
-        self._position_publisher.publish(message)
+        self._position_publisher.publish(pack_position(self._state.run, step, step / self._sample_rate, x, y))
         if step % self._clock_steps == 0:
             self._publish_clock()
 

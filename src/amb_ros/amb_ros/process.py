@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -37,7 +38,8 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
         for factory in factories:
             nodes.append(factory())
             executor.add_node(nodes[-1])
-        _spin(executor)
+        gc.freeze()  # what was made so far stays: the collector need not walk it in the middle of the loop
+        spin(executor)
     except AmbError as problem:
         print(f"[amb] {problem}", file=sys.stderr)
         return 1
@@ -59,7 +61,7 @@ def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     return run_nodes([factory], args)
 
 
-def _spin(executor: Executor) -> None:
+def spin(executor: Executor) -> None:
     """Spin until the context is shut down.
 
     EventsExecutor hangs in `spin` and in waits without a time-out. Waiting for a future that never completes keeps the
