@@ -73,6 +73,11 @@ class AmbClient:
     domain_id : int, optional
         DDS domain of the graph; ROS_DOMAIN_ID by default.
 
+    Attributes
+    ----------
+    node : Node
+        The node behind the calls, for subscriptions of one's own; its callbacks run during calls and `wait_until`.
+
     Raises
     ------
     ClientError
@@ -83,13 +88,13 @@ class AmbClient:
         self.timeout = timeout
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain_id)
-        self._node = Node("amb_client", namespace=namespace, context=self._context, start_parameter_services=False)
+        self.node = Node("amb_client", namespace=namespace, context=self._context, start_parameter_services=False)
         self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
         self._state: SimulatorState | None = None
         self._run = 0
-        self._node.create_subscription(SimulatorState, topics.SIMULATOR_STATE, self._on_state, LATCHED)
+        self.node.create_subscription(SimulatorState, topics.SIMULATOR_STATE, self._on_state, LATCHED)
 
     def __enter__(self) -> AmbClient:
         return self
@@ -101,7 +106,7 @@ class AmbClient:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._node.destroy_node()
+        self.node.destroy_node()
         self._context.try_shutdown()
 
     # -- simulator
@@ -193,27 +198,30 @@ class AmbClient:
         """The last identified model."""
         return model_from_message(self._call(GetModel, "identifier/get_model").model)
 
-    # -- plumbing
-
-    def _call(self, service: Any, name: str, /, *, timeout: float | None = None, **fields: Any) -> Any:
-        if name not in self._clients:
-            self._clients[name] = self._node.create_client(service, name)
-        client = self._clients[name]
-        wait = self.timeout if timeout is None else timeout
-        self._wait(client.service_is_ready, self.timeout, f"no service {client.srv_name}; is the node running?")
-        future = client.call_async(service.Request(**fields))
-        self._wait(future.done, wait, f"no answer from {client.srv_name} within {wait:g} s")
-        answer = future.result()
-        if not answer.success:
-            raise ClientError(f"{client.srv_name}: {answer.message}")
-        return answer
-
-    def _wait(self, condition: Callable[[], bool], timeout: float, complaint: str) -> None:
-        deadline = time.monotonic() + timeout
+    def wait_until(
+        self, condition: Callable[[], bool], timeout: float | None = None, complaint: str = "timed out"
+    ) -> None:
+        """Process messages until a condition holds; `complaint` is the error's text if it does not in time (s)."""
+        deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
         while not condition():
             if time.monotonic() > deadline:
                 raise ClientError(complaint)
             self._executor.spin_once(timeout_sec=0.05)
+
+    # -- plumbing
+
+    def _call(self, service: Any, name: str, /, *, timeout: float | None = None, **fields: Any) -> Any:
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(service, name)
+        client = self._clients[name]
+        wait = self.timeout if timeout is None else timeout
+        self.wait_until(client.service_is_ready, self.timeout, f"no service {client.srv_name}; is the node running?")
+        future = client.call_async(service.Request(**fields))
+        self.wait_until(future.done, wait, f"no answer from {client.srv_name} within {wait:g} s")
+        answer = future.result()
+        if not answer.success:
+            raise ClientError(f"{client.srv_name}: {answer.message}")
+        return answer
 
     def _on_state(self, message: SimulatorState) -> None:
         self._state = message

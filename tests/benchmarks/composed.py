@@ -1,0 +1,53 @@
+"""The 10 kHz loop with simulator and controller in one process: is it faster than real time, with the same samples?"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from amb_bringup.client import AmbClient
+from amb_core.control import ControllerParameters, PdController
+from amb_core.loop import simulate
+from amb_core.messages import block_from_message
+from amb_core.plant import Plant
+from amb_core.telemetry import merge_blocks
+from amb_msgs.msg import LoopSamples
+from amb_ros.qos import STREAM
+
+STEPS = 50_000  # 5 s
+WARM_UP = 2_000
+DOMAIN = 94
+
+
+def measure() -> dict[str, float | bool]:
+    """Time of a step (us), simulated over wall-clock time for 5 s, and whether the samples are those without ROS."""
+    environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
+    process = subprocess.Popen([sys.executable, "-m", "amb_bringup.composed_loop"], env=environment)
+    blocks: list[LoopSamples] = []
+    try:
+        with AmbClient(domain_id=DOMAIN) as amb:
+            amb.node.create_subscription(LoopSamples, "telemetry", blocks.append, STREAM)
+            amb.reset()
+            amb.run(WARM_UP)
+            run = amb.reset()
+            started = time.perf_counter()
+            amb.run(STEPS)
+            wall = time.perf_counter() - started
+            amb.wait_until(lambda: sum(len(block.position_x) for block in blocks if block.run == run) >= STEPS)
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(30.0)
+    record = merge_blocks([block_from_message(block) for block in blocks if block.run == run], 0, STEPS)
+    controller = PdController(ControllerParameters())
+    return {
+        "step_us": wall / STEPS * 1e6,
+        "realtime_factor": STEPS * record.sample_time / wall,
+        "bit_identical": record.identical_to(simulate(Plant(), controller, STEPS)),
+    }
+
+
+if __name__ == "__main__":
+    print(measure())

@@ -1,0 +1,59 @@
+"""Speed of plant and loop: runs every benchmark, prints a table and writes results/bench.json.
+
+Timings depend on the machine and on what else it does; compare ratios of one run, and runs on one machine.
+Keys of earlier runs that this run does not measure are kept.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Callable
+from pathlib import Path
+
+import composed
+import lockstep
+import plant
+from rich.console import Console
+from rich.table import Table
+
+RESULTS = Path(__file__).parents[2] / "results" / "bench.json"
+BENCHMARKS: dict[str, Callable[[], dict[str, float | bool]]] = {
+    "simulator": plant.measure,
+    "lockstep": lockstep.measure,
+    "composed": composed.measure,
+}
+
+
+def main() -> None:
+    """Measure and report."""
+    console = Console()
+    results = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    table = Table("benchmark", "value", title="make bench")
+    for name, measure in BENCHMARKS.items():
+        with console.status(f"measuring {name}"):
+            values = measure()
+        results.setdefault(name, {}).update(values)
+        for key, value in values.items():
+            table.add_row(f"{name}.{key}", f"{value:.4g}" if isinstance(value, float) else str(value))
+    results["machine"] = {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+    }
+    RESULTS.parent.mkdir(exist_ok=True)
+    RESULTS.write_text(json.dumps(results, indent=2) + "\n")
+    console.print(table)
+    console.print(f"written to {RESULTS.relative_to(Path.cwd()) if RESULTS.is_relative_to(Path.cwd()) else RESULTS}")
+
+
+def _processor() -> str:
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return platform.processor()
+
+
+if __name__ == "__main__":
+    main()
