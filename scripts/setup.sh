@@ -15,9 +15,11 @@ fail() { printf '[setup] error: %s\n' "$*" >&2; exit 1; }
 unset PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH ROS_DISTRO \
     _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
-find_python() {  # a CPython 3.11 or 3.12 that can make environments and compile extensions
+# A CPython 3.11 or 3.12 that can make environments and compile extensions. That of the distribution comes first: it is
+# built with profile-guided optimisation, without which (as version managers build theirs) the loop is a fifth slower.
+find_python() {
     local candidate problems=""
-    for candidate in ${AMB_PYTHON:-python3.11 python3.12 python3}; do
+    for candidate in ${AMB_PYTHON:-/usr/bin/python3.11 /usr/bin/python3.12 python3.11 python3.12 python3}; do
         local missing
         missing=$("$candidate" - 2>/dev/null <<'PY'
 import importlib.util, os, platform, sys, sysconfig
@@ -91,6 +93,11 @@ build() {
         cat log/latest_build/*/stderr.log >&2
         fail "the build failed; full logs are in log/latest_build"
     fi
+    say "compiling the numerical kernels"
+    (
+        source scripts/env.sh
+        python -m amb_core.warm_up
+    )
     build_state | checksum > "$build_stamp"
 }
 
