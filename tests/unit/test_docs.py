@@ -1,0 +1,296 @@
+"""The documentation says what the code says: parameter tables, interfaces, units, docstrings and links.
+
+The parameter tables in the READMEs are rendered from the declarations; `python tests/unit/test_docs.py` rewrites them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import amb_core
+from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
+from amb_core.excitation import KINDS, Excitation
+from amb_core.parameters import Declaration, Parameters, declarations
+from amb_ident_node.identifier import IdentifierParameters
+from amb_ident_node.recorder import RecorderParameters
+from amb_ros import topics
+from amb_sim_node.parameters import SimulatorParameters
+
+ROOT = Path(__file__).parents[2]
+NODE_PACKAGES = ("amb_sim_node", "amb_controller_node", "amb_ident_node")
+PACKAGES = ("amb_msgs", *NODE_PACKAGES, "src/amb_core", "src/amb_ros", "src/amb_bringup")
+READMES = [ROOT / "README.md", *(ROOT / package / "README.md" for package in PACKAGES)]
+SECTIONS = ["Purpose", "Design", "Assumptions and known limits", "Inputs and outputs", "Parameters", "Examples"]
+UNITS = {"-", "A", "A, m", "Hz", "m", "m/A", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
+
+TABLE = re.compile(r"(<!-- parameters: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+TOPIC_NAMES = {name: value for name, value in vars(topics).items() if name.isupper() and name != "NAMESPACE"}
+
+
+# -- tables from declarations
+
+
+def parameter_table(parameters: type[Parameters]) -> str:
+    lines = [
+        "| name | default | unit | allowed | description | change |",
+        "|---|---|---|---|---|---|",
+    ]
+    for item in declarations(parameters):
+        change = "runtime" if item.runtime else "read-only"
+        cells = (f"`{item.name}`", _value(item.default), item.unit, _allowed(item), item.description, change)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def excitation_table(_: type[Parameters]) -> str:
+    """The kinds of excitation by field; empty where a kind does not have it."""
+    names = list(dict.fromkeys(name for kind in KINDS.values() for name in kind.model_fields))
+    lines = [f"| field | {' | '.join(KINDS)} |", "|---" * (len(KINDS) + 1) + "|"]
+    for name in names:
+        cells = [_field(kind, name) for kind in KINDS.values()]
+        lines.append(f"| `{name}` | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+TABLES: dict[str, tuple[Callable[[type[Parameters]], str], type[Parameters]]] = {
+    **{
+        parameters.__name__: (parameter_table, parameters)
+        for parameters in (
+            SimulatorParameters,
+            PdControllerParameters,
+            GeneratorParameters,
+            RecorderParameters,
+            IdentifierParameters,
+        )
+    },
+    "excitations": (excitation_table, Excitation),
+}
+
+
+def with_current_tables(text: str) -> str:
+    def render(match: re.Match[str]) -> str:
+        make, parameters = TABLES[match[2]]
+        return match[1] + make(parameters) + match[3]
+
+    return TABLE.sub(render, text)
+
+
+def _value(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _allowed(item: Declaration) -> str:
+    if item.choices:
+        return ", ".join(item.choices)
+    if item.minimum is None or item.maximum is None:
+        return item.allowed
+    return " to ".join(f"{bound:d}" if item.type is int else f"{bound:g}" for bound in (item.minimum, item.maximum))
+
+
+def _field(kind: type[Excitation], name: str) -> str:
+    field = kind.model_fields.get(name)
+    if field is None:
+        return ""
+    if field.is_required():
+        return "required"
+    unit = next(item.unit for item in declarations(kind) if item.name == name)
+    return "none" if field.default == () else f"{_value(field.default)} {'' if unit == '-' else unit}".strip()
+
+
+@pytest.mark.parametrize("readme", READMES, ids=lambda path: path.parent.name)
+def test_parameter_tables_are_those_of_the_declarations(readme: Path) -> None:
+    text = readme.read_text()
+    assert text == with_current_tables(text), (
+        f"{readme.relative_to(ROOT)} is out of date; run: python tests/unit/test_docs.py"
+    )
+
+
+def test_every_parameter_set_has_its_table() -> None:
+    shown = {match[2] for readme in READMES for match in TABLE.finditer(readme.read_text())}
+    assert shown == set(TABLES)
+
+
+# -- shape of the READMEs
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_readmes_of_packages_have_one_order(package: str) -> None:
+    headings = re.findall(r"^## (.*)$", (ROOT / package / "README.md").read_text(), re.MULTILINE)
+    assert headings == SECTIONS
+
+
+@pytest.mark.parametrize("readme", READMES, ids=lambda path: path.parent.name)
+def test_links_lead_somewhere(readme: Path) -> None:
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", readme.read_text()):
+        if not target.startswith("https://"):
+            assert (readme.parent / target).exists(), f"{readme.relative_to(ROOT)} links to {target}"
+
+
+@pytest.mark.parametrize("readme", READMES, ids=lambda path: path.parent.name)
+def test_python_examples_are_python(readme: Path) -> None:
+    for number, example in enumerate(_examples(readme)):
+        compile(example, f"{readme.relative_to(ROOT)} example {number}", "exec")
+
+
+def test_examples_without_ros_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for example in _examples(ROOT / "src" / "amb_core" / "README.md"):
+        exec(example, names)
+
+
+def _examples(readme: Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```$", readme.read_text(), re.DOTALL | re.MULTILINE)
+
+
+# -- topics and services
+
+
+def documented(package: str, kind: str) -> dict[str, str]:
+    """Names and types in the tables of a README whose first column is `topic` or `service`."""
+    found: dict[str, str] = {}
+    in_table = False
+    for line in (ROOT / package / "README.md").read_text().splitlines():
+        cells = [cell.strip().strip("`") for cell in line.strip("|").split("|")]
+        if not line.startswith("|"):
+            in_table = False
+        elif cells[0] == kind:
+            in_table = True
+        elif in_table and not cells[0].startswith("---"):
+            found[cells[0]] = cells[1]
+    return found
+
+
+def sources(package: str) -> dict[str, str]:
+    return {path.stem: path.read_text() for path in sorted((ROOT / package).glob("amb_*/*.py"))}
+
+
+def services(package: str) -> dict[str, str]:
+    """Full relative names and types of the services that the nodes of a package create."""
+    return {
+        f"{node}/{name}": kind
+        for node, text in sources(package).items()
+        for kind, name in re.findall(r'create_service\(\s*self, (\w+), "~/(\w+)"', text)
+    }
+
+
+@pytest.mark.parametrize("package", NODE_PACKAGES)
+def test_topics_in_the_readme_are_those_of_the_nodes(package: str) -> None:
+    code = "\n".join(sources(package).values())
+    used = {TOPIC_NAMES[name] for name in re.findall(r"\btopics\.([A-Z_]+)", code) if name in TOPIC_NAMES}
+    used |= set(re.findall(r'"(/\w+)"', code))
+    if "diagnostics." in code:
+        used.add("/diagnostics")
+    assert set(documented(package, "topic")) == used
+
+
+@pytest.mark.parametrize("package", NODE_PACKAGES)
+def test_message_types_in_the_readme_are_those_of_the_code(package: str) -> None:
+    code = "\n".join(sources(package).values())
+    for topic, kind in documented(package, "topic").items():
+        assert re.search(rf"\b{kind.rsplit('/', 1)[-1]}\b", code) or topic == "/diagnostics"
+
+
+@pytest.mark.parametrize("package", NODE_PACKAGES)
+def test_services_in_the_readme_are_those_of_the_nodes(package: str) -> None:
+    assert documented(package, "service") == services(package)
+
+
+def test_names_in_the_top_readme_exist() -> None:
+    every_service = {name for package in NODE_PACKAGES for name in services(package)}
+    named = set(re.findall(r"`((?:simulator|pd_controller|excitation_generator|recorder|identifier)/\w+)`", _top()))
+    assert named == every_service | {topics.SIMULATOR_STATE}
+    for topic in TOPIC_NAMES.values():
+        assert f"`{topic}`" in _top()
+
+
+def _top() -> str:
+    return (ROOT / "README.md").read_text()
+
+
+# -- messages
+
+
+def fields_with_comments(path: Path) -> Iterator[tuple[str, str]]:
+    """Fields of a message or service, and their comments with the lines that continue them."""
+    field, comment = "", ""
+    for line in path.read_text().splitlines():
+        declaration, _, text = line.partition("#")
+        if declaration.strip() and "=" not in declaration and declaration.strip() != "---":
+            if field:
+                yield field, comment
+            field, comment = declaration.strip(), text
+        elif declaration and not declaration.strip():  # indented: goes on with the comment above
+            comment += text
+        elif field:
+            yield field, comment
+            field = ""
+    if field:
+        yield field, comment
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "amb_msgs").glob("[ms][sr][gv]/*.[ms][sr][gv]")), ids=lambda path: path.name
+)
+def test_every_field_of_a_message_has_its_unit(path: Path) -> None:
+    for field, comment in fields_with_comments(path):
+        assert set(re.findall(r"\(([^()]*)\)", comment)) & UNITS, f"{path.name}: '{field}' lacks a unit in parentheses"
+
+
+# -- docstrings
+
+
+def modules() -> list[ModuleType]:
+    names = [module.name for module in pkgutil.walk_packages(amb_core.__path__, "amb_core.")]
+    return [importlib.import_module(name) for name in names]
+
+
+def public_objects(module: ModuleType) -> Iterator[tuple[str, object]]:
+    """Functions and classes by name that a module defines and makes public (`__all__`, or no underscore)."""
+    for name in getattr(module, "__all__", [name for name in vars(module) if not name.startswith("_")]):
+        item = getattr(module, name)
+        item = getattr(item, "py_func", item)  # the Python function behind a compiled one
+        own = hasattr(module, "__all__") or getattr(item, "__module__", "") == module.__name__
+        if own and (inspect.isclass(item) or inspect.isfunction(item)):
+            yield name, item
+
+
+def docstring_problem(item: object) -> str:
+    """What is wrong with a docstring; empty if it is in order."""
+    text = inspect.cleandoc(item.__doc__ or "")
+    if not text:
+        return "has no docstring"
+    for heading, line in re.findall(r"^(Parameters|Attributes|Returns|Raises)\n(.*)$", text, re.MULTILINE):
+        if line != "-" * len(heading):
+            return f"section {heading} is not underlined"
+    section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+$|\Z)", text, re.DOTALL | re.MULTILINE)
+    if section is None:
+        return ""
+    lines = re.findall(r"^(\w[\w, ]*?)(?: : .*)?$", section[1], re.MULTILINE)
+    described = {name for line in lines for name in line.split(", ")}
+    unknown = described - set(inspect.signature(item).parameters)  # type: ignore[arg-type]
+    return f"describes {', '.join(sorted(unknown))}, which it does not take" if unknown else ""
+
+
+@pytest.mark.parametrize("module", modules(), ids=lambda module: module.__name__)
+def test_public_names_have_docstrings_that_fit_their_signature(module: ModuleType) -> None:
+    assert not {name: problem for name, item in public_objects(module) if (problem := docstring_problem(item))}
+
+
+def test_exported_names_exist() -> None:
+    for module in modules():
+        for name in getattr(module, "__all__", []):
+            assert hasattr(module, name), f"{module.__name__} exports {name}, which it lacks"
+
+
+if __name__ == "__main__":
+    for path in READMES:
+        path.write_text(with_current_tables(path.read_text()))
