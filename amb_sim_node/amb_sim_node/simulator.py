@@ -7,6 +7,8 @@ that stays unanswered is published again once a controller listens.
 
 from __future__ import annotations
 
+import time
+
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -45,7 +47,11 @@ class SimulatorNode(Node):
         self._clock_steps = max(round(self._settings.clock_period * self._sample_rate), 1)
 
         self._clock_message = ClockMessage()
-        self._state = SimulatorState(mode=SimulatorState.PAUSED, run=0, sample_time=self._plant.sample_time)
+        self._state = SimulatorState(
+            run=int(time.time()),  # so that no run of an earlier simulator comes back under its number
+            mode=SimulatorState.PAUSED,
+            sample_time=self._plant.sample_time,
+        )
         self._fault = ""
         self._answered = True  # False between the publication of a step and its answer
         self._seen_step = -1  # step at the last look of the watch

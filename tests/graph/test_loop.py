@@ -338,3 +338,18 @@ def test_wrong_parameter_stops_the_node_at_start_with_one_line(graph, module, pa
     assert process.returncode == 1
     assert line in errors
     assert len(errors.strip().splitlines()) == 1
+
+
+def test_restarted_simulator_starts_a_run_that_nobody_takes_for_an_old_one(graph, bearing):
+    simulator = graph.start(SIMULATOR)
+    start_loop(graph, CONTROLLER, GENERATOR)
+    run = bearing.reset()
+    bearing.excite(SQUARE, run, 0)
+    bearing.run(100)
+    bearing.wait_for_step(run, 100)
+    graph.stop(simulator)
+    graph.start(SIMULATOR)
+    later = bearing.reset()
+    assert later > run
+    bearing.run(100)
+    assert np.abs(bearing.record(later, 100).reference).max() == 0.0  # the excitation was for the old run

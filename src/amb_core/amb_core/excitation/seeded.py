@@ -14,7 +14,6 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
-from scipy.signal import max_len_seq
 
 from amb_core.errors import ExcitationError
 from amb_core.excitation.deterministic import EDGE_TOLERANCE, HIGHEST_AMPLITUDE, HIGHEST_FREQUENCY
@@ -114,6 +113,8 @@ class Prbs(_Seeded):
 
     def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
         """Samples of the sequence (m), shape (steps,)."""
+        from scipy.signal import max_len_seq  # takes a second to import, which the other kinds need not wait for
+
         clock = np.floor(self.frequency * np.arange(steps) / sample_rate + EDGE_TOLERANCE).astype(np.int64)
         bits = int(clock[-1]) + 1
         register = max(2, (2 * bits).bit_length())

@@ -1,0 +1,96 @@
+"""The graph as users start it, from the launch files, driven through AmbClient."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from domain_coordinator import domain_id
+
+from amb_bringup.client import AmbClient, ClientError
+from amb_bringup.launcher import Graph, launch_file
+from amb_bringup.packages import share_folder
+from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
+from amb_core.bags import read_bag
+from amb_core.parameters import load_parameters
+from amb_sim_node.parameters import SimulatorParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+SETTLING = 1_000
+STEPS = 6_000
+
+
+@pytest.mark.parametrize(
+    ("node", "parameters"),
+    [
+        ("simulator", SimulatorParameters),
+        ("pd_controller", PdControllerParameters),
+        ("excitation_generator", GeneratorParameters),
+    ],
+)
+def test_parameter_file_of_the_paper_holds_the_defaults(node, parameters):
+    assert load_parameters(parameters, share_folder("amb_bringup") / "config" / "paper.yaml", node) == parameters()
+
+
+@pytest.fixture(scope="module", params=["bearing", "composed"])
+def amb(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[AmbClient]:
+    log = tmp_path_factory.mktemp("log")
+    with domain_id() as domain:
+        environment = {"ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(log)}
+        with (
+            Graph.from_launch_file(launch_file(request.param), env=environment),
+            AmbClient(domain_id=int(domain)) as client,
+        ):
+            yield client
+
+
+def test_experiment_is_recorded_and_identified_live_and_from_its_bag(amb: AmbClient, tmp_path: Path):
+    bag = amb.start_recording(str(tmp_path / "bag"))
+    run = amb.reset()
+    excited = amb.start_excitation(
+        "square", first_step=SETTLING, amplitude=20e-6, duration=0.5, frequency=10.0, axes="in_turn"
+    )
+    assert (excited.run, excited.first_step, excited.steps) == (run, SETTLING, STEPS - SETTLING)
+    seen: list[int] = []
+    end = amb.run(STEPS, seen.append)
+    assert (end.run, end.step, end.delevitated) == (run, STEPS, False)
+    assert seen[-1] == STEPS
+    assert amb.stop_recording(run, STEPS) == bag
+    live = amb.identify(order=6)
+    recorded = amb.identify(bag=bag, order=6)
+    np.testing.assert_array_equal(live.a, recorded.a)
+    np.testing.assert_array_equal(amb.get_model().a, recorded.a)
+    assert live.samples == STEPS - SETTLING
+    content = read_bag(bag)
+    assert content.telemetry(run).steps == STEPS
+    assert content.parameters()["/amb/pd_controller"]["proportional_gain"] == 20_000.0
+    assert [excitation.first_step for excitation in content.excitations(run)][-1] == SETTLING
+
+
+@pytest.mark.parametrize(
+    ("call", "reason"),
+    [
+        (lambda amb: amb.run(0), "steps = 0 is not allowed"),
+        (lambda amb: amb.start_excitation("square", amplitude=-1.0, duration=1.0), "'amplitude' = -1.0 is not allowed"),
+        (lambda amb: amb.start_excitation("square", amplitud=1e-6), "unknown setting 'amplitud'; allowed:"),
+        (lambda amb: amb.identify(bag="/nowhere"), "/nowhere"),
+        (lambda amb: amb.stop_recording(), "recorder/stop"),
+    ],
+)
+def test_refusals_are_errors_with_the_reason(amb: AmbClient, call, reason):
+    with pytest.raises(ClientError) as caught:
+        call(amb)
+    assert reason in str(caught.value)
+
+
+def test_missing_graph_is_an_error_that_names_the_service():
+    with (
+        domain_id() as domain,
+        AmbClient(domain_id=int(domain), timeout=0.3) as client,
+        pytest.raises(ClientError, match="no service /amb/simulator/reset; is the node running"),
+    ):
+        client.reset()

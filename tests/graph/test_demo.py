@@ -1,0 +1,35 @@
+"""The demo reaches its numbers (the paper's main experiment, in full length)."""
+
+import json
+
+import pytest
+from domain_coordinator import domain_id
+
+from amb_bringup.demo import run_demo
+from amb_bringup.packages import share_folder
+from amb_core.bags import read_bag
+from amb_core.identification import StateSpaceModel
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_demo_reaches_its_numbers_and_leaves_its_results(tmp_path):
+    parameter_file = share_folder("amb_bringup") / "config" / "paper.yaml"
+    told: set[str] = set()
+    with domain_id() as domain:
+        summary = run_demo(tmp_path, parameter_file, int(domain), lambda name, _done, _total: told.add(name))
+    assert summary.bit_identical
+    assert summary.processes == 5
+    assert summary.closed_loop_natural_hz == pytest.approx(63.0, abs=3.0)
+    assert summary.damping_ratio == pytest.approx(0.51, abs=0.06)
+    assert summary.sag_um == pytest.approx(66.0, abs=4.0)
+    assert summary.order == 10
+    assert summary.fit_x >= 98.0
+    assert summary.fit_y >= 96.5
+    assert summary.unstable_poles == 2
+    assert json.loads((tmp_path / "summary.json").read_text())["steps"] == summary.steps == 42_000
+    assert StateSpaceModel.load(tmp_path / "model.json").order == 10
+    assert not read_bag(tmp_path / "bag").truncated
+    assert (tmp_path / "orbit.png").stat().st_size > 10_000
+    assert (tmp_path / "response.png").stat().st_size > 10_000
+    assert {"small step", "square waves", "identification"} <= told
