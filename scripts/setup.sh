@@ -95,6 +95,7 @@ build() {
     fi
     say "compiling the numerical kernels"
     (
+        set +u    # the set-up files that colcon writes do without
         source scripts/env.sh
         python -m amb_core.warm_up
     )
