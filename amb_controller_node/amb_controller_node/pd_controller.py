@@ -18,7 +18,7 @@ from amb_msgs.msg import CurrentReference, Excitation, ExcitationStatus, LoopSam
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import LATCHED, STREAM
+from amb_ros.qos import HISTORY, LATCHED, STREAM
 from amb_ros.sample_messages import pack_current, unpack_position
 from amb_ros.stamps import set_step_time
 
@@ -46,7 +46,7 @@ class PdControllerNode(Node):
         self._flushed_step = -1
 
         self._current_publisher = self.create_publisher(CurrentReference, topics.CURRENT_REFERENCE, STREAM)
-        self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, STREAM)
+        self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
         self._status_publisher = self.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, LATCHED)
         self._position_subscription = self.create_subscription(
             RotorPosition, topics.POSITION, self._on_position, STREAM, raw=True

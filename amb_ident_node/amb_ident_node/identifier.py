@@ -28,7 +28,7 @@ from amb_ros import diagnostics, topics
 from amb_ros.models import model_to_message
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import LATCHED, STREAM
+from amb_ros.qos import HISTORY, LATCHED
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
 
@@ -65,7 +65,7 @@ class IdentifierNode(Node):
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="identifier")
         self._publisher = self.create_publisher(StateSpaceModel, topics.MODEL, LATCHED)
         self._telemetry_subscription = self.create_subscription(
-            LoopSamples, topics.TELEMETRY, self._on_telemetry, STREAM
+            LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
         )
         self._status_subscription = self.create_subscription(
             ExcitationStatus, topics.EXCITATION_STATUS, self._on_excitation_status, STATUS_QOS

@@ -31,12 +31,13 @@ from amb_ros import diagnostics, topics
 from amb_ros.definitions import message_definition
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import STREAM
+from amb_ros.qos import HISTORY, STREAM
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
 
 PARAMETER_EVENTS = "/parameter_events"
 DISCOVERY_TIMEOUT = 2.0  # s
+READING_ATTEMPTS = 3  # to read the parameters of a node, which may just be starting
 DEFAULT_STOP_TIMEOUT = 10.0  # s
 LONGEST_STOP_TIMEOUT = 3600.0  # s
 
@@ -60,6 +61,7 @@ class RecordedTopic(NamedTuple):
     name: str
     type: Any
     latched: bool = False
+    stream: QoSProfile = STREAM
 
     @property
     def type_name(self) -> str:
@@ -70,14 +72,14 @@ class RecordedTopic(NamedTuple):
     def qos(self) -> QoSProfile:
         """As the publishers offer it, with room for a burst."""
         if not self.latched:
-            return STREAM
+            return self.stream
         return QoSProfile(
             depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
         )
 
 
 RECORDED = (
-    RecordedTopic(topics.TELEMETRY, LoopSamples),
+    RecordedTopic(topics.TELEMETRY, LoopSamples, stream=HISTORY),
     RecordedTopic(topics.EXCITATION, Excitation, latched=True),
     RecordedTopic(topics.EXCITATION_STATUS, ExcitationStatus, latched=True),
     RecordedTopic(topics.MODEL, StateSpaceModel, latched=True),
@@ -98,6 +100,7 @@ class RecorderNode(Node):
         self._latched: dict[str, bytes] = {}
         self._switching = threading.Lock()  # a message falls either before or into a bag that starts
         self._remote_parameters = RemoteParameters(self)
+        self._attempts: dict[str, int] = {}  # to read a node's parameters for this bag; complete after a success
         self._definitions = {topic.type_name: message_definition(topic.type_name) for topic in RECORDED}
         # One worker: a start and a stop never run at the same time.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="recorder")
@@ -140,6 +143,8 @@ class RecorderNode(Node):
     def _on_flush_timer(self) -> None:
         if self._recording is not None:
             self._recording.flush()
+            if self._undescribed_nodes():
+                self._worker.submit(self._describe_late_nodes)
 
     # -- services, in the worker
 
@@ -185,6 +190,7 @@ class RecorderNode(Node):
             raise BagError(f"already recording {self._recording.folder}; stop that first")
         folder = Path(self._settings.directory).expanduser() / (uri or time.strftime("amb_%Y-%m-%d_%H-%M-%S"))
         self._wait_for_publishers()
+        self._attempts.clear()
         parameters = self._read_parameters()
         writer = BagWriter(folder, self._settings.chunk_period)
         for name, topic in self._topics.items():
@@ -206,8 +212,11 @@ class RecorderNode(Node):
             self.get_logger().error(str(problem))
 
     def _wait_for_publishers(self) -> None:
-        """Wait until the publishers that exist are connected."""
+        """Wait until a controller publishes telemetry and the publishers that exist are connected."""
         deadline = time.monotonic() + DISCOVERY_TIMEOUT
+        telemetry = self.resolve_topic_name(topics.TELEMETRY)
+        while not self.count_publishers(telemetry) and time.monotonic() < deadline:
+            time.sleep(0.01)
         waiting = dict(self._subscriptions_by_name)
         while waiting and time.monotonic() < deadline:
             waiting = {
@@ -219,18 +228,31 @@ class RecorderNode(Node):
         for name in waiting:
             self.get_logger().warning(f"not connected to every publisher of {name}; do their QoS settings fit?")
 
+    def _undescribed_nodes(self) -> list[str]:
+        return [name for name in self._remote_parameters.nodes() if self._attempts.get(name, 0) < READING_ATTEMPTS]
+
     def _read_parameters(self) -> dict[str, dict[str, ParameterValue]]:
-        """The present parameters of all nodes of the workbench.
+        """The parameters of those nodes of the workbench that the bag does not describe yet.
 
         Reading them also proves that those nodes have heard of this one, and so that nothing they publish is missed.
         """
         parameters = {}
-        for name in self._remote_parameters.nodes():
+        for name in self._undescribed_nodes():
             try:
                 parameters[name] = self._remote_parameters.read(name, self._settings.parameter_timeout)
+                self._attempts[name] = READING_ATTEMPTS
             except ParameterError as problem:
-                self.get_logger().warning(f"{problem} The bag will lack them.")
+                self._attempts[name] = self._attempts.get(name, 0) + 1
+                if self._attempts[name] == READING_ATTEMPTS:
+                    self.get_logger().warning(f"{problem} The bag lacks them.")
         return parameters
+
+    def _describe_late_nodes(self) -> None:
+        """Write the parameters of nodes that started after the bag."""
+        recording = self._recording
+        if recording is not None:
+            for node, values in self._read_parameters().items():
+                recording.write_parameters(PARAMETER_EVENTS, node, values)
 
     def _paused_at(self) -> tuple[int, int] | None:
         """Run and step at which the simulator stands still, None if it is not known to."""

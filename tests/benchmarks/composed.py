@@ -15,7 +15,7 @@ from amb_core.messages import block_from_message
 from amb_core.plant import Plant
 from amb_core.telemetry import merge_blocks
 from amb_msgs.msg import LoopSamples
-from amb_ros.qos import STREAM
+from amb_ros.qos import HISTORY
 
 STEPS = 50_000  # 5 s
 WARM_UP = 2_000
@@ -29,7 +29,7 @@ def measure() -> dict[str, float | bool]:
     blocks: list[LoopSamples] = []
     try:
         with AmbClient(domain_id=DOMAIN) as amb:
-            amb.node.create_subscription(LoopSamples, "telemetry", blocks.append, STREAM)
+            amb.node.create_subscription(LoopSamples, "telemetry", blocks.append, HISTORY)
             amb.reset()
             amb.run(WARM_UP)
             run = amb.reset()

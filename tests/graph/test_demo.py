@@ -2,9 +2,11 @@
 
 import json
 
+import numpy as np
 import pytest
 from domain_coordinator import domain_id
 
+from amb_bringup.client import NODES
 from amb_bringup.demo import run_demo
 from amb_bringup.packages import share_folder
 from amb_core.bags import read_bag
@@ -29,7 +31,12 @@ def test_demo_reaches_its_numbers_and_leaves_its_results(tmp_path):
     assert summary.unstable_poles == 2
     assert json.loads((tmp_path / "summary.json").read_text())["steps"] == summary.steps == 42_000
     assert StateSpaceModel.load(tmp_path / "model.json").order == 10
-    assert not read_bag(tmp_path / "bag").truncated
+    bag = read_bag(tmp_path / "bag")
+    assert not bag.truncated
+    assert set(bag.parameters()) >= {f"/amb/{name}" for name in NODES}
+    recorded = bag.model()
+    assert recorded is not None
+    np.testing.assert_array_equal(recorded.a, StateSpaceModel.load(tmp_path / "model.json").a)
     assert (tmp_path / "orbit.png").stat().st_size > 10_000
     assert (tmp_path / "response.png").stat().st_size > 10_000
     assert {"small step", "square waves", "identification"} <= told

@@ -19,7 +19,7 @@ from amb_core.records import LoopRecord
 from amb_msgs.msg import ExcitationStatus, LoopSamples, StateSpaceModel
 from amb_msgs.srv import GetModel, Identify, StartRecording, StopRecording
 from amb_ros.models import model_to_message
-from amb_ros.qos import LATCHED, STREAM
+from amb_ros.qos import HISTORY, LATCHED
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Graph
@@ -57,7 +57,7 @@ class Loop:
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
-        self.telemetry = graph.node.create_publisher(LoopSamples, "/amb/telemetry", STREAM)
+        self.telemetry = graph.node.create_publisher(LoopSamples, "/amb/telemetry", HISTORY)
         self.status = graph.node.create_publisher(ExcitationStatus, "/amb/excitation_status", LATCHED)
 
     def publish(self, record: LoopRecord, run: int = 1, skip: tuple[int, ...] = ()) -> None:

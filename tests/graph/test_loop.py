@@ -20,7 +20,7 @@ from amb_core.plant import Plant
 from amb_core.telemetry import merge_blocks
 from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition, SimulatorState
 from amb_msgs.srv import Pause, Reset, RunSteps, StartExcitation, StopExcitation
-from amb_ros.qos import LATCHED, STREAM
+from amb_ros.qos import HISTORY, LATCHED, STREAM
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -47,7 +47,7 @@ class Bearing:
         self.diagnostics: list[tuple[float, DiagnosticStatus]] = []
         node = graph.node
         node.create_subscription(SimulatorState, "/amb/simulator/state", self.states.append, LATCHED)
-        self.telemetry = node.create_subscription(LoopSamples, "/amb/telemetry", self.blocks.append, STREAM)
+        self.telemetry = node.create_subscription(LoopSamples, "/amb/telemetry", self.blocks.append, HISTORY)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
 
     def reset(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import resource
 import signal
 from array import array
@@ -14,9 +15,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rosbags.highlevel import AnyReader
 
 from amb_core.bags import read_bag
+from amb_core.errors import BagError
 from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, SimulatorState, StateSpaceModel
 from amb_msgs.srv import StartRecording, StopRecording
-from amb_ros.qos import LATCHED, STREAM
+from amb_ros.qos import HISTORY, LATCHED
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Graph
@@ -32,7 +34,7 @@ class Loop:
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
         node = graph.node
-        self.telemetry = node.create_publisher(LoopSamples, "/amb/telemetry", STREAM)
+        self.telemetry = node.create_publisher(LoopSamples, "/amb/telemetry", HISTORY)
         self.state = node.create_publisher(SimulatorState, "/amb/simulator/state", LATCHED)
         self.excitation = node.create_publisher(Excitation, "/amb/excitation", LATCHED)
         self.status = node.create_publisher(ExcitationStatus, "/amb/excitation_status", LATCHED)
@@ -222,3 +224,17 @@ def test_a_wrong_parameter_ends_the_node_with_one_line(graph: Graph) -> None:
     assert errors.splitlines() == [
         "[amb] /amb/recorder: parameter 'chunk_period' = 99.0 is not allowed; allowed: 0.05 to 10 s"
     ]
+
+
+def test_parameters_of_a_node_that_starts_after_the_bag_are_in_it(loop: Loop, graph: Graph) -> None:
+    graph.start(RECORDER)
+    started = loop.start_bag()
+    late = graph.add_node("pd_controller", "/amb")
+    late.declare_parameter("proportional_gain", 22_000.0)
+
+    def recorded() -> Any:
+        with contextlib.suppress(BagError):  # nothing is on the disk yet
+            return read_bag(started.uri).parameters().get("/amb/pd_controller")
+
+    graph.wait_until(recorded, "the late parameters")
+    assert recorded()["proportional_gain"] == 22_000.0

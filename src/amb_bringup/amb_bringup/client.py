@@ -10,12 +10,13 @@ with AmbClient() as amb:
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
 import rclpy
+from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -37,6 +38,8 @@ from amb_msgs.srv import (
 )
 from amb_ros import topics
 from amb_ros.qos import LATCHED
+
+NODES = ("simulator", "pd_controller", "excitation_generator", "recorder", "identifier")
 
 
 class ClientError(AmbError):
@@ -72,6 +75,8 @@ class AmbClient:
         Longest wall-clock wait for a node to appear, to answer or, while running, to advance (s).
     domain_id : int, optional
         DDS domain of the graph; ROS_DOMAIN_ID by default.
+    nodes : sequence of str
+        The nodes of the graph, relative to the namespace.
 
     Attributes
     ----------
@@ -84,8 +89,15 @@ class AmbClient:
         By every method, if a node is missing, does not answer within the timeout, or refuses; the message says what.
     """
 
-    def __init__(self, namespace: str = topics.NAMESPACE, timeout: float = 20.0, domain_id: int | None = None) -> None:
+    def __init__(
+        self,
+        namespace: str = topics.NAMESPACE,
+        timeout: float = 20.0,
+        domain_id: int | None = None,
+        nodes: Sequence[str] = NODES,
+    ) -> None:
         self.timeout = timeout
+        self._nodes = tuple(nodes)
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain_id)
         self.node = Node("amb_client", namespace=namespace, context=self._context, start_parameter_services=False)
@@ -108,6 +120,13 @@ class AmbClient:
         """Leave the graph."""
         self.node.destroy_node()
         self._context.try_shutdown()
+
+    def wait_for_nodes(self) -> None:
+        """Wait until all nodes of the graph are there."""
+        for name in self._nodes:
+            client = self.node.create_client(GetParameters, f"{name}/get_parameters")
+            self.wait_until(client.service_is_ready, complaint=f"node {name} did not appear; is it running?")
+            self.node.destroy_client(client)
 
     # -- simulator
 
@@ -178,7 +197,11 @@ class AmbClient:
     # -- recording
 
     def start_recording(self, uri: str = "") -> str:
-        """Start a bag in a folder that must not exist yet. Returns its path."""
+        """Start a bag in a folder that must not exist yet. Returns its path.
+
+        Waits for all nodes of the graph first, so that the bag misses nothing of what they do.
+        """
+        self.wait_for_nodes()
         return self._call(StartRecording, "recorder/start", uri=uri).uri
 
     def stop_recording(self, run: int = 0, step: int = 0) -> str:
@@ -214,13 +237,14 @@ class AmbClient:
         if name not in self._clients:
             self._clients[name] = self.node.create_client(service, name)
         client = self._clients[name]
+        full_name = self.node.resolve_service_name(name)
         wait = self.timeout if timeout is None else timeout
-        self.wait_until(client.service_is_ready, self.timeout, f"no service {client.srv_name}; is the node running?")
+        self.wait_until(client.service_is_ready, self.timeout, f"no service {full_name}; is the node running?")
         future = client.call_async(service.Request(**fields))
-        self.wait_until(future.done, wait, f"no answer from {client.srv_name} within {wait:g} s")
+        self.wait_until(future.done, wait, f"no answer from {full_name} within {wait:g} s")
         answer = future.result()
         if not answer.success:
-            raise ClientError(f"{client.srv_name}: {answer.message}")
+            raise ClientError(f"{full_name}: {answer.message}")
         return answer
 
     def _on_state(self, message: SimulatorState) -> None:

@@ -90,10 +90,10 @@ def run_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progr
         first, wall = _experiment(amb, SQUARES, "square waves", progress)
         second, _ = _experiment(amb, SQUARES, "square waves again", progress)
         steps = SETTLING_STEPS + generate(SQUARES, _controller(parameter_file).sample_rate).steps
-        amb.stop_recording(second, steps)
         progress("identification", 0, 1)
-        model = amb.identify(bag=str(bag.absolute()), order=ORDER)
+        model = amb.identify(order=ORDER)
         progress("identification", 1, 1)
+        amb.stop_recording(second, steps)
         graph.check()
         processes = len(graph.processes)
 

@@ -10,6 +10,14 @@ STREAM = QoSProfile(
 )
 """Samples and blocks of samples."""
 
+HISTORY = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=2000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Telemetry: who joins late gets the last 2000 blocks too, so no listener misses the start of an experiment."""
+
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
