@@ -1,5 +1,6 @@
 """The plant of an active magnetic bearing: control current references in, rotor position out."""
 
+from amb_core.plant.linearise import Linearization, linearize
 from amb_core.plant.parameters import (
     AmplifierParameters,
     IntegrationParameters,
@@ -12,9 +13,11 @@ from amb_core.plant.plant import Plant, Trace
 __all__ = [
     "AmplifierParameters",
     "IntegrationParameters",
+    "Linearization",
     "MagneticCircuitParameters",
     "Plant",
     "PlantParameters",
     "RotorParameters",
     "Trace",
+    "linearize",
 ]

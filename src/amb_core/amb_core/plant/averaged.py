@@ -28,7 +28,11 @@ from amb_core.plant.plant import Plant
 
 FLUX, POSITION, VELOCITY, INTEGRAL = slice(0, 8), slice(8, 10), slice(10, 12), slice(12, 16)
 STATE_SIZE = 16
-STATE_NAMES = (*(f"flux_{pole}" for pole in range(POLES)), "x", "y", "v_x", "v_y", "I_+x", "I_+y", "I_-x", "I_-y")
+STATE_NAMES = (
+    *(f"flux_{pole}" for pole in range(POLES)),
+    *("x", "y", "v_x", "v_y"),
+    *("integral_+x", "integral_+y", "integral_-x", "integral_-y"),
+)
 
 POLE_DIRECTIONS = np.column_stack([np.cos(POLE_ANGLES), np.sin(POLE_ANGLES)])
 _SWEEPS = 200
