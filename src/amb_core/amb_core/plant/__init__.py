@@ -1,5 +1,6 @@
 """The plant of an active magnetic bearing: control current references in, rotor position out."""
 
+from amb_core.plant.description import PlantDescription, describe
 from amb_core.plant.linearise import Linearization, linearize
 from amb_core.plant.parameters import (
     AmplifierParameters,
@@ -16,8 +17,10 @@ __all__ = [
     "Linearization",
     "MagneticCircuitParameters",
     "Plant",
+    "PlantDescription",
     "PlantParameters",
     "RotorParameters",
     "Trace",
+    "describe",
     "linearize",
 ]

@@ -1,0 +1,91 @@
+"""`amb plant describe`: what follows from a parameter file, without a running graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from amb_core.plant import PlantDescription
+    from amb_core.plant.description import Entry
+
+app = typer.Typer(help="Look at the plant that a parameter file makes.", no_args_is_help=True)
+
+
+@app.callback()
+def plant() -> None:
+    """Look at the plant that a parameter file makes."""
+
+
+@app.command()
+def describe(
+    params: Annotated[
+        Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, values in SI units, instead of tables.")] = False,
+) -> None:
+    """Print the derived constants of bearing and loop, and which effects the plant has."""
+    from amb_bringup.packages import share_folder
+    from amb_controller_node.parameters import PdControllerParameters
+    from amb_core.parameters import load_parameters
+    from amb_core.plant import describe
+    from amb_sim_node.parameters import SimulatorParameters
+
+    path = params or share_folder("amb_bringup") / "config" / "paper.yaml"
+    description = describe(
+        load_parameters(SimulatorParameters, path, "simulator"),
+        load_parameters(PdControllerParameters, path, "pd_controller"),
+    )
+    if as_json:
+        typer.echo(_json(description))
+        return
+    from rich.console import Console
+
+    console = Console()
+    console.print(_constants(description.entries, str(path)))
+    console.print(_effects(description.effects.entries))
+
+
+def _json(description: PlantDescription) -> str:
+    import json
+    from dataclasses import asdict
+
+    def listed(entries: list[Entry]) -> dict[str, dict[str, object]]:
+        return {entry.name: {key: value for key, value in asdict(entry).items() if key != "name"} for entry in entries}
+
+    return json.dumps(
+        {"constants": listed(description.entries), "effects": listed(description.effects.entries)}, indent=2
+    )
+
+
+def _constants(entries: list[Entry], title: str) -> Table:
+    from rich.table import Table
+
+    table = Table("constant", "value", "unit", "meaning", title=title)
+    table.columns[1].justify = "right"
+    for entry in entries:
+        table.add_row(entry.name, *_prefixed(entry.value, entry.unit), entry.meaning)
+    return table
+
+
+def _effects(entries: list[Entry]) -> Table:
+    from rich.table import Table
+
+    table = Table("effect", "state", "meaning")
+    for entry in entries:
+        table.add_row(entry.name, "on" if entry.value else "off", entry.meaning)
+    return table
+
+
+def _prefixed(value: float | bool | None, unit: str) -> tuple[str, str]:
+    """A value to four digits and its unit, with the SI prefix that suits it."""
+    if value is None or isinstance(value, bool):
+        return {None: "none", True: "yes", False: "no"}[value], unit
+    # Numbers without a unit and rates in 1/s bear no prefix.
+    scales = [(1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u")] if unit[0].isalpha() else [(1.0, "")]
+    scale, prefix = next((pair for pair in scales if abs(value) >= pair[0]), scales[-1] if value else (1.0, ""))
+    return f"{value / scale:.4g}", prefix + unit

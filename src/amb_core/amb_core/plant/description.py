@@ -1,0 +1,171 @@
+"""What follows from a set of parameters: the constants by which an engineer knows a bearing, and its effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from amb_core.control import ControllerParameters
+from amb_core.plant.averaged import coil_references
+from amb_core.plant.linearise import flux_embedding, linearize
+from amb_core.plant.network import COIL_AXES, COILS
+from amb_core.plant.operating_point import static_force
+from amb_core.plant.parameters import PlantParameters
+from amb_core.plant.plant import Plant
+
+_RELATIVE_STEP = 1e-5
+"""Step of the central differences of the static force, over the air gap or 1 A."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of a description; `unit` is `-` for a pure number, `value` None where there is none."""
+
+    name: str
+    value: float | bool | None
+    unit: str
+    meaning: str
+
+
+def _entry(meaning: str, unit: str = "-") -> Any:
+    return field(metadata={"unit": unit, "meaning": meaning})
+
+
+@dataclass(frozen=True)
+class PlantEffects:
+    """Which effects the model of the plant has."""
+
+    coupling: bool = _entry("the electromagnets share flux")
+    eddy_currents: bool = _entry("eddy currents in thin laminations")
+    linear_iron: bool = _entry("iron of constant permeability, without saturation and hysteresis")
+    switching: bool = _entry("pulse-width modulation is resolved, not averaged")
+    unipolar: bool = _entry("coil currents cannot become negative")
+    gravity: bool = _entry("weight of the rotor along -y")
+
+    @property
+    def entries(self) -> list[Entry]:
+        """The effects with their meanings."""
+        return _entries(self)
+
+
+@dataclass(frozen=True)
+class PlantDescription:
+    """Derived constants of a bearing and of its loop; the meaning of each is at its declaration.
+
+    Constants of the bearing are those of the centred rotor at bias current; those of the loop belong to the operating
+    point where the controller holds the rotor, from the averaged model whether or not switching is resolved.
+    """
+
+    current_gain: float = _entry("k_i: force per control current", "N/A")
+    negative_stiffness: float = _entry("k_s: force per displacement, away from the centre", "N/m")
+    coil_inductance: float = _entry("L0: self-inductance of an electromagnet", "H")
+    bias_flux_density: float = _entry("mean flux density in the air gaps", "T")
+    slew_rate: float = _entry("change of a coil current at the duty limit: mean voltage over L0", "A/s")
+    eddy_time_constant: float = _entry("longest lag of the flux behind the coil currents", "s")
+    peak_force: float = _entry("force along an axis at the limit of the control current", "N")
+    sag: float = _entry("distance at which the rotor hangs below its reference", "m")
+    unstable_pole: float = _entry("fastest unstable pole of the plant", "1/s")
+    natural_frequency_x: float | None = _entry("natural frequency of the loop along x", "Hz")
+    natural_frequency_y: float | None = _entry("natural frequency of the loop along y", "Hz")
+    damping_ratio_x: float | None = _entry("damping ratio of the loop along x")
+    damping_ratio_y: float | None = _entry("damping ratio of the loop along y")
+    peak_sensitivity: float = _entry("largest gain from disturbed to measured position")
+    stable: bool = _entry("small motions in the loop die away")
+    effects: PlantEffects = field(kw_only=True)
+
+    @property
+    def entries(self) -> list[Entry]:
+        """The constants with units and meanings."""
+        return _entries(self)
+
+
+def describe(parameters: PlantParameters, controller: ControllerParameters | None = None) -> PlantDescription:
+    """Derive the constants of a bearing.
+
+    Parameters
+    ----------
+    parameters : PlantParameters
+        The plant.
+    controller : ControllerParameters, optional
+        The controller of its loop, by default the paper's gains at the plant's sample rate.
+
+    Raises
+    ------
+    PlantError
+        If the plant cannot be built, the controller holds the rotor nowhere, or their sample rates differ.
+    """
+    plant = Plant(parameters)
+    controller = controller or ControllerParameters(sample_rate=parameters.integration.sample_rate)
+    model = linearize(plant, controller)
+    along_x, along_y = model.rigid_mode("x"), model.rigid_mode("y")
+    circuit, amplifier = parameters.magnetic_circuit, parameters.amplifier
+    inductance = _coil_inductance(plant)
+    bias_flux = plant.static_flux(np.full(COILS, amplifier.bias_current), 0.0, 0.0)
+    return PlantDescription(
+        current_gain=_slope(lambda current: _force(plant, current, 0.0), 1.0),
+        negative_stiffness=_slope(lambda x: _force(plant, 0.0, x), circuit.air_gap),
+        coil_inductance=inductance,
+        bias_flux_density=float(np.abs(bias_flux).mean() / plant.network.pole_area),
+        slew_rate=amplifier.supply_voltage * (2.0 * amplifier.maximum_duty - 1.0) / inductance,
+        eddy_time_constant=_eddy_time_constant(plant),
+        peak_force=_peak_force(plant, controller),
+        sag=float(controller.nominal_reference_y - model.point.position[1]),
+        unstable_pole=float(model.continuous.poles().real.max()),
+        natural_frequency_x=along_x.natural_hz if along_x else None,
+        natural_frequency_y=along_y.natural_hz if along_y else None,
+        damping_ratio_x=along_x.damping_ratio if along_x else None,
+        damping_ratio_y=along_y.damping_ratio if along_y else None,
+        peak_sensitivity=model.peak_sensitivity,
+        stable=model.stable,
+        effects=PlantEffects(
+            coupling=circuit.coupling,
+            eddy_currents=True,
+            linear_iron=True,
+            switching=amplifier.switching,
+            unipolar=amplifier.unipolar,
+            gravity=parameters.rotor.gravity > 0.0,
+        ),
+    )
+
+
+def _entries(description: PlantEffects | PlantDescription) -> list[Entry]:
+    return [
+        Entry(item.name, getattr(description, item.name), **item.metadata)
+        for item in fields(description)
+        if item.metadata
+    ]
+
+
+def _slope(function: Callable[[float], float], scale: float) -> float:
+    """Derivative at zero by the central difference."""
+    step = _RELATIVE_STEP * scale
+    return (function(step) - function(-step)) / (2.0 * step)
+
+
+def _force(plant: Plant, control_current: float, x: float) -> float:
+    """Static force along x (N) of a control current i_x (A), unlimited, at a rotor displacement x (m)."""
+    currents = plant.parameters.amplifier.bias_current + COIL_AXES[:, 0] * control_current
+    return float(static_force(plant, currents, np.array([x, 0.0]))[0])
+
+
+def _peak_force(plant: Plant, controller: ControllerParameters) -> float:
+    references = coil_references(np.array([controller.current_limit, 0.0]), plant)
+    return float(static_force(plant, references, np.zeros(2))[0])
+
+
+def _coil_inductance(plant: Plant) -> float:
+    flux = plant.static_flux(np.eye(COILS)[0], 0.0, 0.0)
+    return float(plant.network.winding[:, 0] @ flux)
+
+
+def _eddy_time_constant(plant: Plant) -> float:
+    """Longest time constant of K dphi/dt + (diag(g_j / (mu_0 A)) + R) phi = N_p S i + potentials, i constant."""
+    from scipy.linalg import eigh
+
+    _, fluxes = flux_embedding(plant)
+    eddy = plant.network.eddy_coefficient
+    reluctance = plant.network.reluctance(0.0, 0.0, plant.parameters.magnetic_circuit.air_gap)
+    return float(eigh(fluxes.T @ eddy @ fluxes, fluxes.T @ reluctance @ fluxes, eigvals_only=True).max())

@@ -1,0 +1,150 @@
+"""The description of a plant: the constants of the paper's bearing, and the command that prints them."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from amb_bringup.cli import app
+from amb_core.control import ControllerParameters
+from amb_core.errors import ParameterError, PlantError
+from amb_core.plant import (
+    AmplifierParameters,
+    IntegrationParameters,
+    MagneticCircuitParameters,
+    PlantDescription,
+    PlantParameters,
+    RotorParameters,
+    describe,
+)
+
+PAPER_FILE = Path(__file__).parents[2] / "src" / "amb_bringup" / "config" / "paper.yaml"
+
+
+@pytest.fixture(scope="module")
+def paper() -> PlantDescription:
+    return describe(PlantParameters())
+
+
+@pytest.mark.parametrize(("coupling", "stiffness"), [(True, 3.57e5), (False, 3.05e5)])
+def test_ideal_iron_gives_the_values_of_the_closed_forms(coupling, stiffness):
+    circuit = MagneticCircuitParameters(relative_permeability=1e12, coupling=coupling)
+    found = describe(PlantParameters(magnetic_circuit=circuit))
+    assert found.current_gain == pytest.approx(66.0, abs=0.1)
+    assert found.negative_stiffness == pytest.approx(stiffness, rel=2e-3)
+    assert found.bias_flux_density == pytest.approx(0.314, abs=1e-3)
+    assert found.peak_force == pytest.approx(3.0 * found.current_gain, rel=1e-9)
+
+
+def test_inductance_and_slew_rate_are_those_of_two_gaps_in_series():
+    circuit = MagneticCircuitParameters(relative_permeability=1e12, coupling=False)
+    found = describe(PlantParameters(magnetic_circuit=circuit))
+    assert found.coil_inductance == pytest.approx(7.15e-3, rel=1e-3)
+    assert found.slew_rate == pytest.approx(2.1e4, rel=5e-3)
+
+
+def test_paper_bearing_has_its_natural_frequency_damping_and_sag(paper):
+    assert paper.natural_frequency_x == pytest.approx(63.0, abs=1.0)
+    assert paper.damping_ratio_x == pytest.approx(0.5, abs=0.02)
+    assert paper.natural_frequency_y < paper.natural_frequency_x  # the sag moves y towards the stronger magnet
+    assert paper.sag == pytest.approx(66e-6, abs=4e-6)
+    assert paper.stable
+
+
+def test_iron_lowers_gain_and_stiffness_by_less_than_a_tenth(paper):
+    assert 60.0 < paper.current_gain < 66.0
+    assert 0.9 * 3.57e5 < paper.negative_stiffness < 3.57e5
+
+
+def test_eddy_currents_lag_in_proportion_to_the_conductivity(paper):
+    twice = describe(PlantParameters(magnetic_circuit=MagneticCircuitParameters(iron_conductivity=4.0e6)))
+    assert twice.eddy_time_constant == pytest.approx(2.0 * paper.eddy_time_constant, rel=1e-9)
+
+
+def test_peak_force_is_limited_by_amplifier_and_controller():
+    strong = ControllerParameters(current_limit=100.0)
+    by_amplifier = describe(PlantParameters(), strong).peak_force
+    assert by_amplifier == describe(PlantParameters(), ControllerParameters(current_limit=7.0)).peak_force
+    assert by_amplifier > describe(PlantParameters(), ControllerParameters(current_limit=3.0)).peak_force
+
+
+def test_loop_without_oscillation_has_no_natural_frequency():
+    stiff = describe(PlantParameters(), ControllerParameters(derivative_gain=110.0))
+    assert stiff.stable
+    assert stiff.natural_frequency_x is stiff.damping_ratio_x is None
+
+
+def test_effects_follow_their_switches(paper):
+    assert all(entry.value for entry in paper.effects.entries)
+    bare = describe(
+        PlantParameters(
+            magnetic_circuit=MagneticCircuitParameters(coupling=False),
+            amplifier=AmplifierParameters(switching=False, unipolar=False),
+            rotor=RotorParameters(gravity=0.0),
+        )
+    )
+    off = {entry.name for entry in bare.effects.entries if not entry.value}
+    assert off == {"coupling", "switching", "unipolar", "gravity"}
+    assert bare.sag == pytest.approx(0.0, abs=1e-12)
+
+
+def test_every_entry_has_unit_and_meaning(paper):
+    for entry in [*paper.entries, *paper.effects.entries]:
+        assert entry.unit
+        assert entry.meaning
+
+
+def test_default_controller_runs_at_the_rate_of_the_plant():
+    assert describe(PlantParameters(integration=IntegrationParameters(sample_rate=20_000.0))).stable
+
+
+def test_rotor_that_cannot_be_held_is_refused():
+    with pytest.raises(PlantError, match="nowhere inside the backup bearing"):
+        describe(PlantParameters(rotor=RotorParameters(mass=1_000.0)))
+
+
+# -- the command
+
+
+def test_command_prints_json_of_the_paper_bearing(paper):
+    result = CliRunner().invoke(app, ["plant", "describe", "--params", str(PAPER_FILE), "--json"])
+    assert result.exit_code == 0
+    printed = json.loads(result.stdout)
+    assert printed["constants"]["sag"]["value"] == paper.sag
+    assert printed["constants"]["current_gain"]["unit"] == "N/A"
+    assert printed["effects"]["gravity"]["value"] is True
+
+
+def test_command_prints_tables_with_suitable_units():
+    result = CliRunner().invoke(app, ["plant", "describe", "--params", str(PAPER_FILE)], env={"COLUMNS": "140"})
+    assert result.exit_code == 0
+    cells = {
+        row[0]: row[1:3]
+        for row in ([cell.strip() for cell in line.strip("│").split("│")] for line in result.stdout.splitlines())
+        if len(row) > 2
+    }
+    assert cells["coil_inductance"] == ["6.997", "mH"]
+    assert cells["sag"][1] == "um"
+    assert cells["unstable_pole"][1] == "1/s"
+    assert cells["gravity"][0] == "on"
+
+
+def test_command_takes_plant_and_controller_from_the_file(tmp_path):
+    file = tmp_path / "light.yaml"
+    file.write_text(
+        "/amb/simulator: {ros__parameters: {rotor: {gravity: 0.0}}}\n"
+        "/amb/pd_controller: {ros__parameters: {proportional_gain: 4000.0}}\n"
+    )
+    result = CliRunner().invoke(app, ["plant", "describe", "--params", str(file), "--json"])
+    printed = json.loads(result.stdout)
+    assert printed["effects"]["gravity"]["value"] is False
+    assert printed["constants"]["stable"]["value"] is False
+
+
+def test_command_names_a_wrong_parameter(tmp_path):
+    file = tmp_path / "wrong.yaml"
+    file.write_text("/amb/simulator: {ros__parameters: {rotor: {mas: 1.0}}}\n")
+    result = CliRunner().invoke(app, ["plant", "describe", "--params", str(file)])
+    assert isinstance(result.exception, ParameterError)
+    assert "did you mean 'rotor.mass'" in str(result.exception)
