@@ -75,6 +75,12 @@ def test_loop_without_oscillation_has_no_natural_frequency():
     assert stiff.natural_frequency_x is stiff.damping_ratio_x is None
 
 
+def test_unstable_loop_has_no_sensitivity():
+    undamped = describe(PlantParameters(), ControllerParameters(derivative_gain=0.0))
+    assert not undamped.stable
+    assert undamped.peak_sensitivity is None
+
+
 def test_effects_follow_their_switches(paper):
     assert all(entry.value for entry in paper.effects.entries)
     bare = describe(

@@ -192,6 +192,24 @@ def test_rotor_too_heavy_for_the_currents_is_refused():
         linearize(heavy)
 
 
+def test_operating_point_beyond_a_limit_is_refused():
+    with pytest.raises(
+        PlantError, match=r"takes a control current of 1\.36 A; allowed: less than the controller's limit"
+    ):
+        linearize(Plant(), ControllerParameters(current_limit=1.0))
+    resistive = Plant(PlantParameters(magnetic_circuit=MagneticCircuitParameters(coil_resistance=50.0)))
+    with pytest.raises(PlantError, match=r"through 50 ohm, a duty cycle of 0\.864; allowed: less than 0\.75"):
+        linearize(resistive)
+
+
+def test_poles_at_the_origin_have_no_finite_rate():
+    # Without derivative gain the difference is computed for nothing: two poles at z = 0.
+    loop = linearize(Plant(), ControllerParameters(derivative_gain=0.0))
+    assert np.isneginf(loop.closed_loop_rates.real).sum() == 2
+    assert not loop.stable
+    assert loop.rigid_mode("x").damping_ratio < 0.0
+
+
 def test_controller_at_another_rate_is_refused():
     plant = Plant(PlantParameters(integration=IntegrationParameters(sample_rate=20_000.0)))
     with pytest.raises(PlantError, match="controller runs at 10000 Hz, the plant is sampled at 20000 Hz"):

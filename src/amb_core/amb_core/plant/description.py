@@ -56,7 +56,8 @@ class PlantDescription:
     """Derived constants of a bearing and of its loop; the meaning of each is at its declaration.
 
     Constants of the bearing are those of the centred rotor at bias current; those of the loop belong to the operating
-    point where the controller holds the rotor, from the averaged model whether or not switching is resolved.
+    point where the controller holds the rotor, from the averaged model whether or not switching is resolved. None where
+    there is no such number: the mode of a loop that does not oscillate, the sensitivity of an unstable one.
     """
 
     current_gain: float = _entry("k_i: force per control current", "N/A")
@@ -72,7 +73,7 @@ class PlantDescription:
     natural_frequency_y: float | None = _entry("natural frequency of the loop along y", "Hz")
     damping_ratio_x: float | None = _entry("damping ratio of the loop along x")
     damping_ratio_y: float | None = _entry("damping ratio of the loop along y")
-    peak_sensitivity: float = _entry("largest gain from disturbed to measured position")
+    peak_sensitivity: float | None = _entry("largest gain from disturbed to measured position")
     stable: bool = _entry("small motions in the loop die away")
     effects: PlantEffects = field(kw_only=True)
 
@@ -118,7 +119,7 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
         natural_frequency_y=along_y.natural_hz if along_y else None,
         damping_ratio_x=along_x.damping_ratio if along_x else None,
         damping_ratio_y=along_y.damping_ratio if along_y else None,
-        peak_sensitivity=model.peak_sensitivity,
+        peak_sensitivity=model.peak_sensitivity if model.stable else None,
         stable=model.stable,
         effects=PlantEffects(
             coupling=circuit.coupling,

@@ -65,9 +65,7 @@ class Linearization:
     @cached_property
     def closed_loop_rates(self) -> NDArray[np.complex128]:
         """Poles of the closed loop as rates s = ln(z) / T (1/s), slowest first; a pole at z = 0 has the rate -inf."""
-        poles = self.closed_loop.poles().astype(np.complex128)
-        with np.errstate(divide="ignore"):
-            rates = np.log(poles) / self.closed_loop.dt
+        rates = _rates(self.closed_loop.poles(), self.closed_loop.dt)
         return rates[np.argsort(np.abs(rates), kind="stable")]
 
     @property
@@ -77,7 +75,7 @@ class Linearization:
 
     @cached_property
     def peak_sensitivity(self) -> float:
-        """Largest singular value of the sensitivity over frequency (-), from 1 Hz to half the sample rate."""
+        """Largest singular value of the sensitivity over frequency (-), from 1 Hz to half the sample rate; without meaning if not `stable`."""
         nyquist = np.pi / self.sensitivity.dt
         frequencies = np.geomspace(2.0 * np.pi, nyquist, _FREQUENCIES)
         response = np.moveaxis(self.sensitivity(np.exp(1j * frequencies * self.sensitivity.dt)), -1, 0)
@@ -88,8 +86,7 @@ class Linearization:
         from amb_core.step_response import SecondOrder
 
         poles, vectors = np.linalg.eig(self.closed_loop.A)
-        with np.errstate(divide="ignore"):
-            rates = np.log(poles.astype(np.complex128)) / self.closed_loop.dt
+        rates = _rates(poles, self.closed_loop.dt)
         swinging = np.flatnonzero((rates.imag > 0.0) & (poles.imag != 0.0))
         # The amplifiers are far faster than the rotor, so its two modes are the slowest that oscillate.
         slowest = swinging[np.argsort(np.abs(rates[swinging]))][:2]
@@ -119,7 +116,8 @@ def linearize(
     Raises
     ------
     PlantError
-        If there is no such equilibrium, or the sample rates of plant and controller differ.
+        If there is no such equilibrium within the limits of currents and duty cycles, or the sample rates of plant and
+        controller differ.
     """
     controller = controller or ControllerParameters()
     if abs(controller.sample_rate * plant.sample_time - 1.0) > 1e-9:
@@ -223,6 +221,12 @@ def flux_embedding(plant: Plant) -> tuple[NDArray[np.intp], NDArray[np.float64]]
     embedding = np.eye(POLES)[:, kept]
     embedding[left_out] = -circuits[kept].T
     return kept, embedding
+
+
+def _rates(poles: NDArray[np.complex128], sample_time: float) -> NDArray[np.complex128]:
+    """ln(z) / T, with -inf for z = 0."""
+    with np.errstate(divide="ignore"):
+        return np.log(np.abs(poles)) / sample_time + 1j * np.angle(poles) / sample_time
 
 
 def _independent_states(plant: Plant) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

@@ -44,13 +44,12 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
     Raises
     ------
     PlantError
-        If the rotor finds no equilibrium inside the backup bearing.
+        If the rotor finds no equilibrium inside the backup bearing, or takes more current or voltage than there is.
     """
     reference = np.array([controller.nominal_reference_x, controller.nominal_reference_y])
 
     def held(position: NDArray[np.float64]) -> OperatingPoint:
-        wanted = controller.proportional_gain * (reference - position)
-        return _at_rest(plant, position, np.clip(wanted, -controller.current_limit, controller.current_limit))
+        return _at_rest(plant, position, controller.proportional_gain * (reference - position))
 
     gap = plant.parameters.magnetic_circuit.air_gap
     position = gap * _solve(lambda scaled: _unbalanced(held(gap * scaled), plant), reference / gap)
@@ -60,7 +59,15 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
             f"the controller with K_P = {controller.proportional_gain:g} A/m holds the rotor of "
             f"{plant.parameters.rotor.mass:g} kg nowhere inside the backup bearing, {radius:g} m"
         )
-    return held(position)
+    point = held(position)
+    largest = np.abs(point.current_reference).max()
+    if largest >= controller.current_limit:
+        raise PlantError(
+            f"holding the rotor takes a control current of {largest:.3g} A; allowed: less than the controller's limit, "
+            f"{controller.current_limit:g} A"
+        )
+    _check_duties(point, plant)
+    return point
 
 
 def point_at(position: NDArray[np.float64], plant: Plant) -> OperatingPoint:
@@ -84,7 +91,9 @@ def point_at(position: NDArray[np.float64], plant: Plant) -> OperatingPoint:
             f"no control current holds the rotor at {position[0]:g} m, {position[1]:g} m within the amplifiers' limit "
             f"of {plant.parameters.amplifier.current_limit:g} A"
         )
-    return _at_rest(plant, position, current)
+    point = _at_rest(plant, position, current)
+    _check_duties(point, plant)
+    return point
 
 
 def static_force(
@@ -107,6 +116,17 @@ def _at_rest(plant: Plant, position: NDArray[np.float64], current_reference: NDA
     state[FLUX] = plant.static_flux(current, *position)
     state[POSITION] = position
     return OperatingPoint(state, current_reference)
+
+
+def _check_duties(point: OperatingPoint, plant: Plant) -> None:
+    amplifier, resistance = plant.parameters.amplifier, plant.parameters.magnetic_circuit.coil_resistance
+    largest = coil_references(point.current_reference, plant).max()
+    duty = 0.5 + resistance * largest / (2.0 * amplifier.supply_voltage)
+    if duty >= amplifier.maximum_duty:
+        raise PlantError(
+            f"holding the rotor takes {largest:.3g} A through {resistance:g} ohm, a duty cycle of {duty:.3g}; allowed: "
+            f"less than {amplifier.maximum_duty:g}"
+        )
 
 
 def _unbalanced(point: OperatingPoint, plant: Plant) -> NDArray[np.float64]:
