@@ -75,7 +75,7 @@ class Linearization:
 
     @cached_property
     def peak_sensitivity(self) -> float:
-        """Largest singular value of the sensitivity over frequency (-), from 1 Hz to half the sample rate; without meaning if not `stable`."""
+        """Largest singular value of the sensitivity (-), 1 Hz to half the sample rate; meaningless if not `stable`."""
         nyquist = np.pi / self.sensitivity.dt
         frequencies = np.geomspace(2.0 * np.pi, nyquist, _FREQUENCIES)
         response = np.moveaxis(self.sensitivity(np.exp(1j * frequencies * self.sensitivity.dt)), -1, 0)
