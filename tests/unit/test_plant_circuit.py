@@ -5,12 +5,13 @@ import pytest
 from scipy.constants import mu_0
 
 from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters
-from amb_core.plant.network import POLE_ANGLES, build_network, flux_constraints
+from amb_core.plant.averaged import magnetic_force
+from amb_core.plant.closed_forms import current_gain, force_constant, inductance, negative_stiffness
+from amb_core.plant.network import build_network, flux_constraints
 
 IDEAL_IRON = 1e12
 TURNS, AIR_GAP, BIAS = 50, 0.6e-3, 3.0
 AREA = 13.89e-3 * 49.15e-3
-COS = np.cos(np.pi / 8)
 
 
 def ideal_plant(**circuit: object) -> Plant:
@@ -20,9 +21,7 @@ def ideal_plant(**circuit: object) -> Plant:
 
 
 def static_force(plant: Plant, coil_currents: list[float], x: float = 0.0, y: float = 0.0) -> np.ndarray:
-    flux = plant.static_flux(np.array(coil_currents), x, y)
-    directions = np.column_stack([np.cos(POLE_ANGLES), np.sin(POLE_ANGLES)])
-    return (flux**2 / (2 * mu_0 * AREA)) @ directions
+    return magnetic_force(plant.static_flux(np.array(coil_currents), x, y), plant)
 
 
 def stiffness(plant: Plant, step: float = 1e-9) -> float:
@@ -32,9 +31,10 @@ def stiffness(plant: Plant, step: float = 1e-9) -> float:
 
 @pytest.mark.parametrize("coupling", [True, False])
 def test_force_of_one_electromagnet_is_the_textbook_force(coupling):
+    plant = ideal_plant(coupling=coupling)
     current = 2.0
-    expected = mu_0 * (2 * TURNS) ** 2 * AREA * current**2 * COS / (4 * AIR_GAP**2)
-    force = static_force(ideal_plant(coupling=coupling), [current, 0.0, 0.0, 0.0])
+    expected = force_constant(plant.parameters.magnetic_circuit) * current**2 / AIR_GAP**2
+    force = static_force(plant, [current, 0.0, 0.0, 0.0])
     assert force[0] == pytest.approx(expected, rel=1e-9)
     assert force[1] == pytest.approx(0.0, abs=1e-9 * expected)
 
@@ -44,23 +44,22 @@ def test_current_gain_is_66_newton_per_ampere(coupling):
     plant = ideal_plant(coupling=coupling)
     current = 0.5  # the differential force is linear in it, so any value serves
     force = static_force(plant, [BIAS + current, BIAS, BIAS - current, BIAS])[0]
-    expected = mu_0 * (2 * TURNS) ** 2 * AREA * BIAS * COS / AIR_GAP**2
+    expected = current_gain(plant.parameters.magnetic_circuit, BIAS)
     assert force / current == pytest.approx(expected, rel=1e-9)
     assert expected == pytest.approx(66.0, abs=0.1)
 
 
-def test_negative_stiffness_follows_from_the_gaps_of_all_poles_when_they_share_flux():
-    bias_flux = mu_0 * TURNS * BIAS * AREA / AIR_GAP
-    per_pole = bias_flux**2 / (mu_0 * AREA * AIR_GAP)
-    # Every pole stands at full bias whatever its neighbours do, so sum_j cos^2(theta_j) = 4 counts; in separate
-    # circuits the y electromagnets keep their flux when x changes, and only 4 cos^2(22.5 deg) is left.
-    assert stiffness(ideal_plant(coupling=True)) == pytest.approx(4 * per_pole, rel=1e-6)
-    assert stiffness(ideal_plant(coupling=False)) == pytest.approx(4 * COS**2 * per_pole, rel=1e-6)
+@pytest.mark.parametrize(("coupling", "value"), [(True, 3.57e5), (False, 3.05e5)])
+def test_negative_stiffness_follows_from_the_gaps_of_all_poles_when_they_share_flux(coupling, value):
+    plant = ideal_plant(coupling=coupling)
+    expected = negative_stiffness(plant.parameters.magnetic_circuit, BIAS)
+    assert stiffness(plant) == pytest.approx(expected, rel=1e-6)
+    assert expected == pytest.approx(value, rel=2e-3)
 
 
 def test_textbook_stiffness_lies_between_coupled_and_separate_circuits():
     # k_i i_0 / g takes the gap change as x instead of x cos(theta): 3.30e5 N/m.
-    textbook = mu_0 * (2 * TURNS) ** 2 * AREA * BIAS**2 * COS / AIR_GAP**3
+    textbook = current_gain(MagneticCircuitParameters(), BIAS) * BIAS / AIR_GAP
     assert stiffness(ideal_plant(coupling=False)) < textbook < stiffness(ideal_plant(coupling=True))
     assert textbook == pytest.approx(3.30e5, rel=2e-3)
 
@@ -69,7 +68,7 @@ def test_coil_inductance_is_that_of_two_gaps_in_series():
     plant = ideal_plant(coupling=False)
     flux = plant.static_flux(np.array([1.0, 0.0, 0.0, 0.0]), 0.0, 0.0)
     linkage = (plant.network.winding.T @ flux)[0]
-    expected = (2 * TURNS) ** 2 * mu_0 * AREA / (2 * AIR_GAP)
+    expected = inductance(plant.parameters.magnetic_circuit)
     assert linkage == pytest.approx(expected, rel=1e-9)
     assert expected == pytest.approx(7.15e-3, rel=1e-3)
 

@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.constants import mu_0
 
 from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import PlantError
@@ -18,6 +17,8 @@ from amb_core.plant import (
     RotorParameters,
     Trace,
 )
+from amb_core.plant.closed_forms import current_gain, inductance, negative_stiffness
+from amb_core.plant.energy import EnergyAccount
 
 
 def joined(traces: list[Trace]) -> dict[str, np.ndarray]:
@@ -42,43 +43,16 @@ def test_flux_is_conserved_at_every_internal_step():
     assert np.abs(steps["flux"].sum(axis=1)).max() < 1e-12 * np.abs(steps["flux"]).max()
 
 
-def test_electrical_energy_is_copper_loss_eddy_loss_stored_and_mechanical_energy():
-    plant = Plant()
-    steps = shaken(plant)
-    h = plant.parameters.integration.internal_step
-    circuit = plant.parameters.magnetic_circuit
-    voltage = steps["voltage"][:-1]
-    # Rates and currents jump with the voltage, so the end of a step is the next start under the old voltage.
-    change = voltage - steps["voltage"][1:]
-    rates, currents = np.split(plant.network.solution[:, 8:], [8])
-    rate = steps["flux_rate"][:-1], steps["flux_rate"][1:] + change @ rates.T
-    current = steps["current"][:-1], steps["current"][1:] + change @ currents.T
-
-    def integral(power_at_start: np.ndarray, power_at_end: np.ndarray) -> float:
-        return float(0.5 * h * (power_at_start.sum() + power_at_end.sum()))
-
-    def stored(row: int) -> float:
-        reluctance = plant.network.reluctance(*steps["position"][row], circuit.air_gap)
-        return float(0.5 * steps["flux"][row] @ reluctance @ steps["flux"][row])
-
-    electrical = integral(*(voltage * side for side in current))
-    copper = integral(*(circuit.coil_resistance * side**2 for side in current))
-    eddy = integral(*(side * (side @ plant.network.eddy_coefficient) for side in rate))
-    push = np.sum(steps["force"] * steps["velocity"], axis=1)
-    mechanical = integral(push[:-1], push[1:])
-    assert min(electrical, copper, eddy) > 0
-    balance = copper + eddy + (stored(-1) - stored(0)) + mechanical
-    assert electrical == pytest.approx(balance, rel=1e-3)
-
-
-def test_work_of_the_magnetic_force_becomes_kinetic_and_potential_energy():
-    plant = Plant()
-    steps = shaken(plant)
-    rotor = plant.parameters.rotor
-    work = np.sum(steps["force"][:-1] * np.diff(steps["position"], axis=0))
-    kinetic = 0.5 * rotor.mass * np.sum(steps["velocity"][-1] ** 2 - steps["velocity"][0] ** 2)
-    potential = rotor.mass * rotor.gravity * (steps["position"][-1, 1] - steps["position"][0, 1])
-    assert work == pytest.approx(kinetic + potential, rel=1e-3)
+def test_energy_of_the_amplifiers_is_lost_stored_or_done_as_work_on_the_rotor():
+    plant, controller = Plant(), PdController(ControllerParameters())
+    account = EnergyAccount(plant)
+    for step in range(200):
+        reference = 10e-6 if (step // 40) % 2 == 0 else -10e-6
+        account.add(plant.trace(*controller.update(*plant.position, reference, reference)))
+    assert min(account.electrical, account.copper, account.eddy) > 0
+    balance = account.copper + account.eddy + account.stored + account.mechanical
+    assert account.electrical == pytest.approx(balance, rel=1e-3)
+    assert account.mechanical == pytest.approx(account.kinetic + account.potential, rel=1e-3)
 
 
 def test_error_falls_at_least_in_proportion_to_the_internal_step():
@@ -104,10 +78,9 @@ def test_current_slews_at_the_limited_duty_over_the_inductance():
     )
     steps = joined([plant.trace(3.0, 0.0)])
     average_voltage = (2 * 0.75 - 1) * 300.0
-    inductance = 100**2 * mu_0 * 13.89e-3 * 49.15e-3 / (2 * 0.6e-3)
     one_period = slice(100, 121, 20)  # the same instant of consecutive switching periods: no ripple
     slew = np.diff(steps["current"][one_period, 0])[0] / 10e-6
-    assert slew == pytest.approx(average_voltage / inductance, rel=1e-3)
+    assert slew == pytest.approx(average_voltage / inductance(plant.parameters.magnetic_circuit), rel=1e-3)
     assert slew == pytest.approx(2.1e4, rel=5e-3)
 
 
@@ -155,7 +128,7 @@ def test_coil_current_reference_is_limited():
 
 
 def test_small_sag_is_weight_over_closed_loop_stiffness():
-    # The linearised, iron-free limit: k_i K_P - k_s with k_s = k_i i_0 / (g cos(22.5 deg)) for coupled poles.
+    # The linearised, iron-free limit: k_i K_P - k_s.
     gravity = 0.0981
     plant = Plant(
         PlantParameters(
@@ -164,9 +137,8 @@ def test_small_sag_is_weight_over_closed_loop_stiffness():
         )
     )
     record = simulate(plant, PdController(ControllerParameters()), 3000)
-    current_gain = mu_0 * 100**2 * 13.89e-3 * 49.15e-3 * 3.0 * np.cos(np.pi / 8) / 0.6e-3**2
-    negative_stiffness = current_gain * 3.0 / (0.6e-3 * np.cos(np.pi / 8))
-    stiffness = current_gain * 20_000 - negative_stiffness
+    circuit = plant.parameters.magnetic_circuit
+    stiffness = current_gain(circuit, 3.0) * 20_000 - negative_stiffness(circuit, 3.0)
     assert -record.position[-500:, 1].mean() == pytest.approx(6.25 * gravity / stiffness, rel=2e-3)
 
 
