@@ -32,6 +32,20 @@ static double clamp(double value, double low, double high)
     return value < high ? value : high;
 }
 
+/* Add a matrix-vector product to a result, by columns; four running sums at a time become one vector register. */
+static inline __attribute__((always_inline)) void accumulate(int rows, int columns, const double *restrict matrix,
+                                                             const double *restrict vector, double *restrict result)
+{
+    for (int j = 0; j < columns; j += 4) {
+        double sum[4] = {result[j], result[j + 1], result[j + 2], result[j + 3]};
+        for (int k = 0; k < rows; k++)
+            for (int n = 0; n < 4; n++)
+                sum[n] += matrix[k * SOLVED + j + n] * vector[k];
+        for (int n = 0; n < 4; n++)
+            result[j + n] = sum[n];
+    }
+}
+
 /* PI on the mean current of the past switching period; the integral part holds while the duty is at its limit. */
 static void update_duties(State *s, const Constants *c, const double *reference, const double *current)
 {
@@ -92,18 +106,14 @@ int advance(State *restrict s, const Constants *restrict c, const Matrices *rest
             double gap = c->gap - s->position[0] * m->cosine[j] - s->position[1] * m->sine[j];
             drop[j] = gap * c->gap_reluctance * s->flux[j];
         }
-        for (int k = 0; k < POLES; k++)
-            for (int j = 0; j < POLES; j++)
-                drop[j] += m->reluctance[k][j] * s->flux[k];
+        accumulate(POLES, POLES, m->reluctance[0], s->flux, drop);
         if (s->started == 0.0)
             memcpy(s->mmf, drop, sizeof drop);
         for (int j = 0; j < POLES; j++) {
             extrapolated[j] = 1.5 * drop[j] - 0.5 * s->mmf[j];
             s->mmf[j] = drop[j];
         }
-        for (int k = 0; k < POLES; k++)
-            for (int coil = 0; coil < COILS; coil++)
-                current[coil] += m->solution[k][POLES + coil] * drop[k];
+        accumulate(POLES, COILS, m->solution[0] + POLES, drop, current);
 
         if (phase == 0)
             update_duties(s, c, reference, current);
@@ -114,14 +124,9 @@ int advance(State *restrict s, const Constants *restrict c, const Matrices *rest
             voltage[coil] = c->supply * (2.0 * clamp(end - start, 0.0, 1.0) - 1.0);
         }
 
-        for (int k = 0; k < POLES; k++)
-            for (int j = 0; j < POLES; j++)
-                solved[j] += m->solution[k][j] * extrapolated[k];
-        for (int coil = 0; coil < COILS; coil++)
-            solved[POLES + coil] = current[coil];
-        for (int k = 0; k < COILS; k++)
-            for (int j = 0; j < SOLVED; j++)
-                solved[j] += m->solution[POLES + k][j] * voltage[k];
+        accumulate(POLES, POLES, m->solution[0], extrapolated, solved);
+        memcpy(solved + POLES, current, sizeof current);
+        accumulate(COILS, SOLVED, m->solution[POLES], voltage, solved);
         const double *i = solved + POLES;
         if (c->unipolar != 0.0 && (i[0] < 0.0 || i[1] < 0.0 || i[2] < 0.0 || i[3] < 0.0))
             block_negative_currents(m, voltage, solved);
