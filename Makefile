@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow bench lint clean
+.PHONY: help setup demo test test-slow validate bench lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -18,6 +18,9 @@ test: setup  ## all tests but the slow ones
 
 test-slow: setup  ## the slow tests
 	@$(RUN) python -m pytest -m slow
+
+validate: setup  ## the plant against independent solutions; writes results/validation.json
+	@$(RUN) python tests/validation/run.py
 
 bench: setup  ## speed of plant and loop; writes results/bench.json
 	@$(RUN) python tests/benchmarks/run.py
