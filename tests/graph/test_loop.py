@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 SIMULATOR = "amb_sim_node.simulator"
 CONTROLLER = "amb_controller_node.pd_controller"
 GENERATOR = "amb_controller_node.excitation_generator"
+IDENTIFIER = "amb_ident_node.identifier"
 COMPOSED = "amb_bringup.composed_loop"
 STEPS = 1_050  # not a whole number of telemetry blocks
 SQUARE = Square(amplitude=20e-6, duration=0.08, frequency=50.0, axes="in_turn")
@@ -330,6 +331,7 @@ def test_nodes_end_cleanly_when_told_to(graph, module, by):
         (CONTROLLER, {"derivative_on": "speed"}, "'derivative_on' = 'speed' is not allowed; allowed: one of error"),
         (CONTROLLER, {"proportional_gain": float("nan")}, "'proportional_gain' = nan is not allowed"),
         (GENERATOR, {"sample_rate": 1.0}, "'sample_rate' = 1.0 is not allowed; allowed: 1000 to 100000 Hz"),
+        (IDENTIFIER, {"order": 99}, "'order' = 99 is not allowed; allowed: 1 to 30"),
     ],
 )
 def test_wrong_parameter_stops_the_node_at_start_with_one_line(graph, module, parameters, line):
