@@ -152,8 +152,8 @@ def test_block_rows_must_exceed_the_order(bearing: LinearBearing) -> None:
 
 
 def test_an_unknown_method_is_refused(bearing: LinearBearing) -> None:
-    with pytest.raises(IdentificationError, match="unknown method 'pem'; allowed: n4sid"):
-        identify(bearing.experiment(), method="pem")
+    with pytest.raises(IdentificationError, match="unknown method 'magic'; allowed: n4sid, ssarx, pem"):
+        identify(bearing.experiment(), method="magic")
 
 
 @pytest.mark.parametrize("name", ["reference", "position", "current"])

@@ -15,7 +15,8 @@ def warm_up() -> None:
     plant.trace(0.0, 0.0)
     signal = generate(Square(amplitude=10e-6, duration=0.2, frequency=20.0), 10_000.0)
     record = simulate(plant, PdController(ControllerParameters()), 500 + signal.steps, signal.samples, 500)
-    identify(record.window(500, signal.steps), order=4)
+    for method in ("n4sid", "pem"):
+        identify(record.window(500, signal.steps), order=4, method=method)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,8 @@
 from amb_core.identification.closed_loop import closed_loop_poles, simulate_closed_loop
 from amb_core.identification.identify import METHODS, Identification, identify
 from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.pem import pem
+from amb_core.identification.ssarx import ssarx
 from amb_core.identification.subspace import n4sid
 from amb_core.identification.validation import nrmse_fit
 
@@ -18,5 +20,7 @@ __all__ = [
     "identify",
     "n4sid",
     "nrmse_fit",
+    "pem",
     "simulate_closed_loop",
+    "ssarx",
 ]

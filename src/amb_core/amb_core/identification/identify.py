@@ -12,12 +12,27 @@ from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles, simulate_closed_loop
 from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.pem import pem
+from amb_core.identification.ssarx import ssarx
 from amb_core.identification.subspace import n4sid_horizons
 from amb_core.identification.validation import nrmse_fit
 from amb_core.records import LoopRecord
 
+
+def _ssarx(
+    inputs: NDArray[np.float64], outputs: NDArray[np.float64], sample_time: float, order: int, source: str
+) -> list[StateSpaceModel]:
+    return [ssarx(inputs, outputs, sample_time, order, source=source)]
+
+
+def _pem(
+    inputs: NDArray[np.float64], outputs: NDArray[np.float64], sample_time: float, order: int, source: str
+) -> list[StateSpaceModel]:
+    return [pem(inputs, outputs, ssarx(inputs, outputs, sample_time, order), source=source)]
+
+
 # A method answers with one or more models of the order asked for.
-METHODS: dict[str, Callable[..., list[StateSpaceModel]]] = {"n4sid": n4sid_horizons}
+METHODS: dict[str, Callable[..., list[StateSpaceModel]]] = {"n4sid": n4sid_horizons, "ssarx": _ssarx, "pem": _pem}
 
 
 @dataclass(frozen=True)
@@ -78,7 +93,7 @@ def identify(
     order : int
         Number of states.
     method : str
-        One of `METHODS`.
+        One of `METHODS`: `pem` starts from `ssarx`.
     controller : ControllerParameters, optional
         The controller of the experiment; the paper's by default.
     source : str

@@ -67,6 +67,41 @@ def fit_input_matrix(
     return solution[: n * m].reshape(m, n).T, solution[n * m :]
 
 
+def kalman_gain(
+    a: NDArray[np.float64],
+    c: NDArray[np.float64],
+    q: NDArray[np.float64],
+    r: NDArray[np.float64],
+    s: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Gain K of the stationary Kalman filter, with which A - K C is stable, shape (n, p).
+
+    Parameters
+    ----------
+    a, c : ndarray, shapes (n, n), (p, n)
+        System matrices.
+    q, r, s : ndarray, shapes (n, n), (p, p), (n, p)
+        Covariances of the noise of the states, of the outputs, and of both.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no such gain.
+    """
+    n = len(a)
+    try:
+        variance = linalg.solve_discrete_are(a.T, c.T, q, r, s=s)
+    except (linalg.LinAlgError, ValueError):
+        raise IdentificationError(
+            f"the Kalman gain of order {n} does not exist; lower the order or excite both axes more"
+        ) from None
+    k = np.linalg.solve(c @ variance @ c.T + r, (a @ variance @ c.T + s).T).T
+    radius = float(np.max(np.abs(np.linalg.eigvals(a - k @ c))))
+    if not radius < 1.0:
+        raise IdentificationError(f"the predictor of order {n} is unstable (spectral radius {radius:.6g})")
+    return np.asarray(k)
+
+
 def innovations(
     a: NDArray[np.float64],
     b: NDArray[np.float64],

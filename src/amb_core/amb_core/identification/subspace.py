@@ -23,14 +23,12 @@ from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.model import StateSpaceModel
-from amb_core.identification.predictor import fit_input_matrix, innovations
+from amb_core.identification.predictor import fit_input_matrix, kalman_gain
+from amb_core.identification.scaled_data import ScaledData, check_order
 
-HIGHEST_ORDER = 30
 HORIZONS = (1.2, 1.5, 2.0, 3.0, 5.0)  # block rows in multiples of the order
 _MOST_BLOCK_ROWS = 200
 _MOST_ELEMENTS = 30_000_000  # of the data matrix, which SLICOT holds where it must turn from Cholesky to QR: 240 MB
-_SMALLEST_MAGNITUDE = 1e-30  # far from the limits of floating point, so that variances are neither zero nor infinite
-_SMALLEST_EIGENVALUE = 1e-12  # of the correlation matrix of all signals
 _LEAST_BLOCK_ROWS = 8
 
 
@@ -62,41 +60,20 @@ def n4sid(
     IdentificationError
         If the order does not suit the data or the data determine no model; one line that says why.
     """
-    inputs = np.ascontiguousarray(inputs, dtype=np.float64)
-    outputs = np.ascontiguousarray(outputs, dtype=np.float64)
     if block_rows is None:
         block_rows = _horizon(order, 2.0)
     _check_size(order, block_rows, len(inputs))
-    _check_samples("input", inputs)
-    _check_samples("output", outputs)
-    input_offset, output_offset = inputs.mean(axis=0), outputs.mean(axis=0)
-    input_scale, output_scale = inputs.std(axis=0), outputs.std(axis=0)
-    u, y = (inputs - input_offset) / input_scale, (outputs - output_offset) / output_scale
-    _check_independence(np.hstack([u, y]))
+    data = ScaledData.of(inputs, outputs)
+    u, y = data.inputs, data.outputs
     # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
     with threadpool_limits(limits=1, user_api="blas"):
         try:
             a, c, k = _predictor_matrices(u, y, order, block_rows)
             b, initial_state = fit_input_matrix(a, c, k, u, y)
-            errors = innovations(a, b, c, k, initial_state, u, y)
+            return data.model(a, b, c, k, initial_state, sample_time, "n4sid", source)
         except (linalg.LinAlgError, ValueError) as problem:
             reason = " ".join(str(problem).split())
             raise IdentificationError(f"no model of order {order} from {len(inputs)} samples: {reason}") from None
-    return StateSpaceModel(
-        a=a,
-        b=b / input_scale,
-        c=c * output_scale[:, np.newaxis],
-        d=np.zeros((2, 2)),
-        k=k / output_scale,
-        innovation_covariance=errors.T @ errors / len(errors) * np.outer(output_scale, output_scale),
-        input_offset=input_offset,
-        output_offset=output_offset,
-        initial_state=initial_state,
-        sample_time=sample_time,
-        method="n4sid",
-        source=source,
-        samples=len(inputs),
-    )
 
 
 def n4sid_horizons(
@@ -135,8 +112,7 @@ def _horizon(order: int, ratio: float) -> int:
 
 
 def _check_size(order: int, block_rows: int, samples: int) -> None:
-    if not 1 <= order <= HIGHEST_ORDER:
-        raise IdentificationError(f"order {order} is not allowed; allowed: 1 to {HIGHEST_ORDER}")
+    check_order(order)
     if not order < block_rows <= _MOST_BLOCK_ROWS:
         raise IdentificationError(
             f"block_rows {block_rows} is not allowed; allowed: {order + 1} to {_MOST_BLOCK_ROWS} for order {order}"
@@ -144,34 +120,6 @@ def _check_size(order: int, block_rows: int, samples: int) -> None:
     if samples < samples_needed(block_rows):
         raise IdentificationError(
             f"{samples} samples are too few for order {order}; at least {samples_needed(block_rows)} are needed"
-        )
-
-
-def _check_samples(kind: str, samples: NDArray[np.float64]) -> None:
-    finite = np.isfinite(samples).all(axis=1)
-    if not finite.all():
-        step = int(np.argmin(finite))
-        raise IdentificationError(f"{kind} is not finite at sample {step}: {samples[step].tolist()}")
-    for axis, name in enumerate("xy"):
-        if np.ptp(samples[:, axis]) == 0.0:
-            raise IdentificationError(
-                f"{kind} of axis {name} is constant at {samples[0, axis]:g}; both axes must move to be identified"
-            )
-        largest = float(np.max(np.abs(samples[:, axis])))
-        if not _SMALLEST_MAGNITUDE < largest < 1.0 / _SMALLEST_MAGNITUDE:
-            raise IdentificationError(
-                f"{kind} of axis {name} has a largest magnitude of {largest:g} (A or m); "
-                f"allowed: {_SMALLEST_MAGNITUDE:g} to {1.0 / _SMALLEST_MAGNITUDE:g}"
-            )
-
-
-def _check_independence(signals: NDArray[np.float64]) -> None:
-    """Refuse signals (inputs, then outputs, each with mean 0 and variance 1) of which one follows from the others."""
-    eigenvalues = np.linalg.eigvalsh(signals.T @ signals / len(signals))
-    if eigenvalues[0] < _SMALLEST_EIGENVALUE:
-        raise IdentificationError(
-            "inputs and outputs of the two axes are not independent (one is a sum of multiples of the others); "
-            "excite the axes independently"
         )
 
 
@@ -189,14 +137,4 @@ def _predictor_matrices(
     a, c, _, _, q, r, s, _, _, info = ctrlsys.ib01bd("N", "C", "C", block_rows, order, m, p, len(u), triangle, 0.0)
     if info != 0:
         raise IdentificationError(f"the system matrices cannot be estimated (SLICOT IB01BD, info {info})")
-    try:
-        variance = linalg.solve_discrete_are(a.T, c.T, q, r, s=s)
-    except (linalg.LinAlgError, ValueError):
-        raise IdentificationError(
-            f"the Kalman gain of order {order} does not exist; lower the order or excite both axes more"
-        ) from None
-    k = np.linalg.solve(c @ variance @ c.T + r, (a @ variance @ c.T + s).T).T
-    radius = float(np.max(np.abs(np.linalg.eigvals(a - k @ c))))
-    if not radius < 1.0:
-        raise IdentificationError(f"the predictor of order {order} is unstable (spectral radius {radius:.6g})")
-    return a, c, k
+    return a, c, kalman_gain(a, c, q, r, s)

@@ -1,0 +1,150 @@
+"""Prediction-error identification (PEM) of the innovations form, for plants that may be unstable.
+
+Gauss-Newton with Levenberg-Marquardt damping over the modes of the predictor, F = A - K C and C in block-diagonal
+coordinates that are renewed at every step; B, K and x[0] are the least-squares solution for each F and C (variable
+projection, with Kaufman's simplification of the derivative). Errors are weighted by the inverse of their covariance at
+the last step, so every accepted step lowers the determinant of the covariance, which the maximum-likelihood estimate
+minimises. The model is simulated nowhere but as predictor, whose F stays stable however unstable A is.
+
+Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 7.4 and 10.2; G. Golub and V. Pereyra,
+Separable nonlinear least squares: the variable projection method and its applications, Inverse Problems 19 (2003);
+T. McKelvey, A. Helmersson and T. Ribarits, Data driven local coordinates for multivariable linear systems and their
+application to system identification, Automatica 40 (2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+from threadpoolctl import threadpool_limits
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.filter_bank import Fit, Modes, fit_gains
+from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.scaled_data import ScaledData
+
+_MOST_ITERATIONS = 25
+_LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
+_FIRST_DAMPING = 1e-2
+_LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
+_LEAST_DAMPING = (
+    1e-12  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix; redundant coordinates need some
+)
+
+
+def pem(
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+    start: StateSpaceModel,
+    progress: Callable[[int, float], None] | None = None,
+    most_iterations: int = _MOST_ITERATIONS,
+    source: str = "",
+) -> StateSpaceModel:
+    """Improve a model until its one-step prediction errors on the data are as small as they get.
+
+    Parameters
+    ----------
+    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2)
+        Control current references (A) and positions (m). Means are removed and kept as the model's offsets.
+    start : StateSpaceModel
+        Where to start: gives order, sample time, A, C and K. B and the initial state are estimated anew.
+    progress : callable, optional
+        Called as progress(iteration, cost) with the start as iteration 0 and after every step that lowers the cost,
+        half the logarithm of the determinant of the covariance of the errors, scaled by the data's variances.
+        What it raises ends the search.
+    most_iterations : int
+        Steps tried, taken or not, after which the search ends, converged or not.
+    source : str
+        Where the data come from, kept in the model.
+
+    Raises
+    ------
+    IdentificationError
+        If the start has an unstable predictor or does not suit the data, or the data determine no model.
+    """
+    data = ScaledData.of(inputs, outputs)
+    if start.b.shape[1] != data.inputs.shape[1] or len(start.c) != data.outputs.shape[1]:
+        raise IdentificationError(
+            f"the start has {start.b.shape[1]} inputs and {len(start.c)} outputs, not those of the data"
+        )
+    unknowns = start.order * (1 + 2 * data.outputs.shape[1] + data.inputs.shape[1])
+    if data.outputs.size <= unknowns:
+        raise IdentificationError(
+            f"{len(data.outputs)} samples are too few for the {unknowns} unknowns of order {start.order}"
+        )
+    radius = float(np.max(np.abs(np.linalg.eigvals(start.a - start.k @ start.c))))
+    if not radius < _LARGEST_RADIUS:
+        raise IdentificationError(f"the start must have a stable predictor; its spectral radius is {radius:.6g}")
+    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
+    with threadpool_limits(limits=1, user_api="blas"):
+        try:
+            modes = Modes.of(start.a - start.k @ start.c, start.c / data.output_scale[:, np.newaxis])
+            fit = _minimise(modes, data, progress, most_iterations)
+            a, b, c, k, initial_state = fit.matrices(data.inputs.shape[1])
+            return data.model(a, b, c, k, initial_state, start.sample_time, "pem", source)
+        except (linalg.LinAlgError, ValueError) as problem:
+            reason = " ".join(str(problem).split())
+            raise IdentificationError(
+                f"no model of order {start.order} from {len(data.inputs)} samples: {reason}"
+            ) from None
+
+
+def _minimise(
+    modes: Modes, data: ScaledData, progress: Callable[[int, float], None] | None, most_iterations: int
+) -> Fit:
+    """The best fit from `modes` on."""
+    first = fit_gains(modes, data.inputs, data.outputs, np.eye(data.outputs.shape[1]))
+    fit = fit_gains(modes, data.inputs, data.outputs, _weight(first.covariance))
+    iteration, cost, damping, growth = 0, _cost(fit), _FIRST_DAMPING, 2.0
+    if progress is not None:
+        progress(iteration, cost)
+    while iteration < most_iterations:
+        step, promised = _damped_step(fit, damping)
+        if not promised >= _LEAST_GAIN:
+            break
+        iteration += 1
+        trial = _try(fit.modes.moved(step), data, _weight(fit.covariance))
+        if trial is None or not _cost(trial) < cost:
+            damping, growth = damping * growth, 2.0 * growth
+            continue
+        kept = 2.0 * (cost - _cost(trial)) / len(fit.covariance) / promised  # share of the promise
+        damping, growth = max(damping * max(0.1, 1.0 - (2.0 * kept - 1.0) ** 3), _LEAST_DAMPING), 2.0
+        fit, cost = trial, _cost(trial)
+        if progress is not None:
+            progress(iteration, cost)
+    return fit
+
+
+def _damped_step(fit: Fit, damping: float) -> tuple[NDArray[np.float64], float]:
+    """Levenberg-Marquardt step, and the relative decrease of the sum of squares that it promises."""
+    scale = np.linalg.norm(fit.sensitivity, axis=0)
+    scale = np.maximum(scale, 1e-8 * scale.max() + np.finfo(float).tiny)
+    left, singular, right = linalg.svd(fit.sensitivity / scale, full_matrices=False, check_finite=False)
+    along = left.T @ fit.errors
+    level = damping * singular[0] ** 2
+    step = right.T @ (singular / (singular**2 + level) * along) / scale
+    kept = level / (singular**2 + level)  # share of the errors that stays, per direction
+    return step, float(np.sum((1.0 - kept**2) * along**2) / np.sum(fit.errors**2))
+
+
+def _try(modes: Modes, data: ScaledData, weight: NDArray[np.float64]) -> Fit | None:
+    """The fit with these modes in renewed coordinates; None where they make no stable predictor."""
+    if not modes.radius < _LARGEST_RADIUS:
+        return None
+    try:
+        return fit_gains(Modes.of(*modes.matrices()), data.inputs, data.outputs, weight)
+    except linalg.LinAlgError:
+        return None
+
+
+def _cost(fit: Fit) -> float:
+    return 0.5 * float(np.linalg.slogdet(fit.covariance)[1])
+
+
+def _weight(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverse Cholesky factor: weighted errors have the unit matrix as covariance."""
+    factor = linalg.cholesky(covariance, lower=True)
+    return np.asarray(linalg.solve_triangular(factor, np.eye(len(covariance)), lower=True))

@@ -1,0 +1,140 @@
+"""PEM on a known unstable bearing in closed loop: accuracy, descent, derivatives, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from amb_core.errors import IdentificationError
+from amb_core.identification import StateSpaceModel, identify, pem, ssarx
+from amb_core.identification.filter_bank import Modes, fit_gains
+from amb_core.identification.predictor import innovations
+
+if TYPE_CHECKING:
+    from conftest import LinearBearing
+
+BASE_NOISE = {"noise": 5e-8, "force": 0.3}  # m, N
+TENFOLD_NOISE = {"noise": 5e-7, "force": 3.0}
+BAND = {"kind": "multisine", "amplitude": 20e-6, "frequency_start": 1.0, "frequency_end": 2_000.0}
+
+
+def start_of(bearing: LinearBearing, order: int = 6) -> StateSpaceModel:
+    """A rough start for the data with base noise."""
+    record = bearing.experiment(**BASE_NOISE)
+    return ssarx(record.current, record.position, record.sample_time, order, past=30, future=8)
+
+
+@pytest.mark.parametrize("excitation", [{}, BAND], ids=["square", "multisine"])
+@pytest.mark.parametrize("order", [7, 10])
+def test_the_unstable_poles_are_found_and_the_closed_loop_is_stable(
+    bearing: LinearBearing, excitation: dict[str, object], order: int
+) -> None:
+    result = identify(bearing.experiment(**BASE_NOISE, **excitation), order, "pem")
+    assert result.model.unstable_poles() == pytest.approx(bearing.model.unstable_poles(), abs=1e-4)
+    assert result.stable
+
+
+def test_it_is_better_than_n4sid_on_noisy_squares(bearing: LinearBearing) -> None:
+    record = bearing.experiment(**TENFOLD_NOISE)
+    ours, theirs = (identify(record, 10, method).model for method in ("pem", "n4sid"))
+    assert ours.unstable_poles() == pytest.approx(bearing.model.unstable_poles(), abs=1e-3)
+    assert np.all(ours.fit > theirs.fit + 3.0)
+    assert bearing.response_error(ours) < 0.1 * bearing.response_error(theirs)
+
+
+def test_it_is_better_than_n4sid_on_band_limited_data(bearing: LinearBearing) -> None:
+    record = bearing.experiment(**BASE_NOISE, **BAND)
+    ours, theirs = (identify(record, 6, method).model for method in ("pem", "n4sid"))
+    assert bearing.response_error(ours) < 0.005
+    assert bearing.response_error(ours) < 0.7 * bearing.response_error(theirs)
+
+
+def test_the_innovations_of_the_model_are_those_of_the_kalman_filter(bearing: LinearBearing) -> None:
+    model = identify(bearing.experiment(**BASE_NOISE), 10, "pem").model
+    expected = bearing.innovation_covariance(**BASE_NOISE)
+    assert np.sqrt(np.diag(model.innovation_covariance)) == pytest.approx(
+        np.sqrt(np.diag(expected)), rel=0.02
+    )  # 20 000 samples scatter by 0.5 %
+    assert np.max(np.abs(np.linalg.eigvals(model.a - model.k @ model.c))) < 1.0
+
+
+def test_every_step_lowers_the_cost_and_the_search_converges(bearing: LinearBearing) -> None:
+    record = bearing.experiment(**BASE_NOISE)
+    steps: list[tuple[int, float]] = []
+    start = start_of(bearing)
+    model = pem(record.current, record.position, start, lambda *step: steps.append(step), most_iterations=100)
+    iterations, costs = zip(*steps, strict=True)
+    assert iterations[0] == 0
+    assert 2 <= iterations[-1] < 60
+    assert np.all(np.diff(costs) < 0.0)
+    size = np.linalg.slogdet(model.innovation_covariance / np.outer(*[record.position.std(axis=0)] * 2))[1]
+    assert costs[-1] == pytest.approx(0.5 * size, abs=1e-6)
+
+
+def test_starting_from_its_own_result_changes_next_to_nothing(bearing: LinearBearing) -> None:
+    record = bearing.experiment(**BASE_NOISE)
+    once = pem(record.current, record.position, start_of(bearing), most_iterations=100)
+    twice = pem(record.current, record.position, once)
+    size_once, size_twice = (np.linalg.slogdet(model.innovation_covariance)[1] for model in (once, twice))
+    assert size_once - 1e-4 < size_twice <= size_once + 1e-9
+
+
+def test_what_progress_raises_ends_the_search(bearing: LinearBearing) -> None:
+    record = bearing.experiment(**BASE_NOISE)
+
+    def cancel(iteration: int, cost: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pem(record.current, record.position, start_of(bearing), cancel)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_the_sensitivities_are_the_derivatives_of_the_cost(order: int) -> None:
+    random = np.random.default_rng(2)
+    inputs, outputs = random.normal(size=(500, 2)), random.normal(size=(500, 2))
+    f = random.normal(size=(order, order))
+    modes = Modes.of(0.9 * f / np.max(np.abs(np.linalg.eigvals(f))), random.normal(size=(2, order)))
+    weight = np.array([[1.0, 0.0], [0.3, 2.0]])
+    fit = fit_gains(modes, inputs, outputs, weight)
+    gradient = -2.0 * fit.sensitivity.T @ fit.errors
+    step = 1e-6
+    for index, slope in enumerate(gradient):
+        change = np.zeros(len(gradient))
+        change[index] = step
+        up, down = (
+            np.sum(fit_gains(modes.moved(sign * change), inputs, outputs, weight).errors ** 2) for sign in (1.0, -1.0)
+        )
+        assert slope == pytest.approx((up - down) / (2.0 * step), abs=1e-7)
+
+
+def test_the_filter_bank_predicts_as_the_state_space_form_does() -> None:
+    random = np.random.default_rng(2)
+    inputs, outputs = random.normal(size=(500, 2)), random.normal(size=(500, 2))
+    f = random.normal(size=(5, 5))
+    modes = Modes.of(0.9 * f / np.max(np.abs(np.linalg.eigvals(f))), random.normal(size=(2, 5)))
+    fit = fit_gains(modes, inputs, outputs, np.eye(2))
+    a, b, c, k, initial_state = fit.matrices(2)
+    errors = innovations(a, b, c, k, initial_state, inputs, outputs)
+    assert errors.T @ errors / 500 == pytest.approx(fit.covariance, rel=1e-9)
+
+
+def test_a_start_that_does_not_suit_is_refused(bearing: LinearBearing) -> None:
+    record, start = bearing.experiment(**BASE_NOISE), start_of(bearing)
+    with pytest.raises(IdentificationError, match=r"must have a stable predictor; its spectral radius is 1\.02"):
+        pem(record.current, record.position, bearing.model)  # without Kalman gain
+    with pytest.raises(IdentificationError, match="20 samples are too few for the 42 unknowns"):
+        pem(record.current[:20], record.position[:20], start)
+    single = replace(start, c=start.c[:1], d=start.d[:1], k=start.k[:, :1], output_names=("x",),
+                     innovation_covariance=np.eye(1), output_offset=np.zeros(1))  # fmt: skip
+    with pytest.raises(IdentificationError, match="2 inputs and 1 outputs"):
+        pem(record.current, record.position, single)
+
+
+def test_data_that_determine_no_model_are_refused(bearing: LinearBearing) -> None:
+    record, start = bearing.experiment(**BASE_NOISE), start_of(bearing)
+    with pytest.raises(IdentificationError, match="input of axis y is constant"):
+        pem(record.current * [1.0, 0.0], record.position, start)
