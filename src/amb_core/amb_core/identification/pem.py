@@ -26,13 +26,11 @@ from amb_core.identification.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.scaled_data import ScaledData
 
-_MOST_ITERATIONS = 25
+_MOST_ITERATIONS = 22
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
-_FIRST_DAMPING = 1e-2
+_FIRST_DAMPING = 0.1  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix; less is refused more often
 _LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
-_LEAST_DAMPING = (
-    1e-12  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix; redundant coordinates need some
-)
+_LEAST_DAMPING = 1e-12  # likewise; redundant coordinates need some
 
 
 def pem(
