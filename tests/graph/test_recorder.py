@@ -14,7 +14,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rosbags.highlevel import AnyReader
 
-from amb_core.bags import read_bag
+from amb_core.bags import Bag, read_bag
 from amb_core.errors import BagError
 from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, SimulatorState, StateSpaceModel
 from amb_msgs.srv import StartRecording, StopRecording
@@ -174,9 +174,16 @@ def test_a_killed_recorder_leaves_all_but_the_last_chunk(loop: Loop, graph: Grap
     np.testing.assert_array_equal(record.position[:, 0], np.sin(np.arange(record.steps) + 2))
 
 
+def _bag_on_disk(uri: str) -> Bag | None:
+    """The bag as far as it is written, None as long as nothing is."""
+    with contextlib.suppress(BagError):
+        return read_bag(uri)
+    return None
+
+
 def _steps_on_disk(uri: str) -> int:
-    bag = read_bag(uri)
-    return bag.telemetry().steps if bag.runs else 0
+    bag = _bag_on_disk(uri)
+    return bag.telemetry().steps if bag is not None and bag.runs else 0
 
 
 def test_a_full_disk_ends_the_recording_but_not_the_node(loop: Loop, graph: Graph) -> None:
@@ -233,8 +240,8 @@ def test_parameters_of_a_node_that_starts_after_the_bag_are_in_it(loop: Loop, gr
     late.declare_parameter("proportional_gain", 22_000.0)
 
     def recorded() -> Any:
-        with contextlib.suppress(BagError):  # nothing is on the disk yet
-            return read_bag(started.uri).parameters().get("/amb/pd_controller")
+        bag = _bag_on_disk(started.uri)
+        return bag.parameters().get("/amb/pd_controller") if bag else None
 
     graph.wait_until(recorded, "the late parameters")
     assert recorded()["proportional_gain"] == 22_000.0
