@@ -62,7 +62,7 @@ def test_unknown_parameter_is_refused_and_the_nearest_name_offered():
         ({"rotor.backup_bearing_radius": 700e-6}, "must be smaller than the air gap"),
         ({"rotor.initial_y": -300e-6}, "inside the backup bearing"),
         ({"integration.internal_step": 0.3e-6}, "whole number of internal steps"),
-        ({"amplifier.bias_current": 12.0}, "must not exceed amplifier.current_limit"),
+        ({"amplifier.bias_current": 12.0}, "must not exceed current_limit"),
     ],
 )
 def test_parameters_that_contradict_each_other_are_refused(values, reason):

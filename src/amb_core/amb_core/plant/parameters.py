@@ -1,18 +1,26 @@
-"""Parameters of the plant: power amplifiers, magnetic circuit and rotor. Defaults are the paper's table 1.
+"""Parameters of the plant: power amplifiers, magnetic circuit, iron, rotor, sensors. Defaults are the paper's table 1.
 
-What the table leaves open is marked "assumed" in its description.
+What the table leaves open is marked "assumed" in its description. Effects beyond the paper's table are off.
 """
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import model_validator
 
-from amb_core.parameters import Parameters, quantity, switch
+from amb_core.control import ControllerParameters
+from amb_core.parameters import Parameters, choice, quantity, switch
 
 
 class MagneticCircuitParameters(Parameters):
-    """Eight-pole heteropolar stator and journal, linear iron."""
+    """Eight-pole heteropolar stator and journal."""
 
+    actuators: Literal["two_axis", "differential", "top_coil"] = choice(
+        "two_axis",
+        "electromagnets with an amplifier: all four (2-DOF), +y and -y (1-DOF differential), +y alone (1-DOF); "
+        "with 1 DOF the rotor moves along y only",
+    )
     air_gap: float = quantity(0.6e-3, "m", "air gap between pole and journal, rotor centred", 1e-5, 1e-2)
     axial_length: float = quantity(49.15e-3, "m", "axial bearing length", 1e-3, 1.0)
     journal_inner_radius: float = quantity(15.88e-3, "m", "journal inner radius r_r", 1e-3, 1.0)
@@ -40,6 +48,42 @@ class MagneticCircuitParameters(Parameters):
         return self
 
 
+class IronParameters(Parameters):
+    """What the iron does beyond its constant relative permeability; one material for poles, back iron and journal.
+
+    Defaults of the Jiles-Atherton model are for a non-oriented silicon steel.
+    """
+
+    saturation: bool = switch(False, "flux density saturates along a curve; false: relative_permeability")
+    hysteresis: bool = switch(False, "flux density follows loops (Jiles-Atherton); needs saturation")
+    eddy_currents: bool = switch(True, "eddy currents in the laminations")
+    solid_journal: bool = switch(False, "journal of solid iron of constant permeability: flux lags as it diffuses")
+    saturation_magnetisation: float = quantity(1.3e6, "A/m", "saturation magnetisation M_s", 1e4, 3e6)
+    anhysteretic_field: float = quantity(60.0, "A/m", "shape parameter a of the anhysteretic curve", 0.1, 1e5)
+    interdomain_coupling: float = quantity(1e-4, "-", "interdomain coupling alpha", 0.0, 1.0)
+    pinning_field: float = quantity(50.0, "A/m", "pinning k: about the coercive field", 0.1, 1e5)
+    reversibility: float = quantity(0.2, "-", "reversible part c of the magnetisation", 0.0, 1.0)
+    bh_table: str = choice(
+        "",
+        "CSV file with columns H (A/m) and B (T), from 0, 0 upwards, instead of the anhysteretic curve; "
+        "empty for none; no hysteresis with it",
+    )
+    journal_conductivity: float = quantity(5.0e6, "S/m", "conductivity of a solid journal (assumed, steel)", 1e3, 1e8)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> IronParameters:
+        if self.hysteresis and not self.saturation:
+            raise ValueError("hysteresis is on and saturation off; loops saturate: switch both on, or hysteresis off")
+        if self.hysteresis and self.bh_table:
+            raise ValueError(
+                f"hysteresis is on with bh_table = '{self.bh_table}', which is a single curve; allowed with "
+                "hysteresis: no table, but saturation_magnetisation and the other Jiles-Atherton parameters"
+            )
+        if self.bh_table and not self.saturation:
+            raise ValueError(f"bh_table = '{self.bh_table}' is given and saturation is off; switch it on")
+        return self
+
+
 class AmplifierParameters(Parameters):
     """Two-state switched-mode power amplifier, one per electromagnet."""
 
@@ -52,19 +96,114 @@ class AmplifierParameters(Parameters):
     bias_current: float = quantity(3.0, "A", "bias current of every electromagnet", 0.0, 100.0)
     current_limit: float = quantity(10.0, "A", "limit on the coil current reference (assumed)", 0.0, 1000.0)
     switching: bool = switch(True, "resolve the pulse-width modulation; false: apply its average voltage")
+    carriers: Literal["synchronous", "interleaved"] = choice(
+        "synchronous", "switching periods of the electromagnets begin together, or each a quarter of a period later"
+    )
+    dead_time: float = quantity(0.0, "s", "delay of the edge that starts to drive the coil current", 0.0, 1e-5)
+    limits: bool = switch(True, "duty cycle and coil current reference are limited; false only without switching")
     unipolar: bool = switch(True, "the coil current cannot become negative")
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> AmplifierParameters:
+        if self.switching and not self.limits:
+            raise ValueError(
+                "limits are off and switching is on; pulses have a duty cycle of 0 to 1: switch one of them"
+            )
+        if self.limits and self.bias_current > self.current_limit:
+            raise ValueError(
+                f"bias_current = {self.bias_current:g} A must not exceed current_limit = {self.current_limit:g} A"
+            )
+        longest = self.minimum_duty / self.switching_frequency
+        if self.switching and self.dead_time > longest:
+            raise ValueError(
+                f"dead_time = {self.dead_time:g} s must not exceed the shortest pulse, minimum_duty / "
+                f"switching_frequency = {longest:g} s"
+            )
+        return self
 
 
 class RotorParameters(Parameters):
-    """Point-mass rotor in the bearing plane."""
+    """The rotor and what acts on it; displacements are those of the journals in their bearings."""
 
-    mass: float = quantity(6.25, "kg", "mass carried by the bearing: half of the rotor", 1e-3, 1e5)
+    model: Literal["point_mass", "rigid", "flexible"] = choice(
+        "point_mass",
+        "half a rotor in one bearing, or a rotor in two bearings A and B: rigid body (rigid_rotor) or modes "
+        "(flexible_rotor); the plant's inputs and outputs are those of bearing A",
+    )
+    mass: float = quantity(6.25, "kg", "point mass carried by the bearing: half of the rotor", 1e-3, 1e5)
     gravity: float = quantity(9.81, "m/s^2", "gravity along -y; 0 switches it off", 0.0, 100.0)
+    running_speed: float = quantity(0.0, "Hz", "running speed, revolutions per second from +x to +y", 0.0, 5000.0)
+    unbalance: float = quantity(
+        0.0, "kg m", "static unbalance: mass times eccentricity, at the centre of mass", 0.0, 1.0
+    )
+    external_force_x: float = quantity(0.0, "N", "external force on the rotor at bearing A, x axis", -1e6, 1e6)
+    external_force_y: float = quantity(0.0, "N", "external force on the rotor at bearing A, y axis", -1e6, 1e6)
+    external_force_frequency: float = quantity(
+        0.0, "Hz", "frequency of the external force, a cosine from the reset on; 0 for a constant force", 0.0, 1e5
+    )
     backup_bearing_radius: float = quantity(
         250e-6, "m", "radial rotor displacement at which it touches the backup bearing", 1e-6, 1e-2
     )
     initial_x: float = quantity(0.0, "m", "rotor position at reset, x axis", -1e-2, 1e-2)
     initial_y: float = quantity(0.0, "m", "rotor position at reset, y axis", -1e-2, 1e-2)
+
+
+class RigidRotorParameters(Parameters):
+    """Rigid rotor in two bearings, for `rotor.model: rigid`. Axial positions count from the centre of mass."""
+
+    mass: float = quantity(12.5, "kg", "mass of the rotor", 1e-3, 1e5)
+    transverse_inertia: float = quantity(0.25, "kg m^2", "moment of inertia about a diameter (assumed)", 1e-9, 1e6)
+    polar_inertia: float = quantity(0.008, "kg m^2", "moment of inertia about the axis (assumed)", 0.0, 1e6)
+    bearing_a: float = quantity(-0.15, "m", "axial position of bearing A (assumed)", -10.0, 10.0)
+    bearing_b: float = quantity(0.15, "m", "axial position of bearing B (assumed)", -10.0, 10.0)
+    sensor_a: float = quantity(-0.15, "m", "axial position of the sensors of bearing A (assumed)", -10.0, 10.0)
+    sensor_b: float = quantity(0.15, "m", "axial position of the sensors of bearing B (assumed)", -10.0, 10.0)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> RigidRotorParameters:
+        for name in ("bearing", "sensor"):
+            a, b = getattr(self, f"{name}_a"), getattr(self, f"{name}_b")
+            if a >= b:
+                raise ValueError(f"{name}_a = {a:g} m must be smaller than {name}_b = {b:g} m: A is the side of -z")
+        if self.polar_inertia > 2.0 * self.transverse_inertia:
+            raise ValueError(
+                f"polar_inertia = {self.polar_inertia:g} kg m^2 of a body cannot exceed twice its transverse_inertia, "
+                f"{2.0 * self.transverse_inertia:g} kg m^2"
+            )
+        return self
+
+
+class FlexibleRotorParameters(Parameters):
+    """Flexible rotor in two bearings, for `rotor.model: flexible`."""
+
+    modal_data: str = choice("", "file of modal data (.npz), see amb_core.plant.modal_data")
+
+
+class BackupBearingParameters(Parameters):
+    """What happens when the rotor touches the backup bearing; its radius is `rotor.backup_bearing_radius`."""
+
+    contact: bool = switch(False, "the rotor bounces and rubs on the backup bearing; false: touching it ends the run")
+    stiffness: float = quantity(2e7, "N/m", "contact stiffness (assumed)", 1e3, 1e10)
+    damping: float = quantity(2e3, "N s/m", "contact damping (assumed)", 0.0, 1e7)
+    friction: float = quantity(0.1, "-", "friction coefficient against the surface of the turning rotor", 0.0, 2.0)
+
+
+class SensorParameters(Parameters):
+    """Position sensors; ideal by default."""
+
+    bandwidth: float = quantity(0.0, "Hz", "first-order low-pass; 0 for none", 0.0, 1e6)
+    noise: float = quantity(0.0, "m", "standard deviation of white noise on every sample", 0.0, 1e-3)
+    noise_seed: int = quantity(0, "-", "seed of the noise: the same noise after every reset", 0, 2**31 - 1)
+
+
+class ConverterParameters(Parameters):
+    """Converters and computer between sensors and amplifiers; ideal by default."""
+
+    position_resolution: float = quantity(0.0, "m", "step of the analogue-digital converter; 0 for none", 0.0, 1e-3)
+    current_resolution: float = quantity(0.0, "A", "step of the digital-analogue converter; 0 for none", 0.0, 10.0)
+    computation_delay: float = quantity(
+        0.0, "-", "part of a controller sample until a control current reference takes effect", 0.0, 1.0
+    )
 
 
 class IntegrationParameters(Parameters):
@@ -75,11 +214,22 @@ class IntegrationParameters(Parameters):
 
 
 class PlantParameters(Parameters):
-    """The plant: two control current references in, rotor position out."""
+    """The plant: two control current references in, rotor position out.
+
+    With a rotor in two bearings, bearing B has a magnetic circuit and amplifiers like those of bearing A and its own PD
+    controller, `controller_b`, inside the plant.
+    """
 
     magnetic_circuit: MagneticCircuitParameters = MagneticCircuitParameters()
+    iron: IronParameters = IronParameters()
     amplifier: AmplifierParameters = AmplifierParameters()
     rotor: RotorParameters = RotorParameters()
+    rigid_rotor: RigidRotorParameters = RigidRotorParameters()
+    flexible_rotor: FlexibleRotorParameters = FlexibleRotorParameters()
+    controller_b: ControllerParameters = ControllerParameters()
+    backup_bearing: BackupBearingParameters = BackupBearingParameters()
+    sensor: SensorParameters = SensorParameters()
+    converters: ConverterParameters = ConverterParameters()
     integration: IntegrationParameters = IntegrationParameters()
 
     @property
@@ -113,9 +263,19 @@ class PlantParameters(Parameters):
                 f"rotor.initial_x = {self.rotor.initial_x:g} m and initial_y = {self.rotor.initial_y:g} m must lie "
                 f"inside the backup bearing, {radius:g} m"
             )
-        if self.amplifier.bias_current > self.amplifier.current_limit:
-            raise ValueError(
-                f"amplifier.bias_current = {self.amplifier.bias_current:g} A must not exceed "
-                f"amplifier.current_limit = {self.amplifier.current_limit:g} A"
-            )
+        if self.rotor.model == "flexible" and not self.flexible_rotor.modal_data:
+            raise ValueError("rotor.model = 'flexible' needs flexible_rotor.modal_data, a file of modal data")
+        if self.rotor.model != "point_mass":
+            if self.magnetic_circuit.actuators != "two_axis":
+                raise ValueError(
+                    f"rotor.model = '{self.rotor.model}' moves along x and y; magnetic_circuit.actuators = "
+                    f"'{self.magnetic_circuit.actuators}' pull along y only; allowed: two_axis"
+                )
+            if self.controller_b.sample_rate != self.integration.sample_rate:
+                raise ValueError(
+                    f"controller_b.sample_rate = {self.controller_b.sample_rate:g} Hz must equal "
+                    f"integration.sample_rate = {self.integration.sample_rate:g} Hz"
+                )
+        if self.iron.solid_journal and not self.iron.eddy_currents:
+            raise ValueError("iron.solid_journal is on and iron.eddy_currents off; its lag is eddy currents")
         return self
