@@ -5,23 +5,24 @@ segment of length l, depth D and section A has the magnetomotive force (s the La
 
     R u coth(u) phi,    R = l / (mu A),    u = sqrt(s tau),    tau = sigma mu D^2
 
-A lamination of thickness d is driven from both faces, so D = d / 2, and its time constants lie far above every frequency
-of interest: u coth(u) ~ 1 + s tau / 3, the eddy coefficient sigma d^2 l / (12 A) of `amb_core.plant.network`. A solid
-journal is centimetres deep and tau is seconds, so it lags as the square root of s and needs memory.
+A lamination of thickness d is driven from both faces, so D = d / 2. Its modes are faster than anything of interest, and
+u coth(u) ~ 1 + s tau / 3 gives the eddy coefficient sigma d^2 l / (12 A) of `amb_core.plant.network`. A solid journal
+is centimetres deep and tau is seconds: its drop rises with the square root of s, which takes memory.
 
-Sources: Stoll, "The Analysis of Eddy Currents", Oxford 1974, ch. 2 (slab); Meeker, Maslen, Noh, "Augmented circuit model
-for magnetic bearings including eddy currents, fringing, and leakage", IEEE Trans. Magn. 32 (1996); Zhu, Knospe, Maslen,
+Sources: Stoll, "The Analysis of Eddy Currents", Oxford 1974 (slab); Meeker, Maslen, Noh, "Augmented circuit model for
+magnetic bearings including eddy currents, fringing, and leakage", IEEE Trans. Magn. 32 (1996); Zhu, Knospe, Maslen,
 "Analytic model for a nonlaminated cylindrical magnetic actuator including eddy currents", IEEE Trans. Magn. 41 (2005).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
-from scipy.optimize import nnls
+from scipy.optimize import brentq, nnls
 
 from amb_core.errors import PlantError
 from amb_core.plant.parameters import PlantParameters
@@ -39,14 +40,13 @@ class SolidJournal:
     """Diffusion into a solid journal as a passive sum: u coth(u) ~ 1 + sum_n c_n s / (s + p_n) + r s.
 
     Each term remembers, for every pole, by how much its flux leads: m_n = c_n (phi - q_n) with q_n' = p_n (phi - q_n).
-    With J = T^T T the operator from pole fluxes to the drops of a ring of unit reluctance and R_j the reluctance of a
-    segment, the journal's drops are
+    With J the journal's part of the reluctance matrix, its drops are
 
-        R_j J (phi + sum_n m_n + r dphi/dt)
+        J (phi + sum_n m_n + r dphi/dt)
 
-    R_j J belongs to the constant reluctance matrix, R_j r J to the constant eddy-current matrix (in place of the
-    journal's laminations), and R_j J sum_n m_n is added to the drops. m_n is zero at rest. The term stores the energy
-    R_j m_n J m_n / (2 c_n) and loses the power R_j p_n m_n J m_n / c_n.
+    J r belongs to the constant eddy-current matrix, in place of the journal's laminations. m_n is zero at rest. A term
+    stores the energy m_n J m_n / (2 c_n) and loses the power p_n m_n J m_n / c_n. Over a step the terms are as stiff as
+    the reluctance J (1 + sum_n c_n).
 
     Attributes
     ----------
@@ -58,8 +58,6 @@ class SolidJournal:
         r > 0 (s): all that is faster than the terms.
     time_constant : float
         tau (s).
-    segment_reluctance : float
-        R_j, of the journal between two poles (A/Wb).
     highest_frequency : float
         Up to it, from 0 Hz, the sum was fitted (Hz).
     """
@@ -68,7 +66,6 @@ class SolidJournal:
     rates: NDArray[np.float64]
     rest: float
     time_constant: float
-    segment_reluctance: float
     highest_frequency: float
 
     def response(self, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -77,7 +74,7 @@ class SolidJournal:
         return 1.0 + (s[..., None] / (s[..., None] + self.rates)) @ self.weights + self.rest * s
 
     def error(self, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Relative error at frequencies (Hz): its real part is that of the magnitude, its imaginary part phase (rad)."""
+        """Relative error at frequencies (Hz): real part of the magnitude, imaginary part of the phase (rad)."""
         return self.response(frequency) / diffusion(frequency, self.time_constant) - 1.0
 
     def update(self, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -90,7 +87,15 @@ class SolidJournal:
 
 
 def diffusion(frequency: NDArray[np.float64], time_constant: float) -> NDArray[np.complex128]:
-    """u coth(u) with u = sqrt(s tau) at frequencies (Hz), tau (s): reluctance of a slab over that of constant flux."""
+    """Drop along a slab over that of constant flux, u coth(u) with u = sqrt(s tau).
+
+    Parameters
+    ----------
+    frequency : ndarray
+        Frequencies (Hz), 0 included.
+    time_constant : float
+        tau (s).
+    """
     u = np.sqrt(2j * np.pi * np.asarray(frequency, dtype=np.float64) * time_constant)
     at_rest = u == 0.0
     return np.where(at_rest, 1.0, u / np.tanh(np.where(at_rest, 1.0, u)))
@@ -118,11 +123,7 @@ def solid_journal_terms(parameters: PlantParameters) -> SolidJournal:
     PlantError
         If 24 terms do not hold the accuracy.
     """
-    circuit = parameters.magnetic_circuit
-    depth = circuit.journal_outer_radius - circuit.journal_inner_radius
-    length = np.pi * (circuit.journal_outer_radius + circuit.journal_inner_radius) / 8.0
-    permeability = mu_0 * circuit.relative_permeability
-    tau = parameters.iron.journal_conductivity * permeability * depth**2
+    tau = _journal_time_constant(parameters)
     highest = min(HIGHEST_FREQUENCY, 1.0 / (_STEPS_PER_PERIOD * parameters.integration.internal_step))
     slowest = np.pi**2 / tau
     frequency = np.geomspace(min(0.01 * slowest, highest), highest, 400)
@@ -135,7 +136,6 @@ def solid_journal_terms(parameters: PlantParameters) -> SolidJournal:
             rates=rates[used],
             rest=rest,
             time_constant=tau,
-            segment_reluctance=length / (permeability * depth * circuit.axial_length),
             highest_frequency=highest,
         )
         if np.abs(journal.error(frequency)).max() <= ACCURACY:
@@ -146,6 +146,89 @@ def solid_journal_terms(parameters: PlantParameters) -> SolidJournal:
         f"{highest:g} Hz by {_MOST_TERMS} terms; allowed: a smaller time constant, or a longer "
         "integration.internal_step"
     )
+
+
+def force_response(parameters: PlantParameters, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Force on the centred, held rotor per control current along an axis, small signals about the bias (N/A).
+
+    Opposite electromagnets carry bias current plus and minus i. With N_p turns per pole and shared flux, their
+    magnetomotive forces are sums of sin(theta) and sin(3 theta) over the poles; each of these mode shapes sees the
+    segments of the rings in a proportion rho = 1 / (4 sin^2(k 22.5 deg)), k = 1 or 3, has the impedance
+
+        Z_rho(s) = g_0 / (mu_0 A) + (R_pole + rho R_back) (1 + s t) + rho R_journal (1 + s t),  t = sigma mu d^2 / 12,
+
+    and a part in the force, so that with rho = 1/2 for the bias flux itself
+
+        k_i(s) = 4 cos(22.5 deg) N_p^2 i_0 / (mu_0 A Z_1/2(0)) sum_rho w_rho / Z_rho(s)
+        (rho, w_rho) = (1 + 1/sqrt 2, 1 - 1/sqrt 2) and (1 - 1/sqrt 2, 1/sqrt 2)
+
+    In separate circuits all is at rho = 1/2. A solid journal has u coth(u) in place of its 1 + s t.
+
+    Parameters
+    ----------
+    parameters : PlantParameters
+        Magnetic circuit, bias current and switches of the iron, whose permeability is constant here.
+    frequency : ndarray
+        Frequencies (Hz).
+
+    Raises
+    ------
+    PlantError
+        If electromagnets share flux and not all of them carry the bias current.
+    """
+    circuit, iron = parameters.magnetic_circuit, parameters.iron
+    if circuit.coupling and circuit.actuators != "two_axis":
+        raise PlantError(
+            f"magnetic_circuit.actuators = '{circuit.actuators}' with coupling has no closed form of the force "
+            "response; allowed: two_axis, or coupling: false"
+        )
+    area = circuit.pole_width * circuit.axial_length
+    permeability = mu_0 * circuit.relative_permeability
+    gap = circuit.air_gap / (mu_0 * area)
+    pole = (circuit.back_iron_inner_radius - circuit.pole_radius) / (permeability * area)
+    back, journal = (
+        np.pi * (outer + inner) / 8.0 / (permeability * (outer - inner) * circuit.axial_length)
+        for inner, outer in (
+            (circuit.back_iron_inner_radius, circuit.stator_outer_radius),
+            (circuit.journal_inner_radius, circuit.journal_outer_radius),
+        )
+    )
+    lag = circuit.iron_conductivity * permeability * circuit.lamination_thickness**2 / 12.0 if iron.eddy_currents else 0
+    laminated = 1.0 + 2j * np.pi * np.asarray(frequency, dtype=np.float64) * lag
+    in_journal = diffusion(frequency, _journal_time_constant(parameters)) if iron.solid_journal else laminated
+
+    modes = ((1.0 + 0.5**0.5, 1.0 - 0.5**0.5), (1.0 - 0.5**0.5, 0.5**0.5)) if circuit.coupling else ((0.5, 1.0),)
+    bias_flux = circuit.turns_per_pole * parameters.amplifier.bias_current / (gap + pole + 0.5 * (back + journal))
+    admittance = sum(
+        weight / (gap + (pole + share * back) * laminated + share * journal * in_journal) for share, weight in modes
+    )
+    return 4.0 * np.cos(np.pi / 8) * circuit.turns_per_pole * bias_flux / (mu_0 * area) * admittance
+
+
+def eddy_bandwidth(parameters: PlantParameters) -> float:
+    """Frequency at which eddy currents have lowered the force per control current by 3 dB (Hz); inf without them.
+
+    In separate laminated circuits this is R / (2 pi K), with R the reluctance and K the eddy coefficient of a pole and
+    its part of the rings; otherwise `force_response` is solved for it.
+    """
+    if not parameters.iron.eddy_currents:
+        return math.inf
+
+    def above(frequency: float) -> float:
+        constant, varying = np.abs(force_response(parameters, np.array([0.0, frequency])))
+        return float(varying / constant) - 0.5**0.5
+
+    upper = 1e-6
+    while above(upper) > 0.0:
+        upper *= 10.0
+    return float(brentq(above, 0.1 * upper, upper, xtol=1e-12 * upper, rtol=1e-12))
+
+
+def _journal_time_constant(parameters: PlantParameters) -> float:
+    """Time constant tau of the diffusion into a solid journal (s)."""
+    circuit = parameters.magnetic_circuit
+    depth = circuit.journal_outer_radius - circuit.journal_inner_radius
+    return parameters.iron.journal_conductivity * mu_0 * circuit.relative_permeability * depth**2
 
 
 def _fit(
