@@ -1,0 +1,244 @@
+"""The magnetic material of poles, back iron and journal: its single-valued curve, and its constants for the kernel.
+
+The curve is the anhysteretic one of the Jiles-Atherton parameters, M = M_s L(H_e / a) with H_e = H + alpha M and the
+Langevin function L, or a user's table. Hysteresis loops run about it (`amb_core.plant.iron_kernel`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.constants import mu_0
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+
+from amb_core.errors import PlantError
+from amb_core.plant import iron_kernel
+from amb_core.plant.bh_table import read_bh_table
+from amb_core.plant.iron_kernel import (
+    ELEMENTS,
+    FIELD,
+    FLUX_DENSITY,
+    MAGNETISATION,
+    ROWS,
+    SLOPE,
+    TARGET,
+    WORK,
+    advance_hysteresis,
+    advance_saturation,
+)
+from amb_core.plant.langevin import langevin
+from amb_core.plant.parameters import IronParameters
+
+__all__ = [
+    "ELEMENTS",
+    "FIELD",
+    "FLUX_DENSITY",
+    "MAGNETISATION",
+    "ROWS",
+    "SLOPE",
+    "TARGET",
+    "WORK",
+    "SaturationCurve",
+    "advance_hysteresis",
+    "advance_saturation",
+    "initial_iron",
+    "pack_curve",
+    "pack_material",
+    "saturation_curve",
+]
+
+_INTERVALS = 4096
+_SPAN = 2.0  # of the table of an anhysteretic curve, in mu0 M_s
+_DAMPING = 9.0 / 16.0
+"""Share of the stiff Jacobian in the Newton step; damps the lag of M behind M_an fastest where steps are long."""
+
+
+@dataclass(frozen=True)
+class SaturationCurve:
+    """Field as a single-valued, odd, rising function of the flux density: piecewise cubic, then a line of slope 1/mu0.
+
+    Attributes
+    ----------
+    end : float
+        Flux density where the straight line begins (T).
+    coefficients : ndarray, shape (intervals + 1, 4)
+        Of each interval and of the straight line (A/m), lowest power first, in the place within the interval (0 to 1).
+    """
+
+    end: float
+    coefficients: NDArray[np.float64]
+
+    def field(self, flux_density: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Field (A/m) at flux densities (T)."""
+        place, c = self._locate(flux_density)
+        return np.sign(flux_density) * (c[..., 0] + place * (c[..., 1] + place * (c[..., 2] + place * c[..., 3])))
+
+    def differential_reluctivity(self, flux_density: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Slope dH/dB (m/H) at flux densities (T)."""
+        place, c = self._locate(flux_density)
+        return self.scale * (c[..., 1] + place * (2.0 * c[..., 2] + place * 3.0 * c[..., 3]))
+
+    @property
+    def scale(self) -> float:
+        """Intervals per tesla."""
+        return (len(self.coefficients) - 1) / self.end
+
+    def _locate(self, flux_density: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        place = np.abs(flux_density) * self.scale
+        interval = np.minimum(place, len(self.coefficients) - 1).astype(np.intp)
+        return place - interval, self.coefficients[interval]
+
+
+def saturation_curve(parameters: IronParameters) -> SaturationCurve:
+    """Curve of the material: from its table if it has one, otherwise anhysteretic.
+
+    Parameters
+    ----------
+    parameters : IronParameters
+        The material.
+
+    Raises
+    ------
+    PlantError
+        If the table cannot be used or the Jiles-Atherton parameters have no stable anhysteretic curve.
+    """
+    if parameters.bh_table:
+        field, flux_density = read_bh_table(parameters.bh_table)
+        odd = PchipInterpolator(
+            np.concatenate([-flux_density[:0:-1], flux_density]), np.concatenate([-field[:0:-1], field])
+        )
+        grid = np.linspace(0.0, flux_density[-1], _INTERVALS + 1)
+        values, slopes = odd(grid), odd(grid, 1)
+        # Within these bounds an interpolant rises (Fritsch, Carlson 1980); they matter only where the table has a kink.
+        secants = np.diff(values) * _INTERVALS / grid[-1]
+        slopes[1:] = np.minimum(slopes[1:], 3.0 * secants)
+        slopes[:-1] = np.minimum(slopes[:-1], 3.0 * secants)
+    else:
+        grid = np.linspace(0.0, _SPAN * mu_0 * parameters.saturation_magnetisation, _INTERVALS + 1)
+        values, slopes = anhysteretic_field(grid, parameters)
+    interval = grid[-1] / _INTERVALS
+    cubics = CubicHermiteSpline(grid, values, slopes).c[::-1].T * interval ** np.arange(4)
+    line = [[values[-1], interval / mu_0, 0.0, 0.0]]
+    return SaturationCurve(float(grid[-1]), np.concatenate([cubics, line]))
+
+
+def anhysteretic_field(
+    flux_density: NDArray[np.float64], parameters: IronParameters
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Field H (A/m) on the anhysteretic curve, and its slope dH/dB (m/H).
+
+    Parameters
+    ----------
+    flux_density : ndarray
+        Flux density (T).
+    parameters : IronParameters
+        The material.
+
+    Raises
+    ------
+    PlantError
+        If the anhysteretic curve is not stable.
+    """
+    check_stability(parameters)
+    saturation, a = parameters.saturation_magnetisation, parameters.anhysteretic_field
+    alpha = parameters.interdomain_coupling
+    # B / mu0 = a x + (1 - alpha) M_s L(x) with x = H_e / a, rising and concave: Newton from below climbs to the root.
+    wanted = np.abs(flux_density) / mu_0
+    x = wanted / (a + (1.0 - alpha) * saturation / 3.0)
+    for _ in range(100):
+        value, slope = langevin(x)
+        change = (wanted - a * x - (1.0 - alpha) * saturation * value) / (a + (1.0 - alpha) * saturation * slope)
+        x = x + change
+        if np.all(np.abs(change) <= 1e-13 * x):
+            break
+    value, slope = langevin(x)
+    susceptibility = saturation / a * slope
+    field = np.sign(flux_density) * (a * x - alpha * saturation * value)
+    return field, (1.0 - alpha * susceptibility) / (mu_0 * (1.0 + (1.0 - alpha) * susceptibility))
+
+
+def check_stability(parameters: IronParameters) -> None:
+    """Refuse Jiles-Atherton parameters whose anhysteretic curve would turn back at the origin.
+
+    Raises
+    ------
+    PlantError
+        If alpha M_s / (3 a) >= 1.
+    """
+    saturation, a = parameters.saturation_magnetisation, parameters.anhysteretic_field
+    alpha = parameters.interdomain_coupling
+    feedback = alpha * saturation / (3.0 * a)
+    if feedback >= 1.0:
+        raise PlantError(
+            f"iron: interdomain_coupling = {alpha:g} with saturation_magnetisation = {saturation:g} A/m and "
+            f"anhysteretic_field = {a:g} A/m magnetises itself, alpha M_s / (3 a) = {feedback:.3g}; "
+            f"allowed: less than 1, that is interdomain_coupling below {3.0 * a / saturation:.3g}"
+        )
+
+
+def pack_curve(parameters: IronParameters) -> NDArray[np.float64]:
+    """Curve of the material for `advance_saturation`, shape (intervals + 2, 4); raises as `saturation_curve`."""
+    curve = saturation_curve(parameters)
+    head = np.zeros((1, 4))
+    head[0, iron_kernel.CURVE_SCALE] = curve.scale
+    head[0, iron_kernel.CURVE_INTERVALS] = len(curve.coefficients) - 1
+    return np.concatenate([head, curve.coefficients])
+
+
+def pack_material(parameters: IronParameters) -> NDArray[np.float64]:
+    """Constants of the material for `advance_hysteresis`, shape (8,).
+
+    Raises
+    ------
+    PlantError
+        If the anhysteretic curve is not stable.
+    """
+    check_stability(parameters)
+    a = parameters.anhysteretic_field
+    uncoupled = 1.0 - parameters.interdomain_coupling
+    material = np.zeros(iron_kernel.MATERIAL_SIZE)
+    material[iron_kernel.SATURATION] = parameters.saturation_magnetisation
+    material[iron_kernel.SUSCEPTIBILITY] = parameters.saturation_magnetisation / a
+    material[iron_kernel.ARGUMENT_PER_B] = 1.0 / (mu_0 * a)
+    material[iron_kernel.ARGUMENT_PER_M] = uncoupled / a
+    material[iron_kernel.UNCOUPLED] = uncoupled
+    material[iron_kernel.PINNING] = 1.0 / parameters.pinning_field
+    material[iron_kernel.REVERSIBILITY] = parameters.reversibility
+    material[iron_kernel.DAMPING] = _DAMPING / (mu_0 * parameters.pinning_field)
+    return material
+
+
+def initial_iron(flux_density: NDArray[np.float64], parameters: IronParameters) -> NDArray[np.float64]:
+    """Iron array with every element on the single-valued curve: demagnetised, then brought to its flux density.
+
+    Parameters
+    ----------
+    flux_density : ndarray, shape (24,)
+        Flux densities (T).
+    parameters : IronParameters
+        The material.
+
+    Returns
+    -------
+    ndarray, shape (ROWS, 24)
+        Iron array; no work done yet.
+
+    Raises
+    ------
+    PlantError
+        As `saturation_curve`.
+    """
+    curve = saturation_curve(parameters)
+    iron = np.zeros((ROWS, ELEMENTS))
+    iron[TARGET] = iron[FLUX_DENSITY] = flux_density
+    iron[FIELD] = curve.field(flux_density)
+    iron[MAGNETISATION] = flux_density / mu_0 - iron[FIELD]
+    reluctivity = curve.differential_reluctivity(flux_density)
+    iron[SLOPE] = 1.0 / mu_0 - reluctivity
+    if parameters.hysteresis:  # only the reversible part moves at first
+        alpha = parameters.interdomain_coupling
+        chi = parameters.reversibility * iron[SLOPE] / (reluctivity + alpha * iron[SLOPE])
+        iron[SLOPE] = chi / (mu_0 * (1.0 + (1.0 - alpha) * chi))
+    return iron
