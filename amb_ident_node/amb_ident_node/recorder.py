@@ -25,7 +25,7 @@ from amb_core.errors import AmbError, BagError, ParameterError
 from amb_core.messages import ParameterValue
 from amb_core.parameters import Parameters, choice, quantity, switch
 from amb_ident_node.recording import Recording
-from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, SimulatorState, StateSpaceModel
+from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, PlantState, SimulatorState, StateSpaceModel
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros import diagnostics, topics
 from amb_ros.definitions import message_definition
@@ -80,6 +80,7 @@ class RecordedTopic(NamedTuple):
 
 RECORDED = (
     RecordedTopic(topics.TELEMETRY, LoopSamples, stream=HISTORY),
+    RecordedTopic(topics.PLANT_STATE, PlantState, stream=HISTORY),
     RecordedTopic(topics.EXCITATION, Excitation, latched=True),
     RecordedTopic(topics.EXCITATION_STATUS, ExcitationStatus, latched=True),
     RecordedTopic(topics.MODEL, StateSpaceModel, latched=True),

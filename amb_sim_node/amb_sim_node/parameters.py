@@ -14,3 +14,6 @@ class SimulatorParameters(PlantParameters):
     answer_timeout: float = quantity(
         0.25, "s", "wall-clock time after which the answer of the controller counts as overdue", 0.05, 10.0
     )
+    plant_state_steps: int = quantity(
+        0, "-", "controller steps between messages on plant_state; 0 for none", 0, 1_000_000
+    )

@@ -11,20 +11,23 @@ import time
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from amb_core.errors import PlantError
+from amb_core.errors import AmbError, ParameterError, PlantError
+from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
-from amb_msgs.msg import CurrentReference, RotorPosition, SimulatorState
+from amb_msgs.msg import CurrentReference, PlantState, RotorPosition, SimulatorState
 from amb_msgs.srv import Pause, Reset, RunSteps
 from amb_ros import diagnostics, topics
-from amb_ros.parameters import declare
+from amb_ros.parameters import declare, replace
 from amb_ros.process import run_node
-from amb_ros.qos import LATCHED, STREAM
+from amb_ros.qos import HISTORY, LATCHED, STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 from amb_ros.services import create_service
 from amb_ros.stamps import set_step_time
 from amb_sim_node.parameters import SimulatorParameters
+from amb_sim_node.plant_state import plant_state_message
 
 MODE_NAMES = {
     SimulatorState.PAUSED: "paused",
@@ -40,11 +43,9 @@ class SimulatorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("simulator", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True)
-        self._settings = declare(self, SimulatorParameters)
-        self._plant = Plant(self._settings)
-        self._plant.advance(0.0, 0.0)  # compile before the first sample is asked for
-        self._sample_rate = self._settings.integration.sample_rate
-        self._clock_steps = max(round(self._settings.clock_period * self._sample_rate), 1)
+        settings = declare(self, SimulatorParameters)
+        self._use(settings, _compiled_plant(settings))
+        self._sample_rate = settings.integration.sample_rate  # for good: a reset to another one is refused
 
         self._clock_message = ClockMessage()
         self._state = SimulatorState(
@@ -53,11 +54,15 @@ class SimulatorNode(Node):
             sample_time=self._plant.sample_time,
         )
         self._fault = ""
+        self._in_contact = False  # at the present step
+        self._contact_steps = 0  # of this run
+        self._reported_contact_steps = 0  # at the last report
         self._answered = True  # False between the publication of a step and its answer
         self._seen_step = -1  # step at the last look of the watch
 
         self._position_publisher = self.create_publisher(RotorPosition, topics.POSITION, STREAM)
         self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
+        self._plant_state_publisher = self.create_publisher(PlantState, topics.PLANT_STATE, HISTORY)
         self._state_publisher = self.create_publisher(SimulatorState, topics.SIMULATOR_STATE, LATCHED)
         self._current_subscription = self.create_subscription(
             CurrentReference, topics.CURRENT_REFERENCE, self._on_current_reference, STREAM, raw=True
@@ -66,9 +71,7 @@ class SimulatorNode(Node):
         create_service(self, Pause, "~/pause", self._on_pause)
         create_service(self, RunSteps, "~/run", self._on_run)
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
-        self._watch = self.create_timer(
-            self._settings.answer_timeout, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self._watch = self._create_watch()
         self._reset()
         if self._settings.autostart:
             self._start(0)
@@ -91,6 +94,7 @@ class SimulatorNode(Node):
             self._set_mode(SimulatorState.FAULT)
             return
         state.step += 1
+        self._look_inside()
         if self._plant.delevitated:
             self.get_logger().warning(f"delevitated before step {state.step} of run {state.run}")
             self._set_mode(SimulatorState.DELEVITATED)
@@ -113,6 +117,32 @@ class SimulatorNode(Node):
         set_step_time(self._clock_message.clock, self._state.step, self._sample_rate)
         self._clock_publisher.publish(self._clock_message)
 
+    def _look_inside(self) -> None:
+        """Publish the state of the plant at every step at which it is due, and watch for contact where there can be."""
+        run, step, every = self._state.run, self._state.step, self._settings.plant_state_steps
+        due, contact = every > 0 and step % every == 0, self._settings.backup_bearing.contact
+        if not due and not contact:
+            return
+        snapshot = self._plant.snapshot()
+        if due:
+            self._plant_state_publisher.publish(plant_state_message(snapshot, run, step, self._sample_rate))
+        if contact:
+            self._note_contact(bool(snapshot.contact.any()))
+
+    def _note_contact(self, in_contact: bool) -> None:
+        """Count the steps in contact; the first of a run is told at once, those of a rotor that bounces on later."""
+        self._in_contact = in_contact
+        self._contact_steps += in_contact
+        if in_contact and self._contact_steps == 1:
+            state = self._state
+            self.get_logger().warning(f"the rotor touches the backup bearing at step {state.step} of run {state.run}")
+            self._diagnostics.publish()
+
+    def _create_watch(self) -> Timer:
+        return self.create_timer(
+            self._settings.answer_timeout, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
     def _on_watch(self) -> None:
         """See whether the controller still answers, and publish an unanswered step again once somebody listens."""
         state = self._state
@@ -127,7 +157,10 @@ class SimulatorNode(Node):
 
     # -- scenario control
 
-    def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
+    def _on_reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        response.run = self._state.run
+        if request.parameter_file:
+            self._take_parameters(request.parameter_file)
         self._reset()
         response.success = True
         response.run = self._state.run
@@ -155,15 +188,46 @@ class SimulatorNode(Node):
         response.last_step = state.last_step
         return response
 
+    def _take_parameters(self, path: str) -> None:
+        """Take all parameters and a new plant from a file; on an error everything stays as it is.
+
+        Raises
+        ------
+        AmbError
+            If the file, a parameter or the plant is wrong; the message names the file.
+        """
+        settings = load_parameters(SimulatorParameters, path, self.get_name())
+        rate = settings.integration.sample_rate
+        where = f"parameter file {path}, node {self.get_name()}"
+        if rate != self._sample_rate:
+            raise ParameterError(
+                f"{where}: parameter 'integration.sample_rate' = {rate:g} Hz is not allowed; allowed: "
+                f"{self._sample_rate:g} Hz, at which the graph runs: its controllers read their rate when they start"
+            )
+        try:
+            plant = _compiled_plant(settings)
+        except AmbError as problem:
+            raise PlantError(f"{where}: {problem}") from None
+        replace(self, settings)
+        self._use(settings, plant)
+        self.destroy_timer(self._watch)
+        self._watch = self._create_watch()
+
+    def _use(self, settings: SimulatorParameters, plant: Plant) -> None:
+        self._settings, self._plant = settings, plant
+        self._clock_steps = max(round(settings.clock_period * settings.integration.sample_rate), 1)
+
     def _reset(self) -> None:
         self._plant.reset()
         self._fault = ""
+        self._in_contact, self._contact_steps, self._reported_contact_steps = False, 0, 0
         self._answered = True
         self._state.run += 1
         self._state.step = 0
         self._state.last_step = 0
         self._set_mode(SimulatorState.PAUSED)
         self._publish_clock()
+        self._look_inside()
 
     def _start(self, steps: int) -> None:
         self._state.last_step = self._state.step + steps if steps else 0
@@ -184,6 +248,9 @@ class SimulatorNode(Node):
 
     def _report(self) -> diagnostics.Report:
         state = self._state
+        # A touch may be over within milliseconds: those since the last report count too.
+        touched = self._in_contact or self._contact_steps > self._reported_contact_steps
+        self._reported_contact_steps = self._contact_steps
         listeners = self._position_publisher.get_subscription_count()
         if state.mode == SimulatorState.WAITING:
             level = diagnostics.ERROR
@@ -192,9 +259,26 @@ class SimulatorNode(Node):
             level, summary = diagnostics.ERROR, self._fault
         elif state.mode == SimulatorState.DELEVITATED:
             level, summary = diagnostics.ERROR, f"delevitated before step {state.step}"
+        elif touched:
+            level, summary = diagnostics.WARN, "the rotor touches the backup bearing"
         else:
             level, summary = diagnostics.OK, MODE_NAMES[state.mode]
-        return level, summary, {"run": state.run, "step": state.step, "mode": MODE_NAMES[state.mode]}
+        mode = MODE_NAMES[state.mode]
+        return level, summary, {"run": state.run, "step": state.step, "mode": mode, "contact": self._contact_steps}
+
+
+def _compiled_plant(parameters: SimulatorParameters) -> Plant:
+    """A plant at its reset whose code is compiled, so that the first sample need not wait for that.
+
+    Raises
+    ------
+    AmbError
+        If there is no such plant.
+    """
+    plant = Plant(parameters)
+    plant.advance(0.0, 0.0)
+    plant.reset()
+    return plant
 
 
 def main(args: list[str] | None = None) -> int:

@@ -8,25 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 
 from amb_core.control import ControllerParameters, PdController
 from amb_core.excitation import Square, generate
 from amb_core.loop import simulate
-from amb_core.messages import block_from_message
 from amb_core.plant import Plant
-from amb_core.telemetry import merge_blocks
-from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition, SimulatorState
-from amb_msgs.srv import Pause, Reset, RunSteps, StartExcitation, StopExcitation
-from amb_ros.qos import HISTORY, LATCHED, STREAM
+from amb_msgs.msg import CurrentReference, RotorPosition, SimulatorState
+from amb_msgs.srv import Pause, RunSteps, StartExcitation, StopExcitation
+from amb_ros.qos import STREAM
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from amb_core.records import LoopRecord
-    from tests.graph.conftest import Graph
+    from tests.graph.conftest import Bearing, Graph
 
 SIMULATOR = "amb_sim_node.simulator"
 CONTROLLER = "amb_controller_node.pd_controller"
@@ -38,65 +36,6 @@ SQUARE = Square(amplitude=20e-6, duration=0.08, frequency=50.0, axes="in_turn")
 EXCITED_FROM = 200
 
 
-class Bearing:
-    """What a user of the graph sees: services, state, telemetry and diagnostics."""
-
-    def __init__(self, graph: Graph) -> None:
-        self.graph = graph
-        self.states: list[SimulatorState] = []
-        self.blocks: list[LoopSamples] = []
-        self.diagnostics: list[tuple[float, DiagnosticStatus]] = []
-        node = graph.node
-        node.create_subscription(SimulatorState, "/amb/simulator/state", self.states.append, LATCHED)
-        self.telemetry = node.create_subscription(LoopSamples, "/amb/telemetry", self.blocks.append, HISTORY)
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
-
-    def reset(self) -> int:
-        return self.graph.call(Reset, "/amb/simulator/reset").run
-
-    def run(self, steps: int) -> Any:
-        self.graph.wait_until(self.telemetry.get_publisher_count, "the controller")
-        answer = self.graph.call(RunSteps, "/amb/simulator/run", steps=steps)
-        assert answer.success, answer.message
-        return answer
-
-    def excite(self, excitation: Square, run: int, first_step: int) -> None:
-        answer = self.graph.call(
-            StartExcitation,
-            "/amb/excitation_generator/start",
-            kind=excitation.kind,
-            run=run,
-            first_step=first_step,
-            **excitation.model_dump(),
-        )
-        assert answer.success, answer.message
-        assert (answer.run, answer.first_step) == (run, first_step)
-
-    def wait_for_step(self, run: int, step: int) -> None:
-        self.graph.wait_until(
-            lambda: any(state.run == run and state.step >= step for state in self.states), f"step {step} of run {run}"
-        )
-
-    def wait_for_mode(self, mode: int) -> SimulatorState:
-        self.graph.wait_until(lambda: self.states and self.states[-1].mode == mode, f"mode {mode}")
-        return self.states[-1]
-
-    def record(self, run: int, steps: int) -> LoopRecord:
-        def mine() -> list[LoopSamples]:
-            return [block for block in self.blocks if block.run == run]
-
-        self.graph.wait_until(lambda: sum(len(block.position_x) for block in mine()) >= steps, "all telemetry")
-        return merge_blocks([block_from_message(block) for block in mine()], 0, steps)
-
-    def _on_diagnostics(self, array: DiagnosticArray) -> None:
-        self.diagnostics += [(time.monotonic(), status) for status in array.status]
-
-
-@pytest.fixture
-def bearing(graph: Graph) -> Bearing:
-    return Bearing(graph)
-
-
 @pytest.fixture(scope="module")
 def without_ros() -> LoopRecord:
     controller = PdController(ControllerParameters())
@@ -105,11 +44,11 @@ def without_ros() -> LoopRecord:
 
 
 @pytest.fixture(scope="module")
-def shared_loop(open_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bearing]:
+def shared_loop(open_graph: Any, watch_bearing: Any, tmp_path_factory: Any) -> Iterator[Bearing]:
     """A loop, paused at step 100, for tests that leave it as it is."""
     with open_graph(tmp_path_factory.mktemp("shared_loop")) as graph:
         start_loop(graph, SIMULATOR, CONTROLLER, GENERATOR)
-        bearing = Bearing(graph)
+        bearing = watch_bearing(graph)
         run = bearing.reset()
         bearing.run(100)
         bearing.wait_for_step(run, 100)

@@ -24,6 +24,7 @@ for file in MESSAGES.glob("*.msg"):
     TYPES.register(get_types_from_msg(file.read_text(), f"amb_msgs/msg/{file.stem}"))
 
 LOOP_SAMPLES = "amb_msgs/msg/LoopSamples"
+PLANT_STATE = "amb_msgs/msg/PlantState"
 STATUS = "amb_msgs/msg/ExcitationStatus"
 EVENT = "rcl_interfaces/msg/ParameterEvent"
 BLOCK = 100
@@ -56,6 +57,27 @@ def block(run: int, first_step: int, steps: int = BLOCK) -> bytes:
 def status(run: int, first_step: int, steps: int, accepted: bool = True, kind: str = "square") -> bytes:
     return serialize(
         TYPES.types[STATUS](run=run, id=1, kind=kind, accepted=accepted, message="", first_step=first_step, steps=steps)
+    )
+
+
+def plant_state(run: int, step: int, coil_currents: int = 8) -> bytes:
+    """Of a rotor in two bearings; every number tells its step, bearing and place."""
+    stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=step // 10_000, nanosec=step % 10_000 * 100_000)
+    pair = step + np.arange(2.0)
+    return serialize(
+        TYPES.types[PLANT_STATE](
+            header=TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=""),
+            run=run,
+            step=step,
+            coil_current=step + 0.1 * np.arange(coil_currents),
+            flux_density=step + 0.01 * np.arange(16),
+            force_x=pair,
+            force_y=-pair,
+            position_x=1e-6 * pair,
+            position_y=-1e-6 * pair,
+            contact=np.array([False, True]),
+            contact_force=2.0 * pair,
+        )
     )
 
 
@@ -160,6 +182,34 @@ def test_excitations_are_those_of_the_run(tmp_path: Path) -> None:
         writer.write("/rig/telemetry", block(2, 0), 4)
     found = read_bag(tmp_path / "bag").excitations()
     assert [(item.first_step, item.steps, item.accepted) for item in found] == [(50, 500, True), (70, 500, False)]
+
+
+def test_states_of_the_plant_come_back_as_arrays_by_step_and_bearing(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/amb/plant_state", PLANT_STATE, definition(PLANT_STATE))
+        for number, (run, step) in enumerate([(4, 0), (5, 0), (5, 20_020), (5, 20_040)]):
+            writer.write("/amb/plant_state", plant_state(run, step), number)
+    bag = read_bag(tmp_path / "bag")
+    record = bag.plant_states()
+    assert record.step.tolist() == [0, 20_020, 20_040]
+    np.testing.assert_allclose(record.time, record.step * 1e-4, rtol=1e-15)
+    assert record.coil_current[1, 1].tolist() == pytest.approx([20_020.4, 20_020.5, 20_020.6, 20_020.7])
+    assert record.flux_density.shape == (3, 2, 8)
+    assert record.force[1].tolist() == [[20_020.0, -20_020.0], [20_021.0, -20_021.0]]
+    assert record.position[1, 1].tolist() == pytest.approx([0.020021, -0.020021])
+    assert record.contact.tolist() == [[False, True]] * 3
+    assert record.contact_force[1].tolist() == [40_040.0, 40_042.0]
+    assert bag.plant_states(run=4).step.tolist() == [0]
+    with pytest.raises(BagError, match=r"holds no states of the plant .* of run 9; the simulator publishes them if"):
+        bag.plant_states(run=9)
+
+
+def test_states_of_the_plant_with_arrays_of_wrong_size_are_named(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/amb/plant_state", PLANT_STATE, definition(PLANT_STATE))
+        writer.write("/amb/plant_state", plant_state(4, 0, coil_currents=7), 1)
+    with pytest.raises(BagError, match="states of the plant in run 4: the arrays of each must have the sizes"):
+        read_bag(tmp_path / "bag").plant_states()
 
 
 def test_parameters_are_the_last_known_per_node(tmp_path: Path) -> None:

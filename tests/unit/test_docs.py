@@ -29,7 +29,7 @@ NODE_PACKAGES = ("amb_sim_node", "amb_controller_node", "amb_ident_node")
 PACKAGES = ("amb_msgs", *NODE_PACKAGES, "src/amb_core", "src/amb_ros", "src/amb_bringup")
 READMES = [ROOT / "README.md", *(ROOT / package / "README.md" for package in PACKAGES)]
 SECTIONS = ["Purpose", "Design", "Assumptions and known limits", "Inputs and outputs", "Parameters", "Examples"]
-UNITS = {"-", "A", "A, m", "Hz", "m", "m/A", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
+UNITS = {"-", "A", "A, m", "Hz", "N", "T", "m", "m/A", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
 
 TABLE = re.compile(r"(<!-- parameters: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 TOPIC_NAMES = {name: value for name, value in vars(topics).items() if name.isupper() and name != "NAMESPACE"}

@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -130,9 +131,17 @@ class AmbClient:
 
     # -- simulator
 
-    def reset(self) -> int:
-        """Back to step 0 of a new run, paused. Returns the number of the run."""
-        self._run = self._call(Reset, "simulator/reset").run
+    def reset(self, parameter_file: str | Path | None = None) -> int:
+        """Back to step 0 of a new run, paused. Returns the number of the run.
+
+        Parameters
+        ----------
+        parameter_file : str or Path, optional
+            ROS parameter file with which the simulator goes on, as if it had been started with it. Relative to the
+            working directory of the caller; the simulator must be able to read it.
+        """
+        path = "" if parameter_file is None else str(Path(parameter_file).absolute())
+        self._run = self._call(Reset, "simulator/reset", parameter_file=path).run
         return self._run
 
     def pause(self) -> int:

@@ -5,7 +5,7 @@ Fields are taken by name, so that a message may come from ROS or be decoded from
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import BagError
 from amb_core.experiments import AppliedExcitation
-from amb_core.records import LoopRecord
+from amb_core.records import LoopRecord, PlantRecord
 
 if TYPE_CHECKING:
     from amb_core.identification import StateSpaceModel
@@ -43,6 +43,33 @@ def block_from_message(message: Any) -> LoopRecord:
     if not block.sample_time > 0.0:
         raise BagError(f"{where}: sample time {block.sample_time} s must be positive")
     return block
+
+
+def plant_record_from_messages(messages: Sequence[Any]) -> PlantRecord:
+    """The record of the PlantState messages of one run, of which there must be at least one.
+
+    Raises
+    ------
+    BagError
+        If their arrays do not have the sizes of their bearings.
+    """
+    stamps = [message.header.stamp for message in messages]
+    shape = len(messages), len(messages[0].contact)
+    try:
+        return PlantRecord(
+            step=np.array([message.step for message in messages], dtype=np.int64),
+            time=np.array([stamp.sec + 1e-9 * stamp.nanosec for stamp in stamps]),
+            coil_current=_rows(messages, "coil_current").reshape(*shape, 4),
+            flux_density=_rows(messages, "flux_density").reshape(*shape, 8),
+            force=np.stack([_rows(messages, f"force_{axis}").reshape(shape) for axis in "xy"], axis=2),
+            position=np.stack([_rows(messages, f"position_{axis}").reshape(shape) for axis in "xy"], axis=2),
+            contact=np.array([message.contact for message in messages], dtype=np.bool_).reshape(shape),
+            contact_force=_rows(messages, "contact_force").reshape(shape),
+        )
+    except ValueError:
+        raise BagError(
+            f"states of the plant in run {messages[0].run}: the arrays of each must have the sizes of its bearings"
+        ) from None
 
 
 def excitation_from_message(message: Any) -> AppliedExcitation:
@@ -114,6 +141,10 @@ def _parameter_value(value: Any) -> ParameterValue:
         return None
     content = getattr(value, fields[value.type - 1])
     return list(content) if fields[value.type - 1].endswith("array_value") else content
+
+
+def _rows(messages: Sequence[Any], name: str) -> NDArray[np.float64]:
+    return np.array([getattr(message, name) for message in messages], dtype=np.float64)
 
 
 def _axes(x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The record of a loop run: what telemetry carries, as arrays."""
+"""The records of a loop run: what telemetry and the states of the plant carry, as arrays."""
 
 from __future__ import annotations
 
@@ -76,3 +76,37 @@ class LoopRecord:
                 )
             )
         )
+
+
+@dataclass(frozen=True)
+class PlantRecord:
+    """The inside of the simulated plant at n steps of a run, with b bearings: A alone, or A and B.
+
+    Attributes
+    ----------
+    step : ndarray, shape (n,)
+        Controller steps.
+    time : ndarray, shape (n,)
+        Time from step 0 of the run (s).
+    coil_current : ndarray, shape (n, b, 4)
+        Coil currents, electromagnets +x, +y, -x, -y (A).
+    flux_density : ndarray, shape (n, b, 8)
+        Flux density in the gaps of the poles at 22.5 deg, 67.5 deg, ...; positive from stator to rotor (T).
+    force : ndarray, shape (n, b, 2)
+        Magnetic force on the rotor, axes x and y (N).
+    position : ndarray, shape (n, b, 2)
+        Position of the journal itself, not of its sensor (m).
+    contact : ndarray of bool, shape (n, b)
+        Whether the rotor touches the backup bearing.
+    contact_force : ndarray, shape (n, b)
+        Magnitude of the force of the backup bearing on the rotor (N).
+    """
+
+    step: NDArray[np.int64]
+    time: NDArray[np.float64]
+    coil_current: NDArray[np.float64]
+    flux_density: NDArray[np.float64]
+    force: NDArray[np.float64]
+    position: NDArray[np.float64]
+    contact: NDArray[np.bool_]
+    contact_force: NDArray[np.float64]

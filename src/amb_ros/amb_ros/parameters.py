@@ -63,6 +63,37 @@ def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | No
     return values
 
 
+def replace(node: Node, values: Parameters) -> None:
+    """Give the parameters that `declare` made the values of another set of the same class, read-only ones too.
+
+    For the node itself, where it takes all its parameters anew; from outside they stay read-only. One parameter event
+    tells all changes.
+
+    Raises
+    ------
+    ParameterError
+        If rclpy or a callback of the node refuses; then no parameter has changed.
+    """
+    changes = [
+        Parameter(name, value=value)
+        for name, value in flatten(values.model_dump()).items()
+        if value != node.get_parameter(name).value
+    ]
+    if not changes:
+        return
+    # rclpy has no way for a node to set its own read-only parameters. The descriptors are its own, not copies.
+    locked = [item for item in node.describe_parameters([change.name for change in changes]) if item.read_only]
+    for item in locked:
+        item.read_only = False
+    try:
+        result = node.set_parameters_atomically(changes)
+    finally:
+        for item in locked:
+            item.read_only = True
+    if not result.successful:
+        raise ParameterError(f"{node.get_fully_qualified_name()}: {result.reason}")
+
+
 def _descriptor(declaration: Declaration, read_only: bool) -> ParameterDescriptor:
     unit = "" if declaration.unit == "-" else f" [{declaration.unit}]"
     descriptor = ParameterDescriptor(

@@ -16,7 +16,7 @@ HISTORY = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Telemetry: who joins late gets the last 2000 blocks too, so no listener misses the start of an experiment."""
+"""Telemetry and states of the plant: who joins late gets the last 2000 too, so that no listener misses a beginning."""
 
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,

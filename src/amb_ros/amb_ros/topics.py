@@ -6,6 +6,7 @@ EXCITATION = "excitation"
 EXCITATION_STATUS = "excitation_status"
 TELEMETRY = "telemetry"
 MODEL = "model"
+PLANT_STATE = "plant_state"
 SIMULATOR_STATE = "simulator/state"
 
 NAMESPACE = "amb"

@@ -23,8 +23,9 @@ from amb_core.messages import (
     excitation_from_message,
     model_from_message,
     parameters_from_messages,
+    plant_record_from_messages,
 )
-from amb_core.records import LoopRecord
+from amb_core.records import LoopRecord, PlantRecord
 from amb_core.telemetry import merge_blocks
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from amb_core.identification import StateSpaceModel
 
 TELEMETRY = "amb_msgs/msg/LoopSamples"
+PLANT_STATE = "amb_msgs/msg/PlantState"
 EXCITATION_STATUS = "amb_msgs/msg/ExcitationStatus"
 MODEL = "amb_msgs/msg/StateSpaceModel"
 
@@ -128,6 +130,25 @@ class Bag:
             return merge_blocks(blocks[run], first_step, stop)
         except BagError as problem:
             raise BagError(f"bag {self.path}, run {run}: {problem}") from None
+
+    def plant_states(self, run: int | None = None) -> PlantRecord:
+        """The inside of the plant during a run (by default the last recorded), at the steps that were published.
+
+        Raises
+        ------
+        BagError
+            If there are none: the simulator publishes them only with its parameter `plant_state_steps`.
+        """
+        states = list(self._decoded(PLANT_STATE))
+        if run is not None:
+            states = [message for message in states if message.run == run]
+        if not states:
+            where = "" if run is None else f" of run {run}"
+            raise BagError(
+                f"bag {self.path}: holds no states of the plant ({PLANT_STATE}){where}; the simulator publishes them "
+                "if its parameter plant_state_steps is not 0"
+            )
+        return plant_record_from_messages([message for message in states if message.run == states[-1].run])
 
     def experiment(self, first_step: int = -1, steps: int = 0) -> LoopRecord:
         """The samples of the last experiment of the last run, or of other steps of it, as `select_window` chooses them.
