@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ from amb_sim_node.parameters import SimulatorParameters
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 SETTLING = 1_000
 STEPS = 6_000
@@ -69,6 +69,22 @@ def test_experiment_is_recorded_and_identified_live_and_from_its_bag(amb: AmbCli
     assert content.telemetry(run).steps == STEPS
     assert content.parameters()["/amb/pd_controller"]["proportional_gain"] == 20_000.0
     assert [excitation.first_step for excitation in content.excitations(run)][-1] == SETTLING
+
+
+def test_reset_takes_a_parameter_file_of_the_caller(amb: AmbClient, tmp_path: Path, monkeypatch: Any):
+    monkeypatch.chdir(tmp_path)
+    text = (share_folder("amb_bringup") / "config" / "paper.yaml").read_text()
+    Path("strong.yaml").write_text(text.replace("bias_current: 3.0 ", "bias_current: 5.0 "))
+    Path("wrong.yaml").write_text(text.replace("bias_current: 3.0 ", "bias_current: 30.0 "))
+    before = amb.reset()
+    assert amb.reset("strong.yaml") == before + 1
+    end = amb.run(500)
+    assert (end.run, end.step, end.delevitated) == (before + 1, 500, False)
+    with pytest.raises(ClientError) as caught:
+        amb.reset("wrong.yaml")
+    assert f"parameter file {tmp_path / 'wrong.yaml'}" in str(caught.value)
+    assert "bias_current = 30 A must not exceed current_limit" in str(caught.value)
+    amb.reset(share_folder("amb_bringup") / "config" / "paper.yaml")
 
 
 @pytest.mark.parametrize(
