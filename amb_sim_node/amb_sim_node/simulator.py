@@ -264,11 +264,8 @@ class SimulatorNode(Node):
         else:
             level, summary = diagnostics.OK, MODE_NAMES[state.mode]
         mode = MODE_NAMES[state.mode]
-        return (
-            level,
-            summary,
-            {"run": state.run, "step": state.step, "mode": mode, "steps in contact": self._contact_steps},
-        )
+        values = {"run": state.run, "step": state.step, "mode": mode, "steps in contact": self._contact_steps}
+        return level, summary, values
 
 
 def _compiled_plant(parameters: SimulatorParameters) -> Plant:
