@@ -40,28 +40,28 @@ def test_diffusion_is_the_sum_over_its_modes():
 @pytest.mark.parametrize(
     ("options", "most"),
     [
-        ({}, 8),
-        ({"internal_step": 0.2e-6}, 9),
-        ({"relative_permeability": 1.0}, 6),  # non-magnetic: tau is milliseconds
-        ({"journal_inner_radius": 33.95e-3}, 6),  # 1 mm deep
-        ({"conductivity": 6e7, "relative_permeability": 1e5}, 12),
-        ({"relative_permeability": 1e12}, 20),  # ideal iron: no drop, but no failure either
+        ({}, 10),
+        ({"internal_step": 0.1e-6}, 11),
+        ({"relative_permeability": 1.0}, 8),  # non-magnetic: tau is milliseconds
+        ({"journal_inner_radius": 33.95e-3}, 8),  # 1 mm deep
+        ({"conductivity": 6e7, "relative_permeability": 1e5}, 14),
+        ({"relative_permeability": 1e12}, 24),  # ideal iron: no drop, but no failure either
     ],
 )
-def test_few_passive_terms_hold_one_percent_and_one_degree(options, most):
+def test_few_passive_terms_hold_half_a_percent_and_half_a_degree(options, most):
     terms = journal(**options)
     frequency = np.concatenate([[0.0], np.geomspace(1e-6, terms.highest_frequency, 3000)])
     ratio = 1.0 + terms.error(frequency)
     assert len(terms.rates) <= most
     assert np.all(terms.weights > 0.0)
     assert terms.rest > 0.0
-    assert np.abs(np.abs(ratio) - 1.0).max() < 0.01
-    assert np.abs(np.angle(ratio, deg=True)).max() < 1.0
+    assert np.abs(np.abs(ratio) - 1.0).max() < 0.0051
+    assert np.abs(np.angle(ratio, deg=True)).max() < 0.3
 
 
 def test_terms_reach_100_khz_where_the_internal_step_resolves_it():
-    assert journal(internal_step=0.2e-6).highest_frequency == 100e3
-    assert journal(internal_step=0.5e-6).highest_frequency == pytest.approx(44e3, rel=0.02)
+    assert journal(internal_step=0.1e-6).highest_frequency == 100e3
+    assert journal(internal_step=0.5e-6).highest_frequency == pytest.approx(33.3e3, rel=0.01)
 
 
 def test_error_grows_slowly_above_the_highest_frequency():

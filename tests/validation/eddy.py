@@ -49,13 +49,13 @@ def rows() -> Iterator[Row]:
             # Through thick laminations a voltage drives so much current at once that the usual gain would oscillate.
             amplifier=AmplifierParameters(switching=False, proportional_gain=0.02, integral_gain=0.0),
             rotor=RotorParameters(mass=1e5, gravity=0.0),
-            integration=IntegrationParameters(sample_rate=1e5, internal_step=0.2e-6),
+            integration=IntegrationParameters(sample_rate=1e5, internal_step=0.1e-6),
         )
         yield from _responses(name, parameters)
 
 
 def _terms() -> Iterator[Row]:
-    for step in (0.5e-6, 0.2e-6):
+    for step in (0.5e-6, 0.1e-6):
         terms = solid_journal_terms(PlantParameters(integration=IntegrationParameters(internal_step=step)))
         ratio = 1.0 + terms.error(np.geomspace(1e-4, terms.highest_frequency, 5000))
         name = f"solid journal, {len(terms.rates)} terms up to {1e-3 * terms.highest_frequency:.0f} kHz"
