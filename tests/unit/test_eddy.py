@@ -116,6 +116,20 @@ def test_recursion_converges_to_the_response_with_second_order():
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
 
 
+@pytest.mark.parametrize(("share", "stable"), [(0.98, True), (1.05, False)])
+def test_adams_bashforth_is_stable_up_to_one_step_per_time_constant_of_journal_and_terms(share, stable):
+    terms = journal()
+    step = share * terms.rest / (1.0 + terms.weights.sum())
+    keep, gain = terms.update(step)
+    flux, memory, before = 1.0, np.zeros(len(terms.rates)), 1.0
+    for _ in range(2000):
+        drop = flux + memory.sum()
+        change = -step / terms.rest * (1.5 * drop - 0.5 * before)
+        flux, before = flux + change, drop
+        memory = keep * memory + gain * change
+    assert (abs(flux) < 1.0) == stable
+
+
 def response_of_network(plant: Plant, frequency: float) -> complex:
     """Force along x per control current from the matrices of the network, solved at one frequency (N/A)."""
     parameters, network = plant.parameters, plant.network
