@@ -67,6 +67,8 @@ def ross_results() -> dict[str, Any]:
     response = rotor.run_unbalance_response(DISC, UNBALANCE, 0.0, np.array([UNBALANCE_SPEED])).forced_resp
     matrices = {name: getattr(rotor, name) for name in ("M0", "K0", "G0", "nodes", "nodes_pos", "number_dof", "ndof")}
     return matrices | {
+        "bearing_nodes": BEARINGS,
+        "cases": CASES,
         "frequencies": frequencies,
         "forward": forward,
         "sag": sag[sensors],
