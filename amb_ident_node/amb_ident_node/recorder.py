@@ -213,10 +213,10 @@ class RecorderNode(Node):
             self.get_logger().error(str(problem))
 
     def _wait_for_publishers(self) -> None:
-        """Wait until a controller publishes telemetry and the publishers that exist are connected."""
+        """Wait until controller and simulator publish and the publishers that exist are connected."""
         deadline = time.monotonic() + DISCOVERY_TIMEOUT
-        telemetry = self.resolve_topic_name(topics.TELEMETRY)
-        while not self.count_publishers(telemetry) and time.monotonic() < deadline:
+        expected = [self.resolve_topic_name(name) for name in (topics.TELEMETRY, topics.SIMULATOR_STATE)]
+        while not all(map(self.count_publishers, expected)) and time.monotonic() < deadline:
             time.sleep(0.01)
         waiting = dict(self._subscriptions_by_name)
         while waiting and time.monotonic() < deadline:

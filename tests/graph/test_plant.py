@@ -120,6 +120,7 @@ def test_states_of_the_plant_and_changed_parameters_are_in_the_bag(graph: Graph,
     for module in (SIMULATOR, CONTROLLER, RECORDER):
         graph.start(module)
     file = parameter_file(graph.folder / "light.yaml", {"rotor": {"mass": 5.0}, "plant_state_steps": EVERY})
+    bearing.reset()  # the simulator is there
     assert graph.call(StartRecording, "/amb/recorder/start", uri="bag").success
     run = bearing.reset(file)
     run_to(bearing, run, STEPS)
