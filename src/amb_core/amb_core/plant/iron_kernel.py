@@ -195,7 +195,7 @@ def advance_saturation(iron: NDArray[np.float64], curve: NDArray[np.float64]) ->
     for n in range(ELEMENTS):
         target = flat[TARGET * ELEMENTS + n]
         place = abs(target) * scale
-        interval = np.int32(min(place, intervals))
+        interval = np.intp(min(place, intervals))
         t = place - interval
         row = interval + 1
         a, b, c, d = curve[row, 0], curve[row, 1], curve[row, 2], curve[row, 3]
