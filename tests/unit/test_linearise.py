@@ -19,7 +19,7 @@ from amb_core.plant import (
     RotorParameters,
     linearize,
 )
-from amb_core.plant.averaged import averaged_rates
+from amb_core.plant.averaged import AveragedPlant
 from amb_core.step_response import fit_step_response
 
 AVERAGED = AmplifierParameters(switching=False)
@@ -64,13 +64,13 @@ def test_one_real_unstable_pole_per_axis_near_the_static_one(coupling):
     poles = model.continuous.poles()
     unstable = poles[poles.real > 0.0]
     assert len(unstable) == 2
-    assert np.abs(unstable.imag).max() == 0.0
+    assert np.abs(unstable.imag).max() < 1e-6  # two equal ones may come out as a pair
     # Amplifiers and eddy currents answer within 0.02 ms, the pole's time constant is 4 ms.
     np.testing.assert_allclose(unstable.real, np.sqrt(static_gains(model)[0] / MASS), rtol=5e-3)
 
 
 def test_right_hand_side_vanishes_at_the_operating_point(paper):
-    rates = averaged_rates(paper.point.state, paper.point.current_reference, Plant())
+    rates = AveragedPlant(Plant()).derivative(paper.point.state, paper.point.current_reference)
     assert np.abs(rates).max() < 1e-8
 
 
@@ -168,13 +168,13 @@ def test_amplifier_without_integral_part_has_no_such_states():
     plant = Plant(PlantParameters(amplifier=AmplifierParameters(integral_gain=0.0)))
     model = linearize(plant)
     assert not [name for name in model.continuous.state_labels if name.startswith("integral")]
-    assert np.abs(averaged_rates(model.point.state, model.point.current_reference, plant)).max() < 1e-8
+    assert np.abs(AveragedPlant(plant).derivative(model.point.state, model.point.current_reference)).max() < 1e-8
 
 
 def test_a_given_position_is_held_by_the_currents_found():
     model = linearize(Plant(), position=np.array([20e-6, -30e-6]))
     np.testing.assert_allclose(model.point.position, [20e-6, -30e-6])
-    assert np.abs(averaged_rates(model.point.state, model.point.current_reference, Plant())).max() < 1e-8
+    assert np.abs(AveragedPlant(Plant()).derivative(model.point.state, model.point.current_reference)).max() < 1e-8
 
 
 def test_position_outside_the_backup_bearing_is_refused():

@@ -5,7 +5,6 @@ import pytest
 from scipy.constants import mu_0
 
 from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters
-from amb_core.plant.averaged import magnetic_force
 from amb_core.plant.closed_forms import current_gain, force_constant, inductance, negative_stiffness
 from amb_core.plant.network import build_network, flux_constraints
 
@@ -21,7 +20,7 @@ def ideal_plant(**circuit: object) -> Plant:
 
 
 def static_force(plant: Plant, coil_currents: list[float], x: float = 0.0, y: float = 0.0) -> np.ndarray:
-    return magnetic_force(plant.static_flux(np.array(coil_currents), x, y), plant)
+    return plant.magnetostatics.force(plant.static_flux(np.array(coil_currents), x, y))
 
 
 def stiffness(plant: Plant, step: float = 1e-9) -> float:
@@ -89,7 +88,7 @@ def test_linear_iron_lowers_the_bias_flux_by_its_share_of_the_reluctance():
 @pytest.mark.parametrize("coupling", [True, False])
 def test_solution_satisfies_the_network_equations(coupling):
     parameters = MagneticCircuitParameters(coupling=coupling)
-    network = build_network(parameters)
+    network = build_network(PlantParameters(magnetic_circuit=parameters))
     rng = np.random.default_rng(1)
     drops, voltages = rng.normal(size=8), rng.normal(size=4)
     rates, currents = np.split(network.solution @ np.concatenate([drops, voltages]), [8])
@@ -102,6 +101,6 @@ def test_solution_satisfies_the_network_equations(coupling):
 
 
 def test_ring_drops_take_energy_from_the_poles_only():
-    network = build_network(MagneticCircuitParameters())
+    network = build_network(PlantParameters())
     np.testing.assert_allclose(network.iron_reluctance, network.iron_reluctance.T)
     assert np.linalg.eigvalsh(network.iron_reluctance).min() > 0

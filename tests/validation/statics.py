@@ -8,7 +8,6 @@ import numpy as np
 from row import Row
 
 from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters
-from amb_core.plant.averaged import magnetic_force
 from amb_core.plant.closed_forms import AXIS_COSINE, current_gain, force_constant, inductance, negative_stiffness
 from amb_core.plant.network import COIL_AXES, COILS
 
@@ -40,7 +39,7 @@ def _relative(name: str, measured: float, expected: float) -> Row:
 
 def _force(plant: Plant, coil_currents: np.ndarray, x: float = 0.0) -> float:
     """Force on the rotor along x (N)."""
-    return float(magnetic_force(plant.static_flux(coil_currents, x, 0.0), plant)[0])
+    return float(plant.magnetostatics.force(plant.static_flux(coil_currents, x, 0.0))[0])
 
 
 def _stiffness(plant: Plant) -> float:

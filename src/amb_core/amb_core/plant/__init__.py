@@ -9,7 +9,8 @@ from amb_core.plant.parameters import (
     PlantParameters,
     RotorParameters,
 )
-from amb_core.plant.plant import Plant, Trace
+from amb_core.plant.plant import Plant, PlantSnapshot
+from amb_core.plant.trace import Trace
 
 __all__ = [
     "AmplifierParameters",
@@ -19,6 +20,7 @@ __all__ = [
     "Plant",
     "PlantDescription",
     "PlantParameters",
+    "PlantSnapshot",
     "RotorParameters",
     "Trace",
     "describe",

@@ -1,16 +1,21 @@
 """The plant with averaged amplifiers as an ordinary differential equation: the reference for kernel and linearisation.
 
-State s, shape (16,): pole fluxes phi_0..phi_7 (Wb), position x, y (m), velocity v_x, v_y (m/s), and the integral parts
-I_c of the current controllers (-) of electromagnets +x, +y, -x, -y. With coil current references r_c = clip(i_0 + i_x,
-0, i_max) (i_0 - i_x for -x, i_y likewise), supply voltage U and the network of `amb_core.plant.network`,
+State s: for each bearing the pole fluxes phi_0..phi_7 (Wb), with nonlinear iron the fluxes that circulate in back iron
+and journal (Wb), with a solid journal the memories m_n of its terms (Wb), and the integral parts I_c of the current
+controllers (-) of electromagnets +x, +y, -x, -y; then coordinates q and rates v of the rotor, which for a point mass
+are position (m) and velocity (m/s). With coil current references r_c = clip(i_0 + i_x, 0, i_max) (i_0 - i_x for -x, i_y
+likewise), supply voltage U and the network of `amb_core.plant.network`,
 
     e_c = r_c - i_c,    d_c = clip(1/2 + K_P e_c + I_c, d_min, d_max),    V_c = U (2 d_c - 1)
-    (dphi/dt, i) = M (h, V),    h = diag(g_j / (mu_0 A)) phi + R phi
+    (dphi/dt, i) = M (h, V),    h = diag(g_j / (mu_0 A)) phi + R phi + drops of nonlinear iron and solid journal
     dI_c/dt = K_I e_c, or 0 while the duty is at a limit
-    m dv/dt = sum_j phi_j^2 / (2 mu_0 A) (cos theta_j, sin theta_j) - (0, m g),    dposition/dt = v
+    m dv/dt = sum_j phi_j^2 / (2 mu_0 A) (cos theta_j, sin theta_j) - (0, m g),    dq/dt = v
 
 Eddy currents let part of a coil current follow its voltage at once (M has a block from V to i), so V and i are solved
 for together. A unipolar coil whose current would be negative takes the voltage that keeps it zero.
+
+Iron with hysteresis is taken by its single curve. Where the plant has no eddy currents, a thousandth of them is left,
+so that all fluxes have rates. Sensors, disturbances and backup bearings are no part of these equations.
 
 Written for clarity, independently of the compiled kernel, which holds the duty over each switching period (over each
 internal step with `switching` off) and thereby approaches these equations, to first order, as that period vanishes:
@@ -21,113 +26,266 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import mu_0
 
-from amb_core.plant.network import COIL_AXES, COILS, POLE_ANGLES, POLES, pole_gaps
+from amb_core.plant.eddy import solid_journal_terms
+from amb_core.plant.magnetostatics import RINGS
+from amb_core.plant.network import COIL_AXES, COILS, POLES, active_coils, flux_constraints
 from amb_core.plant.plant import Plant
 
-FLUX, POSITION, VELOCITY, INTEGRAL = slice(0, 8), slice(8, 10), slice(10, 12), slice(12, 16)
-STATE_SIZE = 16
-STATE_NAMES = (
-    *(f"flux_{pole}" for pole in range(POLES)),
-    *("x", "y", "v_x", "v_y"),
-    *("integral_+x", "integral_+y", "integral_-x", "integral_-y"),
-)
-
-POLE_DIRECTIONS = np.column_stack([np.cos(POLE_ANGLES), np.sin(POLE_ANGLES)])
 _SWEEPS = 200
 _VOLTAGE_TOLERANCE = 1e-10  # V; makes 1e-14 A through the eddy currents' conductance
+_BEARINGS = ("a", "b")
+_COIL_NAMES = ("+x", "+y", "-x", "-y")
 
 
-def averaged_rates(
-    state: NDArray[np.float64], current_reference: NDArray[np.float64], plant: Plant
-) -> NDArray[np.float64]:
-    """Right-hand side of the averaged plant.
+class AveragedPlant:
+    """Right-hand side, states and outputs of the averaged plant.
 
     Parameters
     ----------
-    state : ndarray, shape (16,)
-        Fluxes, position, velocity, integral parts; see above.
-    current_reference : ndarray, shape (2,)
-        Control current references i_x, i_y (A); the amplifiers add the bias current.
     plant : Plant
-        Gives parameters and network; its own state is neither used nor changed.
+        Gives parameters, network and rotor; its own state is neither used nor changed.
 
-    Returns
-    -------
-    ndarray, shape (16,)
-        ds/dt.
+    Attributes
+    ----------
+    size : int
+        Number of states.
+    flux, circulating, memory, integral : tuple of slice
+        Where the states of each bearing stand.
+    coordinates, rates : slice
+        Where those of the rotor stand.
+    names : tuple of str
+        Names of the states.
     """
-    amplifier, rotor = plant.parameters.amplifier, plant.parameters.rotor
-    voltage, current = amplifier_output(state, current_reference, plant)
-    drive = np.concatenate([flux_drops(state, plant), voltage])
-    error = coil_references(current_reference, plant) - current
-    duty = 0.5 + amplifier.proportional_gain * error + state[INTEGRAL]
-    inside = (amplifier.minimum_duty <= duty) & (duty <= amplifier.maximum_duty)
-    rates = np.empty(STATE_SIZE)
-    rates[FLUX] = plant.network.solution[:POLES] @ drive
-    rates[POSITION] = state[VELOCITY]
-    rates[VELOCITY] = magnetic_force(state[FLUX], plant) / rotor.mass - np.array([0.0, rotor.gravity])
-    rates[INTEGRAL] = np.where(inside, amplifier.integral_gain * error, 0.0)
-    return rates
 
+    def __init__(self, plant: Plant) -> None:
+        self.plant = plant
+        parameters, network = plant.parameters, plant.network
+        self._solution = network.averaged_solution
+        self._circulation = network.circulation
+        nonlinear = plant.magnetostatics.nonlinear
+        journal = solid_journal_terms(parameters) if parameters.iron.solid_journal else None
+        self._terms = (journal.weights, journal.rates) if journal else (np.zeros(0), np.zeros(0))
+        terms = len(self._terms[0])
+        names: list[str] = []
+        flux, circulating, memory, integral = [], [], [], []
+        for bearing in range(plant.bearings):
+            suffix = "" if plant.bearings == 1 else f"_{_BEARINGS[bearing]}"
+            for slices, block in (
+                (flux, [f"flux_{pole}{suffix}" for pole in range(POLES)]),
+                (circulating, [f"circulating_{ring}{suffix}" for ring in range(RINGS if nonlinear else 0)]),
+                (memory, [f"memory_{term}_{pole}{suffix}" for term in range(terms) for pole in range(POLES)]),
+                (integral, [f"integral_{coil}{suffix}" for coil in _COIL_NAMES]),
+            ):
+                slices.append(slice(len(names), len(names) + len(block)))
+                names += block
+        coordinates = ("x", "y") if plant.rotor is None else plant.rotor.coordinate_names
+        self.flux, self.circulating = tuple(flux), tuple(circulating)
+        self.memory, self.integral = tuple(memory), tuple(integral)
+        self.coordinates = slice(len(names), len(names) + len(coordinates))
+        self.rates = slice(self.coordinates.stop, self.coordinates.stop + len(coordinates))
+        self.names = (*names, *coordinates, *(f"v_{name}" for name in coordinates))
+        self.size = len(self.names)
 
-def amplifier_output(
-    state: NDArray[np.float64], current_reference: NDArray[np.float64], plant: Plant
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Averaged coil voltages (V) and coil currents (A), each of shape (4,), that fit together in a state."""
-    amplifier = plant.parameters.amplifier
-    conductance = plant.network.solution[POLES:, POLES:]
-    # The coil currents without what their voltages drive at once.
-    flux_current = plant.network.solution[POLES:, :POLES] @ flux_drops(state, plant)
-    gain = 2.0 * amplifier.supply_voltage * amplifier.proportional_gain
-    demand = gain * coil_references(current_reference, plant) + 2.0 * amplifier.supply_voltage * state[INTEGRAL]
-    lowest, highest = (
-        amplifier.supply_voltage * (2.0 * duty - 1.0) for duty in (amplifier.minimum_duty, amplifier.maximum_duty)
-    )
-    # V = demand - gain (flux_current + conductance V) inside the limits. With limits and diodes V minimises a convex
-    # function whose kinks belong to single coils, so solving coil by coil finds it (Gauss-Seidel).
-    voltage = np.asarray(
-        np.linalg.solve(np.eye(COILS) + gain * conductance, demand - gain * flux_current), dtype=np.float64
-    )
-    for _ in range(_SWEEPS):
-        before = voltage.copy()
-        for coil in range(COILS):
-            own = conductance[coil, coil]
-            others = flux_current[coil] + conductance[coil] @ voltage - own * voltage[coil]
-            wanted = (demand[coil] - gain * others) / (1.0 + gain * own)
-            voltage[coil] = min(max(wanted, lowest), highest)
-            if amplifier.unipolar and others + own * voltage[coil] < 0.0:
-                voltage[coil] = -others / own
-        if np.abs(voltage - before).max() <= _VOLTAGE_TOLERANCE:
-            break
-    return voltage, flux_current + conductance @ voltage
+    def derivative(self, state: NDArray[np.float64], current_reference: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Right-hand side ds/dt.
+
+        Parameters
+        ----------
+        state : ndarray, shape (size,)
+            State; see above.
+        current_reference : ndarray, shape (2 * bearings,)
+            Control current references i_x, i_y of each bearing (A); the amplifiers add the bias current.
+        """
+        amplifier = self.plant.parameters.amplifier
+        derivative = np.zeros(self.size)
+        forces = []
+        for bearing in range(self.plant.bearings):
+            reference = current_reference[2 * bearing : 2 * bearing + 2]
+            drops = self.drops(state, bearing)
+            voltage, current = self._amplifier_output(state, drops[:POLES], reference, bearing)
+            rates = self._solution[:POLES] @ np.concatenate([drops[:POLES], voltage])
+            error = coil_references(reference, self.plant) - current
+            duty = 0.5 + amplifier.proportional_gain * error + state[self.integral[bearing]]
+            low, high = _duty_limits(self.plant)
+            derivative[self.flux[bearing]] = rates
+            circulating = self.circulating[bearing]
+            derivative[circulating] = (-self._circulation * drops[POLES:])[: circulating.stop - circulating.start]
+            weights, decay = self._terms
+            memory = state[self.memory[bearing]].reshape(-1, POLES)
+            derivative[self.memory[bearing]] = (np.outer(weights, rates) - decay[:, np.newaxis] * memory).ravel()
+            derivative[self.integral[bearing]] = np.where(
+                (low <= duty) & (duty <= high), amplifier.integral_gain * error, 0.0
+            )
+            forces.append(self.plant.magnetostatics.force(state[self.flux[bearing]]))
+        derivative[self.coordinates] = state[self.rates]
+        derivative[self.rates] = self._accelerations(state, np.concatenate(forces))
+        return derivative
+
+    def currents(self, state: NDArray[np.float64], current_reference: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Coil currents (A), shape (4 * bearings,), arguments as in `derivative`."""
+        return np.concatenate(
+            [
+                self._amplifier_output(
+                    state, self.drops(state, bearing)[:POLES], current_reference[2 * bearing : 2 * bearing + 2], bearing
+                )[1]
+                for bearing in range(self.plant.bearings)
+            ]
+        )
+
+    def drops(self, state: NDArray[np.float64], bearing: int) -> NDArray[np.float64]:
+        """Magnetomotive force drops (A), shape (10,): along each pole, around back iron and journal."""
+        x, y = self.journals(state)[2 * bearing : 2 * bearing + 2]
+        flux, circulating = state[self.flux[bearing]], np.zeros(RINGS)
+        circulating[: self.circulating[bearing].stop - self.circulating[bearing].start] = state[
+            self.circulating[bearing]
+        ]
+        drops = self.plant.magnetostatics.drops(flux, circulating, x, y)
+        memory = state[self.memory[bearing]].reshape(-1, POLES).sum(axis=0)
+        drops[:POLES] += self.plant.network.journal_reluctance @ memory
+        return drops
+
+    def journals(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Positions of the journals (m), shape (2 * bearings,)."""
+        rotor = self.plant.rotor
+        return state[self.coordinates] if rotor is None else rotor.bearings @ state[self.coordinates]
+
+    def sensors(self) -> NDArray[np.float64]:
+        """What the sensors see (m) of the state, shape (2 * bearings, size)."""
+        sensors = np.zeros((2 * self.plant.bearings, self.size))
+        sensors[:, self.coordinates] = np.eye(2) if self.plant.rotor is None else self.plant.rotor.sensors
+        return sensors
+
+    def at_rest(self, coordinates: NDArray[np.float64], current_reference: NDArray[np.float64]) -> NDArray[np.float64]:
+        """State with amplifiers and fluxes at rest around a rotor that is held in place."""
+        amplifier, resistance = self.plant.parameters.amplifier, self.plant.parameters.magnetic_circuit.coil_resistance
+        state = np.zeros(self.size)
+        state[self.coordinates] = coordinates
+        journals = self.journals(state)
+        for bearing in range(self.plant.bearings):
+            current = coil_references(current_reference[2 * bearing : 2 * bearing + 2], self.plant)
+            if amplifier.integral_gain > 0.0:
+                state[self.integral[bearing]] = resistance * current / (2.0 * amplifier.supply_voltage) + _lost_duty(
+                    self.plant
+                )
+            else:  # then an error is left, which makes the voltage that the resistance takes
+                gain = 2.0 * amplifier.supply_voltage * amplifier.proportional_gain
+                offset = 2.0 * amplifier.supply_voltage * _lost_duty(self.plant)
+                current = (
+                    np.maximum(current * gain - offset, 0.0) / (gain + resistance) if gain > 0.0 else 0.0 * current
+                )
+            x, y = journals[2 * bearing : 2 * bearing + 2]
+            magnetised = self.plant.magnetostatics.solve(current, x, y)
+            state[self.flux[bearing]] = magnetised.flux
+            circulating = self.circulating[bearing]
+            state[circulating] = magnetised.circulating[: circulating.stop - circulating.start]
+        return state
+
+    def initial_state(self) -> NDArray[np.float64]:
+        """State after `Plant.reset`: rotor at rest where it starts, fluxes of the bias currents, no integral parts."""
+        rotor = self.plant.parameters.rotor
+        x, y = rotor.initial_x, rotor.initial_y
+        coordinates = np.array([x, y]) if self.plant.rotor is None else self.plant.rotor.coordinates_at(x, y)
+        state = np.zeros(self.size)
+        state[self.coordinates] = coordinates
+        for bearing in range(self.plant.bearings):
+            magnetised = self.plant.magnetostatics.solve(self.plant.bias_currents(), x, y)
+            state[self.flux[bearing]] = magnetised.flux
+            circulating = self.circulating[bearing]
+            state[circulating] = magnetised.circulating[: circulating.stop - circulating.start]
+        return state
+
+    def unbalanced(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Generalised force on the rotor that nothing balances: of a point mass along x, y (N)."""
+        forces = [self.plant.magnetostatics.force(state[self.flux[bearing]]) for bearing in range(self.plant.bearings)]
+        return self._mass() @ self._accelerations(state, np.concatenate(forces))
+
+    def _mass(self) -> NDArray[np.float64]:
+        return self.plant.parameters.rotor.mass * np.eye(2) if self.plant.rotor is None else self.plant.rotor.mass
+
+    def _accelerations(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
+        rotor, model = self.plant.parameters.rotor, self.plant.rotor
+        if model is None:
+            free = np.array(["x" in self.plant.axes, True])
+            return free * (force / rotor.mass - np.array([0.0, rotor.gravity]))
+        generalised = (
+            model.bearings.T @ force
+            + model.weight
+            - model.stiffness @ state[self.coordinates]
+            - (model.damping + model.gyroscopic) @ state[self.rates]
+        )
+        return np.linalg.solve(model.mass, generalised)
+
+    def _amplifier_output(
+        self,
+        state: NDArray[np.float64],
+        drops: NDArray[np.float64],
+        current_reference: NDArray[np.float64],
+        bearing: int,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Averaged coil voltages (V) and coil currents (A), each of shape (4,), that fit together in a state."""
+        amplifier = self.plant.parameters.amplifier
+        conductance = self._solution[POLES:, POLES:]
+        # The coil currents without what their voltages drive at once.
+        flux_current = self._solution[POLES:, :POLES] @ drops
+        supply = amplifier.supply_voltage
+        gain = 2.0 * supply * amplifier.proportional_gain
+        offset = state[self.integral[bearing]] - _lost_duty(self.plant)
+        demand = gain * coil_references(current_reference, self.plant) + 2.0 * supply * offset
+        lowest, highest = (supply * (2.0 * (duty - _lost_duty(self.plant)) - 1.0) for duty in _duty_limits(self.plant))
+        # V = demand - gain (flux_current + conductance V) inside the limits. With limits and diodes V minimises a
+        # convex function whose kinks belong to single coils, so solving coil by coil finds it (Gauss-Seidel).
+        voltage = np.asarray(
+            np.linalg.solve(np.eye(COILS) + gain * conductance, demand - gain * flux_current), dtype=np.float64
+        )
+        for _ in range(_SWEEPS):
+            before = voltage.copy()
+            for coil in range(COILS):
+                own = conductance[coil, coil]
+                others = flux_current[coil] + conductance[coil] @ voltage - own * voltage[coil]
+                wanted = (demand[coil] - gain * others) / (1.0 + gain * own)
+                voltage[coil] = min(max(wanted, lowest), highest)
+                if amplifier.unipolar and others + own * voltage[coil] < 0.0:
+                    voltage[coil] = -others / own
+            if np.abs(voltage - before).max() <= _VOLTAGE_TOLERANCE:
+                break
+        return voltage, flux_current + conductance @ voltage
 
 
 def coil_references(current_reference: NDArray[np.float64], plant: Plant) -> NDArray[np.float64]:
-    """Coil current references (A), shape (4,), from the control current references i_x, i_y (A)."""
+    """Coil current references (A), shape (4,), from i_x, i_y (A) of a bearing; zero for coils without amplifier."""
     amplifier = plant.parameters.amplifier
-    return np.clip(amplifier.bias_current + COIL_AXES @ current_reference, 0.0, amplifier.current_limit)
+    references = plant.bias_currents() + COIL_AXES @ current_reference
+    lowest = 0.0 if amplifier.limits or amplifier.unipolar else -np.inf
+    references = np.clip(references, lowest, amplifier.current_limit if amplifier.limits else np.inf)
+    active = np.zeros(COILS)
+    active[list(active_coils(plant.parameters.magnetic_circuit))] = 1.0
+    return active * references
 
 
-def flux_drops(state: NDArray[np.float64], plant: Plant) -> NDArray[np.float64]:
-    """Magnetomotive force drops h (A) along gap and iron of each pole, shape (8,)."""
-    x, y = state[POSITION]
-    gaps = pole_gaps(x, y, plant.parameters.magnetic_circuit.air_gap)
-    return gaps * plant.network.gap_reluctance * state[FLUX] + plant.network.iron_reluctance @ state[FLUX]
+def flux_embedding(plant: Plant) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Independent pole fluxes and what they make of all of them.
+
+    Returns
+    -------
+    kept : ndarray, shape (n,)
+        Poles with independent fluxes: all but the last of each circuit.
+    embedding : ndarray, shape (8, n)
+        Maps their fluxes to all pole fluxes, those left out being minus the sum of the others of their circuit.
+    """
+    circuits = flux_constraints(plant.parameters.magnetic_circuit.coupling)
+    left_out = POLES - 1 - np.argmax(circuits[::-1], axis=0)
+    kept = np.setdiff1d(np.arange(POLES), left_out)
+    embedding = np.eye(POLES)[:, kept]
+    embedding[left_out] = -circuits[kept].T
+    return kept, embedding
 
 
-def magnetic_force(flux: NDArray[np.float64], plant: Plant) -> NDArray[np.float64]:
-    """Force on the rotor (N), shape (2,), of pole fluxes (Wb), shape (8,)."""
-    return (flux**2 / (2.0 * mu_0 * plant.network.pole_area)) @ POLE_DIRECTIONS
+def _duty_limits(plant: Plant) -> tuple[float, float]:
+    amplifier = plant.parameters.amplifier
+    return (amplifier.minimum_duty, amplifier.maximum_duty) if amplifier.limits else (-np.inf, np.inf)
 
 
-def initial_state(plant: Plant) -> NDArray[np.float64]:
-    """State after `Plant.reset`: rotor at rest at its initial position, fluxes of the bias currents, no integral."""
-    rotor = plant.parameters.rotor
-    state = np.zeros(STATE_SIZE)
-    state[FLUX] = plant.static_flux(
-        np.full(COILS, plant.parameters.amplifier.bias_current), rotor.initial_x, rotor.initial_y
-    )
-    state[POSITION] = rotor.initial_x, rotor.initial_y
-    return state
+def _lost_duty(plant: Plant) -> float:
+    """Duty that dead time takes from a positive current."""
+    return plant.parameters.amplifier.dead_time * plant.parameters.amplifier.switching_frequency

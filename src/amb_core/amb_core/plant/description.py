@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from amb_core.control import ControllerParameters
-from amb_core.plant.averaged import coil_references
-from amb_core.plant.linearise import flux_embedding, linearize
+from amb_core.plant.averaged import coil_references, flux_embedding
+from amb_core.plant.linearise import linearize
 from amb_core.plant.network import COIL_AXES, COILS
 from amb_core.plant.operating_point import static_force
 from amb_core.plant.parameters import PlantParameters

@@ -3,177 +3,242 @@
 One internal step of length h advances fluxes and rotor by the second-order Adams-Bashforth method; the coil voltages
 enter with their exact mean over the step, so the volt-seconds of every switching instant are right wherever in the
 step it falls. No fast-math: the same samples come out wherever the kernel is called from.
+
+What the paper's table leaves out (nonlinear iron, solid journals, modes of the rotor, contact) stands in modules of its
+own and costs one comparison per step while it is off.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.plant.amplifier_kernel import (
+    any_negative_current,
+    block_negative_currents,
+    set_references,
+    set_shifted_voltages,
+    set_voltages,
+)
+from amb_core.plant.iron_paths import add_diffusion_drops, add_iron_drops, set_energies
+from amb_core.plant.layout import (
+    BLOCK_SIZE,
+    CONTACT,
+    CONTACT_FORCE,
+    COSINE,
+    CURRENT,
+    CURRENT_SUM,
+    DELEVITATED,
+    DISTURBED,
+    EXTRAPOLATED,
+    FLUX,
+    FORCE,
+    GAP,
+    GAP_CLOSED,
+    GAP_RELUCTANCE,
+    HEAD_SIZE,
+    INPUT_NOT_FINITE,
+    MMF,
+    NONLINEAR_IRON,
+    NOT_FINITE,
+    OK,
+    PERIOD,
+    PHASE,
+    PLAIN_CARRIERS,
+    POSITION,
+    PULL,
+    RADIUS,
+    RATES,
+    RELUCTANCE,
+    SENSOR_LAG,
+    SINE,
+    SOLID_JOURNAL,
+    SOLUTION,
+    STARTED,
+    STEP,
+    STEPS,
+    TRACE_BLOCK_SIZE,
+    TRACE_CONTACT,
+    TRACE_CURRENT,
+    TRACE_FLUX,
+    TRACE_FORCE,
+    TRACE_POSITION,
+    TRACE_RATE,
+    TRACE_TAIL_SIZE,
+    TRACE_VELOCITY,
+    TRACE_VOLTAGE,
+    UNIPOLAR,
+    VELOCITY,
+    VOLTAGE,
+    WORK_SIZE,
+)
 from amb_core.plant.network import COILS, POLES
+from amb_core.plant.pointers import view
+from amb_core.plant.rotor_kernel import move_modes, move_point_mass, sense, set_contact_force, set_disturbance
 
-# State vector
-FLUX = 0  # pole fluxes (Wb)
-MMF = 8  # magnetomotive force drops along the poles at the previous internal step (A)
-X, Y, VX, VY = 16, 17, 18, 19  # rotor position (m) and velocity (m/s)
-AX, AY = 20, 21  # acceleration at the previous internal step (m/s^2)
-INTEGRAL = 22  # integral parts of the amplifiers' PI (duty)
-CURRENT_SUM = 26  # sums of the coil currents over the switching period (A)
-DUTY = 30  # duty cycles (-)
-CURRENT_START = 34  # coil currents without the voltages' direct part at the start of the switching period (A)
-PHASE = 38  # internal step within the switching period (-)
-STARTED = 39  # 0 before the first internal step
-STATE_SIZE = 40
 
-# Constants vector
-STEP, GAP, GAP_RELUCTANCE, FORCE, MASS, GRAVITY, RADIUS = range(7)
-SUPPLY, DUTY_MIN, DUTY_MAX, KP, KI, BIAS, CURRENT_MAX, PERIOD, UNIPOLAR = range(7, 16)
-CONSTANTS_SIZE = 16
+class Arrays(NamedTuple):
+    """The plant as arrays, made by `amb_core.plant.packing` and laid out as in `amb_core.plant.layout`.
 
-# Rows of the matrices array, shape (22, 12)
-RELUCTANCE = 0  # columns of the iron reluctance matrix (8)
-SOLUTION = 8  # columns of the network's solution (12): each maps one of (h, V) to (dphi/dt, i)
-COSINE, SINE = 20, 21  # directions of the poles
-MATRICES_SIZE = 22
+    Attributes
+    ----------
+    state : ndarray, shape (n,)
+        State vector, changed by every step.
+    constants, matrices : ndarray, shapes (34,), (22, 12)
+        Scalars of the plant, constant matrices of the magnetic network.
+    work : ndarray, shape (bearings * 44,)
+        Scratch; keeps the last currents and forces.
+    iron : ndarray, shape (bearings, m, 24)
+        State of the nonlinear iron; no bearings for linear iron.
+    material, curve, paths : ndarray
+        Constants of the nonlinear iron, see `amb_core.plant.iron` and `iron_paths`.
+    diffusion : ndarray, shape (bearings, terms + 2, 12)
+        State and coefficients of the diffusion into solid journals; no bearings without.
+    modes : ndarray, shape (15 + 2 n, n)
+        The rotor's modes; shape (0, 0) for a point mass.
+    force : ndarray, shape (4,)
+        Forces of the disturbances (N): external x, y, unbalance x, y.
+    """
 
-# Work array
-_EXTRAPOLATED, _RATES, _CURRENT, _VOLTAGE, _REFERENCE, _APPLIED, _FORCE = 8, 16, 24, 28, 32, 36, 40
-WORK_SIZE = 42
-
-# Columns of a trace row, one row per internal step: flux, flux rate, current, voltage, x, y, vx, vy, force x, y
-TRACE_FLUX, TRACE_RATE, TRACE_CURRENT, TRACE_VOLTAGE, TRACE_ROTOR, TRACE_FORCE, TRACE_SIZE = 0, 8, 16, 20, 24, 28, 30
-
-OK, DELEVITATED, NOT_FINITE, INPUT_NOT_FINITE = 0, 1, 2, 3
+    state: NDArray[np.float64]
+    constants: NDArray[np.float64]
+    matrices: NDArray[np.float64]
+    work: NDArray[np.float64]
+    iron: NDArray[np.float64]
+    material: NDArray[np.float64]
+    curve: NDArray[np.float64]
+    paths: NDArray[np.float64]
+    diffusion: NDArray[np.float64]
+    modes: NDArray[np.float64]
+    force: NDArray[np.float64]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def advance(
-    state: NDArray[np.float64],
-    constants: NDArray[np.float64],
-    matrices: NDArray[np.float64],
-    work: NDArray[np.float64],
-    current_x: float,
-    current_y: float,
-    steps: int,
-    trace: NDArray[np.float64],
-) -> int:
+def advance(arrays: Arrays, references: NDArray[np.float64], steps: int, trace: NDArray[np.float64]) -> int:
     """Advance the plant by `steps` internal steps with the control current references held.
 
     Parameters
     ----------
-    state : ndarray, shape (40,)
-        State vector, changed in place.
-    constants : ndarray, shape (16,)
-        Scalars of the plant.
-    matrices : ndarray, shape (22, 12)
-        Constant matrices of the magnetic network.
-    work : ndarray, shape (42,)
-        Scratch.
-    current_x, current_y : float
-        Control current references (A).
+    arrays : Arrays
+        The plant; its state is changed in place.
+    references : ndarray, shape (2 * bearings,)
+        Control current references x, y of each bearing (A).
     steps : int
         Internal steps.
-    trace : ndarray, shape (steps, 30) or (0, 30)
+    trace : ndarray, shape (steps, m) or (0, m)
         Receives the variables at the start of every internal step if it has rows.
 
     Returns
     -------
     int
-        OK, DELEVITATED (the rotor touched the backup bearing), NOT_FINITE, or INPUT_NOT_FINITE (nothing done).
+        OK, DELEVITATED (a journal touched its backup bearing), NOT_FINITE, GAP_CLOSED (a journal reached the poles in
+        spite of the backup bearing), or INPUT_NOT_FINITE (nothing done).
     """
-    if not math.isfinite(current_x + current_y):
-        return INPUT_NOT_FINITE
+    state, constants = view(arrays.state), view(arrays.constants)
+    matrices, work = view(arrays.matrices), view(arrays.work)
+    iron, material, curve, paths = view(arrays.iron), view(arrays.material), view(arrays.curve), view(arrays.paths)
+    diffusion, modes, force = view(arrays.diffusion), view(arrays.modes), view(arrays.force)
+    bearings = references.shape[0] // 2
+    for n in range(2 * bearings):
+        if not math.isfinite(references[n]):
+            return INPUT_NOT_FINITE
     period = int(constants[PERIOD])
     phase = int(state[PHASE])
-    _set_references(constants, work, current_x, current_y)
+    for bearing in range(bearings):
+        set_references(constants, work, bearing * WORK_SIZE, references[2 * bearing], references[2 * bearing + 1])
     for n in range(steps):
-        _set_drops(state, constants, matrices, work)
-        if phase == 0:
-            _update_duties(state, constants, work)
-        _set_voltages(state, constants, work, phase)
-        _set_rates(matrices, work)
-        if constants[UNIPOLAR] != 0.0 and _any_negative_current(work):
-            _block_negative_currents(matrices, work)
-        _set_force(state, constants, matrices, work)
+        # With its offsets known to the compiler, the first bearing takes less time.
+        _step_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, 0, phase)
+        if bearings == 2:
+            _step_other_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, 1, phase)
+        if constants[DISTURBED] != 0.0:
+            set_disturbance(state, constants, force)
         if trace.shape[0] > 0:
-            _write_trace(state, matrices, work, trace[n])
-        _integrate(state, constants, work)
+            _write_trace(state, matrices, work, bearings, modes.shape[1], trace[n])
+            set_energies(iron, diffusion, paths, trace[n, bearings * TRACE_BLOCK_SIZE :])
+        _integrate_circuit(state, constants, work, HEAD_SIZE, 0)
+        if bearings == 2:
+            _integrate_circuit(state, constants, work, HEAD_SIZE + BLOCK_SIZE, WORK_SIZE)
+        if modes.shape[0] == 0:
+            move_point_mass(state, constants, work, force)
+        else:
+            move_modes(state, constants, modes, work, force, bearings)
+        if constants[SENSOR_LAG] != 1.0:
+            sense(state, constants, modes, bearings)
+        state[STARTED] = 1.0
+        state[STEPS] += 1.0
         phase += 1
         if phase == period:
             phase = 0
     state[PHASE] = phase
-    square = state[X] * state[X] + state[Y] * state[Y]
-    if not math.isfinite(square):
-        return NOT_FINITE
-    return DELEVITATED if square >= constants[RADIUS] * constants[RADIUS] else OK
+    return _status(state, constants, bearings)
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _set_references(constants, work, current_x, current_y):
-    for coil in range(COILS):
-        current = current_x if coil % 2 == 0 else current_y
-        reference = constants[BIAS] + (current if coil < 2 else -current)
-        work[_REFERENCE + coil] = min(max(reference, 0.0), constants[CURRENT_MAX])
+def _step_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, bearing, phase):
+    """Amplifiers and fluxes of a bearing over one internal step, and its forces at the start of the step."""
+    block, scratch = HEAD_SIZE + bearing * BLOCK_SIZE, bearing * WORK_SIZE
+    _set_gap_drops(state, constants, matrices, work, block, scratch, POSITION + 2 * bearing)
+    if constants[NONLINEAR_IRON] != 0.0:
+        add_iron_drops(state, block, constants, iron[bearing], material, curve, paths, work, scratch)
+    if constants[SOLID_JOURNAL] != 0.0:
+        add_diffusion_drops(state, block, diffusion[bearing], paths, work, scratch)
+    _extrapolate_drops(state, matrices, work, block, scratch)
+    if constants[PLAIN_CARRIERS] != 0.0:
+        set_voltages(state, constants, work, block, scratch, phase)
+    else:
+        set_shifted_voltages(state, constants, work, block, scratch, phase)
+    _set_rates(matrices, work, scratch)
+    if constants[UNIPOLAR] != 0.0 and any_negative_current(work, scratch):
+        block_negative_currents(matrices, work, scratch)
+    _set_pull(state, constants, matrices, work, block, scratch)
+    if constants[CONTACT] != 0.0:
+        set_contact_force(state, constants, work, bearing)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _step_other_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, bearing, phase):
+    _step_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, bearing, phase)
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _update_duties(state, constants, work):
-    """PI on the mean current of the past switching period; the integral part holds while the duty is at its limit."""
-    period = constants[PERIOD]
-    for coil in range(COILS):
-        # Trapezoidal mean: the sum counts the start of every step, so half the change over the period is missing.
-        missing = 0.5 * (work[_CURRENT + coil] - state[CURRENT_START + coil])
-        error = work[_REFERENCE + coil] - (state[CURRENT_SUM + coil] + missing) / period
-        integral = state[INTEGRAL + coil] + constants[KI] * error * period * constants[STEP]
-        duty = 0.5 + constants[KP] * error + integral
-        if constants[DUTY_MIN] <= duty <= constants[DUTY_MAX]:
-            state[INTEGRAL + coil] = integral
-        state[DUTY + coil] = min(max(duty, constants[DUTY_MIN]), constants[DUTY_MAX])
-        state[CURRENT_SUM + coil] = 0.0
-        state[CURRENT_START + coil] = work[_CURRENT + coil]
-
-
-@numba.njit(inline="always", error_model="numpy")
-def _set_voltages(state, constants, work, phase):
-    """Mean coil voltage over this internal step; the pulse is centred in the switching period."""
-    period = constants[PERIOD]
-    for coil in range(COILS):
-        half = 0.5 * period * state[DUTY + coil]
-        on = min(phase + 1.0, 0.5 * period + half) - max(float(phase), 0.5 * period - half)
-        work[_VOLTAGE + coil] = constants[SUPPLY] * (2.0 * min(max(on, 0.0), 1.0) - 1.0)
-
-
-@numba.njit(inline="always", error_model="numpy")
-def _set_drops(state, constants, matrices, work):
-    """Magnetomotive force drops along the poles, and what the coil currents owe to them."""
+def _set_gap_drops(state, constants, matrices, work, block, scratch, position):
+    """Magnetomotive force drops along the gaps and the linear iron of the poles."""
+    x, y = state[position], state[position + 1]
     for j in range(POLES):
-        gap = constants[GAP] - state[X] * matrices[COSINE, j] - state[Y] * matrices[SINE, j]
-        work[j] = gap * constants[GAP_RELUCTANCE] * state[FLUX + j]
+        gap = constants[GAP] - x * matrices[COSINE, j] - y * matrices[SINE, j]
+        work[scratch + j] = gap * constants[GAP_RELUCTANCE] * state[block + FLUX + j]
     for j in range(0, POLES, 4):
-        _accumulate(matrices, RELUCTANCE, POLES, j, state, FLUX, work, j)
+        _accumulate(matrices, RELUCTANCE, POLES, j, state, block + FLUX, work, scratch + j)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _extrapolate_drops(state, matrices, work, block, scratch):
+    """Drops in the middle of the step, and what the coil currents owe to those at its start."""
     if state[STARTED] == 0.0:
         for j in range(POLES):
-            state[MMF + j] = work[j]
+            state[block + MMF + j] = work[scratch + j]
     for j in range(POLES):
-        work[_EXTRAPOLATED + j] = 1.5 * work[j] - 0.5 * state[MMF + j]
-        state[MMF + j] = work[j]
+        work[scratch + EXTRAPOLATED + j] = 1.5 * work[scratch + j] - 0.5 * state[block + MMF + j]
+        state[block + MMF + j] = work[scratch + j]
     for coil in range(COILS):
-        work[_CURRENT + coil] = 0.0
-    _accumulate(matrices, SOLUTION, POLES, POLES, work, 0, work, _CURRENT)
+        work[scratch + CURRENT + coil] = 0.0
+    _accumulate(matrices, SOLUTION, POLES, POLES, work, scratch, work, scratch + CURRENT)
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _set_rates(matrices, work):
+def _set_rates(matrices, work, scratch):
     """Flux rates from the extrapolated drops and the voltages, and the voltages' part of the coil currents."""
     for j in range(POLES):
-        work[_RATES + j] = 0.0
+        work[scratch + RATES + j] = 0.0
     for j in range(0, POLES, 4):
-        _accumulate(matrices, SOLUTION, POLES, j, work, _EXTRAPOLATED, work, _RATES + j)
-        _accumulate(matrices, SOLUTION + POLES, COILS, j, work, _VOLTAGE, work, _RATES + j)
-    _accumulate(matrices, SOLUTION + POLES, COILS, POLES, work, _VOLTAGE, work, _CURRENT)
+        _accumulate(matrices, SOLUTION, POLES, j, work, scratch + EXTRAPOLATED, work, scratch + RATES + j)
+        _accumulate(matrices, SOLUTION + POLES, COILS, j, work, scratch + VOLTAGE, work, scratch + RATES + j)
+    _accumulate(matrices, SOLUTION + POLES, COILS, POLES, work, scratch + VOLTAGE, work, scratch + CURRENT)
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -190,76 +255,60 @@ def _accumulate(matrices, row, rows, column, vector, start, result, target):
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _any_negative_current(work):
-    return work[_CURRENT] < 0.0 or work[_CURRENT + 1] < 0.0 or work[_CURRENT + 2] < 0.0 or work[_CURRENT + 3] < 0.0
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _block_negative_currents(matrices, work):
-    """Diodes: where the current would be negative the coil voltage rises until it is zero (projected Gauss-Seidel)."""
-    for coil in range(COILS):
-        work[_APPLIED + coil] = work[_VOLTAGE + coil]
-    for _ in range(20):
-        largest = 0.0
-        for coil in range(COILS):
-            column = SOLUTION + POLES + coil
-            wanted = work[_VOLTAGE + coil] - work[_CURRENT + coil] / matrices[column, POLES + coil]
-            change = max(wanted, work[_APPLIED + coil]) - work[_VOLTAGE + coil]
-            if change != 0.0:
-                work[_VOLTAGE + coil] += change
-                for j in range(POLES + COILS):
-                    work[_RATES + j] += matrices[column, j] * change
-                largest = max(largest, abs(change))
-        if largest < 1e-9:
-            return
-
-
-@numba.njit(inline="always", error_model="numpy")
-def _set_force(state, constants, matrices, work):
-    force_x = 0.0
-    force_y = 0.0
+def _set_pull(state, constants, matrices, work, block, scratch):
+    pull_x = 0.0
+    pull_y = 0.0
     for j in range(POLES):
-        pull = constants[FORCE] * state[FLUX + j] * state[FLUX + j]
-        force_x += pull * matrices[COSINE, j]
-        force_y += pull * matrices[SINE, j]
-    work[_FORCE] = force_x
-    work[_FORCE + 1] = force_y
+        pull = constants[FORCE] * state[block + FLUX + j] * state[block + FLUX + j]
+        pull_x += pull * matrices[COSINE, j]
+        pull_y += pull * matrices[SINE, j]
+    work[scratch + PULL] = pull_x
+    work[scratch + PULL + 1] = pull_y
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _integrate(state, constants, work):
+def _integrate_circuit(state, constants, work, block, scratch):
     h = constants[STEP]
     for j in range(POLES):
-        state[FLUX + j] += h * work[_RATES + j]
+        state[block + FLUX + j] += h * work[scratch + RATES + j]
     for coil in range(COILS):
-        state[CURRENT_SUM + coil] += work[_CURRENT + coil]
-    for axis in range(2):
-        acceleration = work[_FORCE + axis] / constants[MASS]
-        if axis == 1:
-            acceleration -= constants[GRAVITY]
-        if state[STARTED] == 0.0:
-            state[AX + axis] = acceleration
-        velocity = state[VX + axis]
-        state[VX + axis] += h * (1.5 * acceleration - 0.5 * state[AX + axis])
-        state[X + axis] += 0.5 * h * (velocity + state[VX + axis])
-        state[AX + axis] = acceleration
-    state[STARTED] = 1.0
+        state[block + CURRENT_SUM + coil] += work[scratch + CURRENT + coil]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _write_trace(state, matrices, work, row):
-    for j in range(POLES):
-        row[TRACE_FLUX + j] = state[FLUX + j]
-        rate = 0.0
-        for column in range(POLES):
-            rate += matrices[SOLUTION + column, j] * work[column]
+def _status(state, constants, bearings):
+    largest = 0.0
+    for bearing in range(bearings):
+        x, y = state[POSITION + 2 * bearing], state[POSITION + 2 * bearing + 1]
+        square = x * x + y * y
+        if not math.isfinite(square):
+            return NOT_FINITE
+        largest = max(largest, square)
+    if constants[CONTACT] != 0.0:
+        return GAP_CLOSED if largest >= constants[GAP] * constants[GAP] else OK
+    return DELEVITATED if largest >= constants[RADIUS] * constants[RADIUS] else OK
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _write_trace(state, matrices, work, bearings, size, row):
+    for bearing in range(bearings):
+        block, scratch, target = HEAD_SIZE + bearing * BLOCK_SIZE, bearing * WORK_SIZE, bearing * TRACE_BLOCK_SIZE
+        for j in range(POLES):
+            row[target + TRACE_FLUX + j] = state[block + FLUX + j]
+            rate = 0.0
+            for column in range(POLES):
+                rate += matrices[SOLUTION + column, j] * work[scratch + column]
+            for coil in range(COILS):
+                rate += matrices[SOLUTION + POLES + coil, j] * work[scratch + VOLTAGE + coil]
+            row[target + TRACE_RATE + j] = rate
         for coil in range(COILS):
-            rate += matrices[SOLUTION + POLES + coil, j] * work[_VOLTAGE + coil]
-        row[TRACE_RATE + j] = rate
-    for coil in range(COILS):
-        row[TRACE_CURRENT + coil] = work[_CURRENT + coil]
-        row[TRACE_VOLTAGE + coil] = work[_VOLTAGE + coil]
-    for n in range(4):
-        row[TRACE_ROTOR + n] = state[X + n]
-    for axis in range(2):
-        row[TRACE_FORCE + axis] = work[_FORCE + axis]
+            row[target + TRACE_CURRENT + coil] = work[scratch + CURRENT + coil]
+            row[target + TRACE_VOLTAGE + coil] = work[scratch + VOLTAGE + coil]
+        for axis in range(2):
+            row[target + TRACE_POSITION + axis] = state[POSITION + 2 * bearing + axis]
+            row[target + TRACE_VELOCITY + axis] = state[VELOCITY + 2 * bearing + axis]
+            row[target + TRACE_FORCE + axis] = work[scratch + PULL + axis]
+            row[target + TRACE_CONTACT + axis] = work[scratch + CONTACT_FORCE + axis]
+    modes, target = HEAD_SIZE + bearings * BLOCK_SIZE, bearings * TRACE_BLOCK_SIZE + TRACE_TAIL_SIZE
+    for n in range(2 * size):
+        row[target + n] = state[modes + n]

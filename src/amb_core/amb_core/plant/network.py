@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from amb_core.plant.parameters import MagneticCircuitParameters
+from amb_core.plant.eddy import solid_journal_terms
+from amb_core.plant.parameters import MagneticCircuitParameters, PlantParameters
 
 POLES = 8
 COILS = 4
@@ -33,6 +34,7 @@ COIL_POLES = ((7, 0), (1, 2), (3, 4), (5, 6))
 """Poles of the electromagnets +x, +y, -x, -y."""
 COIL_AXES = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 """Direction in which each electromagnet pulls; also the sign with which a control current reference enters it."""
+_LEFT_WITHOUT_EDDY_CURRENTS = 1e-3
 POLARITY = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
 """Winding polarity of the poles: neighbours of different electromagnets are alike (N S S N N S S N)."""
 
@@ -48,13 +50,23 @@ class MagneticNetwork:
     pole_area : float
         Area of a pole face A (m^2).
     iron_reluctance : ndarray, shape (8, 8)
-        R: poles, back iron and journal (A/Wb), symmetric.
+        R: poles, back iron and journal, as far as their iron is linear (A/Wb), symmetric.
     eddy_coefficient : ndarray, shape (8, 8)
         K (A s/Wb), symmetric.
     winding : ndarray, shape (8, 4)
         N_p S: turns of each coil on each pole with sign (-).
     solution : ndarray, shape (12, 12)
-        Maps (h, V) to (dphi/dt, i): h in A, V in V, dphi/dt in V per turn, i in A.
+        Maps (h, V) to (dphi/dt, i): h in A, V in V, dphi/dt in V per turn, i in A. Zero for coils without amplifier.
+    averaged_solution : ndarray, shape (12, 12)
+        The same for the averaged plant: without eddy currents, with a thousandth of them.
+    circulation : ndarray, shape (2,)
+        Rate of the flux that circulates in back iron or journal per drop around it (Wb/(A s)); zero without such rings.
+    to_segments : ndarray, shape (8, 8) or (4, 8)
+        T: from pole fluxes to the fluxes in the segments of back iron or journal, none of them circulating.
+    journal_reluctance : ndarray, shape (8, 8)
+        Part of the journal in R if its iron is linear (A/Wb).
+    paths : tuple of three pairs
+        Length (m) and section (m^2) of a pole, a segment of the back iron, a segment of the journal.
     """
 
     gap_reluctance: float
@@ -63,6 +75,11 @@ class MagneticNetwork:
     eddy_coefficient: NDArray[np.float64]
     winding: NDArray[np.float64]
     solution: NDArray[np.float64]
+    averaged_solution: NDArray[np.float64]
+    circulation: NDArray[np.float64]
+    to_segments: NDArray[np.float64]
+    journal_reluctance: NDArray[np.float64]
+    paths: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
     def reluctance(self, x: float, y: float, air_gap: float) -> NDArray[np.float64]:
         """Total reluctance matrix diag(g_j / (mu0 A)) + R at a rotor position (A/Wb), shape (8, 8)."""
@@ -74,39 +91,63 @@ def pole_gaps(x: float, y: float, air_gap: float) -> NDArray[np.float64]:
     return air_gap - x * np.cos(POLE_ANGLES) - y * np.sin(POLE_ANGLES)
 
 
-def build_network(parameters: MagneticCircuitParameters) -> MagneticNetwork:
+def build_network(parameters: PlantParameters) -> MagneticNetwork:
     """Build and solve the network.
 
     Parameters
     ----------
-    parameters : MagneticCircuitParameters
-        Geometry, windings and iron.
+    parameters : PlantParameters
+        Geometry, windings, which of them have an amplifier, and iron.
     """
-    area = parameters.pole_width * parameters.axial_length
-    poles = (parameters.back_iron_inner_radius - parameters.pole_radius, area)
-    back_iron = _ring_segment(parameters.back_iron_inner_radius, parameters.stator_outer_radius, parameters)
-    journal = _ring_segment(parameters.journal_inner_radius, parameters.journal_outer_radius, parameters)
-    ring = _ring_operator(parameters.coupling)
+    circuit, iron = parameters.magnetic_circuit, parameters.iron
+    area = circuit.pole_width * circuit.axial_length
+    poles = (circuit.back_iron_inner_radius - circuit.pole_radius, area)
+    back_iron = _ring_segment(circuit.back_iron_inner_radius, circuit.stator_outer_radius, circuit)
+    journal = _ring_segment(circuit.journal_inner_radius, circuit.journal_outer_radius, circuit)
+    to_segments = _to_segments(circuit.coupling)
+    ring = to_segments.T @ to_segments
 
-    def assemble(coefficient: float) -> NDArray[np.float64]:
-        on_poles, on_back_iron, on_journal = (
-            coefficient * length / section for length, section in (poles, back_iron, journal)
-        )
-        return on_poles * np.eye(POLES) + (on_back_iron + on_journal) * ring
+    def on_poles(path: tuple[float, float]) -> NDArray[np.float64]:
+        return path[0] / path[1] * (np.eye(POLES) if path is poles else ring)
 
-    reluctance = assemble(1.0 / (parameters.relative_permeability * mu_0))
-    eddy = assemble(parameters.iron_conductivity * parameters.lamination_thickness**2 / 12.0)
+    per_length = 1.0 / (circuit.relative_permeability * mu_0)
+    laminations = circuit.iron_conductivity * circuit.lamination_thickness**2 / 12.0
+    stator = on_poles(poles) + on_poles(back_iron)
+    journal_reluctance = per_length * on_poles(journal)
+    reluctance = np.zeros((POLES, POLES)) if iron.saturation else per_length * stator
+    if iron.solid_journal:
+        eddy = laminations * stator + solid_journal_terms(parameters).rest * journal_reluctance
+    else:
+        eddy = laminations * (stator + on_poles(journal))
+    if iron.solid_journal or not iron.saturation:
+        reluctance += journal_reluctance
     winding = np.zeros((POLES, COILS))
     for coil, pair in enumerate(COIL_POLES):
-        winding[list(pair), coil] = parameters.turns_per_pole * POLARITY[list(pair)]
+        winding[list(pair), coil] = circuit.turns_per_pole * POLARITY[list(pair)]
+    constraints, active = flux_constraints(circuit.coupling), active_coils(circuit)
+    share = 1.0 if iron.eddy_currents else _LEFT_WITHOUT_EDDY_CURRENTS
+    averaged = _solve(share * eddy, winding, constraints, circuit.coil_resistance, active)
+    rings = np.array([POLES * share * laminations * length / section for length, section in (back_iron, journal)])
     return MagneticNetwork(
         gap_reluctance=1.0 / (mu_0 * area),
         pole_area=area,
         iron_reluctance=reluctance,
-        eddy_coefficient=eddy,
+        eddy_coefficient=eddy if iron.eddy_currents else 0.0 * eddy,
         winding=winding,
-        solution=_solve(eddy, winding, flux_constraints(parameters.coupling), parameters.coil_resistance),
+        solution=averaged
+        if iron.eddy_currents
+        else _solve_static(winding, constraints, circuit.coil_resistance, active),
+        averaged_solution=averaged,
+        circulation=1.0 / rings if circuit.coupling else np.zeros(2),
+        to_segments=to_segments,
+        journal_reluctance=journal_reluctance,
+        paths=(poles, back_iron, journal),
     )
+
+
+def active_coils(circuit: MagneticCircuitParameters) -> tuple[int, ...]:
+    """Electromagnets that have an amplifier; the others carry no current."""
+    return {"two_axis": (0, 1, 2, 3), "differential": (1, 3), "top_coil": (1,)}[circuit.actuators]
 
 
 def flux_constraints(coupling: bool) -> NDArray[np.float64]:
@@ -119,38 +160,60 @@ def flux_constraints(coupling: bool) -> NDArray[np.float64]:
     return sets
 
 
-def _ring_segment(inner: float, outer: float, parameters: MagneticCircuitParameters) -> tuple[float, float]:
+def _ring_segment(inner: float, outer: float, circuit: MagneticCircuitParameters) -> tuple[float, float]:
     """Mean length and section of the ring between two neighbouring poles."""
-    return np.pi * (inner + outer) / POLES, (outer - inner) * parameters.axial_length
+    return np.pi * (inner + outer) / POLES, (outer - inner) * circuit.axial_length
 
 
-def _ring_operator(coupling: bool) -> NDArray[np.float64]:
-    """T^T T, with T from pole fluxes to the fluxes in the segments of one ring (no ring carries a net MMF)."""
+def _to_segments(coupling: bool) -> NDArray[np.float64]:
     if coupling:
         segments = np.tril(np.ones((POLES, POLES)))
-        to_segments = segments - segments.mean(axis=0)
-    else:
-        to_segments = np.zeros((COILS, POLES))
-        for coil, (first, second) in enumerate(COIL_POLES):
-            to_segments[coil, [first, second]] = 0.5, -0.5
-    return to_segments.T @ to_segments
+        return np.asarray(segments - segments.mean(axis=0))
+    to_segments = np.zeros((COILS, POLES))
+    for coil, (first, second) in enumerate(COIL_POLES):
+        to_segments[coil, [first, second]] = 0.5, -0.5
+    return to_segments
 
 
 def _solve(
-    eddy: NDArray[np.float64], winding: NDArray[np.float64], constraints: NDArray[np.float64], resistance: float
+    eddy: NDArray[np.float64],
+    winding: NDArray[np.float64],
+    constraints: NDArray[np.float64],
+    resistance: float,
+    active: tuple[int, ...],
 ) -> NDArray[np.float64]:
     circuits = constraints.shape[1]
-    size = POLES + circuits + COILS
-    fluxes, potentials, coils = np.split(np.arange(size), [POLES, POLES + circuits])
+    fluxes, potentials, coils = np.split(np.arange(POLES + circuits + len(active)), [POLES, POLES + circuits])
+    size = POLES + circuits + len(active)
     system = np.zeros((size, size))
     system[np.ix_(fluxes, fluxes)] = eddy
     system[np.ix_(fluxes, potentials)] = constraints
-    system[np.ix_(fluxes, coils)] = -winding
+    system[np.ix_(fluxes, coils)] = -winding[:, active]
     system[np.ix_(potentials, fluxes)] = constraints.T
-    system[np.ix_(coils, fluxes)] = winding.T
-    system[np.ix_(coils, coils)] = resistance * np.eye(COILS)
+    system[np.ix_(coils, fluxes)] = winding[:, active].T
+    system[np.ix_(coils, coils)] = resistance * np.eye(len(active))
     inverse = np.linalg.inv(system)
-    wanted, given = np.concatenate([fluxes, coils]), np.concatenate([fluxes, coils])
-    solution = inverse[np.ix_(wanted, given)]
+    kept = np.concatenate([fluxes, coils])
+    placed = np.concatenate([fluxes, POLES + np.array(active)])
+    solution = np.zeros((POLES + COILS, POLES + COILS))
+    solution[np.ix_(placed, placed)] = inverse[np.ix_(kept, kept)]
     solution[:, :POLES] *= -1.0
-    return np.ascontiguousarray(solution)
+    return solution
+
+
+def _solve_static(
+    winding: NDArray[np.float64], constraints: NDArray[np.float64], resistance: float, active: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """The same without eddy currents.
+
+    Fluxes that balance, h = N_p S i - E psi, give the currents; the voltages that these leave move the flux linkages
+    by the smallest fluxes, which `amb_core.plant.quasistatic` then balances.
+    """
+    solution = np.zeros((POLES + COILS, POLES + COILS))
+    placed = POLES + np.array(active)
+    currents = np.linalg.pinv(np.hstack([winding[:, active], -constraints]))[: len(active)]
+    fluxes = np.linalg.pinv(np.hstack([winding[:, active], constraints]).T)[:, : len(active)]
+    solution[placed, :POLES] = currents
+    solution[:POLES, placed] = fluxes
+    solution[:POLES, :POLES] = -resistance * fluxes @ currents
+    return solution

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from amb_core.control import ControllerParameters
 from amb_core.errors import PlantError
-from amb_core.plant.averaged import FLUX, INTEGRAL, POSITION, STATE_SIZE, coil_references, magnetic_force
+from amb_core.plant.averaged import AveragedPlant, coil_references
 from amb_core.plant.plant import Plant
 
 _TOLERANCE = 1e-9
@@ -23,19 +23,22 @@ class OperatingPoint:
 
     Attributes
     ----------
-    state : ndarray, shape (16,)
+    state : ndarray, shape (n,)
         State as in `amb_core.plant.averaged`.
-    current_reference : ndarray, shape (2,)
-        Control current references i_x, i_y that hold it (A).
+    current_reference : ndarray, shape (2 * bearings,)
+        Control current references i_x, i_y of each bearing that hold it (A).
+    journals : ndarray, shape (2 * bearings,)
+        Positions of the journals x, y in each bearing (m).
     """
 
     state: NDArray[np.float64]
     current_reference: NDArray[np.float64]
+    journals: NDArray[np.float64]
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """Rotor position x, y (m), shape (2,)."""
-        return self.state[POSITION]
+        """Rotor position x, y in bearing A (m), shape (2,)."""
+        return self.journals[:2]
 
 
 def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPoint:
@@ -46,38 +49,47 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
     PlantError
         If the rotor finds no equilibrium inside the backup bearing, or takes more current or voltage than there is.
     """
-    reference = np.array([controller.nominal_reference_x, controller.nominal_reference_y])
+    averaged = AveragedPlant(plant)
+    controllers = [controller, plant.parameters.controller_b][: plant.bearings]
+    reference = np.array([n for one in controllers for n in (one.nominal_reference_x, one.nominal_reference_y)])
+    gains = np.repeat([one.proportional_gain for one in controllers], 2)
+    sensors = averaged.sensors()[:, averaged.coordinates]
+    start = _coordinates(plant, reference)
+    # Coordinates in units in which a gap's displacement of a journal is about one
+    scale = plant.parameters.magnetic_circuit.air_gap / max(float(np.abs(_journal_shapes(plant)).max()), 1e-12)
 
-    def held(position: NDArray[np.float64]) -> OperatingPoint:
-        return _at_rest(plant, position, controller.proportional_gain * (reference - position))
+    def held(scaled: NDArray[np.float64]) -> OperatingPoint:
+        coordinates = scale * scaled
+        return _at_rest(averaged, coordinates, gains * (reference - sensors @ coordinates))
 
-    gap = plant.parameters.magnetic_circuit.air_gap
-    position = gap * _solve(lambda scaled: _unbalanced(held(gap * scaled), plant), reference / gap)
+    scaled = _solve(lambda scaled: _unbalanced(held(scaled), averaged), start / scale)
     radius = plant.parameters.rotor.backup_bearing_radius
-    if not np.hypot(*position) < radius:  # also when there is no solution, which is NaN
+    point = held(scaled) if np.isfinite(scaled).all() else None
+    if point is None or not _inside(point, radius):
         raise PlantError(
             f"the controller with K_P = {controller.proportional_gain:g} A/m holds the rotor of "
-            f"{plant.parameters.rotor.mass:g} kg nowhere inside the backup bearing, {radius:g} m"
+            f"{_rotor_mass(plant):g} kg nowhere inside the backup bearing, {radius:g} m"
         )
-    point = held(position)
-    largest = np.abs(point.current_reference).max()
-    if largest >= controller.current_limit:
-        raise PlantError(
-            f"holding the rotor takes a control current of {largest:.3g} A; allowed: less than the controller's limit, "
-            f"{controller.current_limit:g} A"
-        )
+    currents = np.abs(point.current_reference).reshape(-1, 2).max(axis=1)
+    for one, largest in zip(controllers, currents, strict=True):
+        if largest >= one.current_limit:
+            raise PlantError(
+                f"holding the rotor takes a control current of {largest:.3g} A; allowed: less than the controller's "
+                f"limit, {one.current_limit:g} A"
+            )
     _check_duties(point, plant)
     return point
 
 
 def point_at(position: NDArray[np.float64], plant: Plant) -> OperatingPoint:
-    """The equilibrium at a given rotor position (m), shape (2,), whatever control currents that takes.
+    """The equilibrium with all journals at a position (m), shape (2,), whatever control currents that takes.
 
     Raises
     ------
     PlantError
         If the position is outside the backup bearing, or no current within the amplifiers' limit holds the rotor.
     """
+    averaged = AveragedPlant(plant)
     position = np.asarray(position, dtype=np.float64)
     radius = plant.parameters.rotor.backup_bearing_radius
     if not np.hypot(*position) < radius:
@@ -85,13 +97,29 @@ def point_at(position: NDArray[np.float64], plant: Plant) -> OperatingPoint:
             f"position {position[0]:g} m, {position[1]:g} m is not inside the backup bearing; allowed: less than "
             f"{radius:g} m from the centre"
         )
-    current = _solve(lambda current: _unbalanced(_at_rest(plant, position, current), plant), np.zeros(2))
-    if not np.isfinite(current).all():
+    # A flexible rotor sags between its bearings: its coordinates are unknowns as well as the currents.
+    journals = np.tile(position, plant.bearings)
+    start = _coordinates(plant, journals)
+    shapes = _journal_shapes(plant)
+    scale = plant.parameters.magnetic_circuit.air_gap / max(float(np.abs(shapes).max()), 1e-12)
+    size = len(start)
+
+    def held(unknown: NDArray[np.float64]) -> OperatingPoint:
+        return _at_rest(averaged, start + scale * unknown[:size], unknown[size:])
+
+    def residual(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        moved = scale * (shapes @ unknown[:size]) / 1e-3
+        if "x" not in plant.axes:
+            moved[0] += unknown[size]  # i_x drives nothing, so it shall be zero
+        return np.concatenate([_unbalanced(held(unknown), averaged), moved])
+
+    unknown = _solve(residual, np.zeros(size + 2 * plant.bearings))
+    if not np.isfinite(unknown).all():
         raise PlantError(
             f"no control current holds the rotor at {position[0]:g} m, {position[1]:g} m within the amplifiers' limit "
             f"of {plant.parameters.amplifier.current_limit:g} A"
         )
-    point = _at_rest(plant, position, current)
+    point = held(unknown)
     _check_duties(point, plant)
     return point
 
@@ -99,28 +127,44 @@ def point_at(position: NDArray[np.float64], plant: Plant) -> OperatingPoint:
 def static_force(
     plant: Plant, coil_currents: NDArray[np.float64], position: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Magnetic force (N), shape (2,), of constant coil currents (A), shape (4,), on a rotor held at a position (m)."""
-    return magnetic_force(plant.static_flux(coil_currents, *position), plant)
+    """Magnetic force (N), shape (2,), of constant coil currents (A), shape (4,), on a journal held in place (m)."""
+    return plant.magnetostatics.force(plant.static_flux(coil_currents, *position))
 
 
-def _at_rest(plant: Plant, position: NDArray[np.float64], current_reference: NDArray[np.float64]) -> OperatingPoint:
-    """The amplifiers and fluxes at rest around a rotor that is held in place."""
-    amplifier, resistance = plant.parameters.amplifier, plant.parameters.magnetic_circuit.coil_resistance
-    current = coil_references(current_reference, plant)
-    state = np.zeros(STATE_SIZE)
-    if amplifier.integral_gain > 0.0:
-        state[INTEGRAL] = resistance * current / (2.0 * amplifier.supply_voltage)
-    else:  # then an error is left, which makes the voltage that the resistance takes
-        gain = 2.0 * amplifier.supply_voltage * amplifier.proportional_gain
-        current = current * gain / (gain + resistance) if gain > 0.0 else 0.0 * current
-    state[FLUX] = plant.static_flux(current, *position)
-    state[POSITION] = position
-    return OperatingPoint(state, current_reference)
+def _coordinates(plant: Plant, journals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Coordinates with the journals near these positions (m)."""
+    return journals if plant.rotor is None else plant.rotor.coordinates_at(journals[0], journals[1])
+
+
+def _journal_shapes(plant: Plant) -> NDArray[np.float64]:
+    return np.eye(2) if plant.rotor is None else plant.rotor.bearings
+
+
+def _rotor_mass(plant: Plant) -> float:
+    rotor = plant.parameters.rotor
+    if plant.rotor is None:
+        return rotor.mass
+    # The weight of a rigid motion along y
+    lifted = plant.rotor.coordinates_at(0.0, 1.0)
+    return float(lifted @ plant.rotor.mass @ lifted)
+
+
+def _inside(point: OperatingPoint, radius: float) -> bool:
+    return bool((np.hypot(*point.journals.reshape(-1, 2).T) < radius).all())
+
+
+def _at_rest(
+    averaged: AveragedPlant, coordinates: NDArray[np.float64], current_reference: NDArray[np.float64]
+) -> OperatingPoint:
+    state = averaged.at_rest(coordinates, current_reference)
+    return OperatingPoint(state, current_reference, averaged.journals(state))
 
 
 def _check_duties(point: OperatingPoint, plant: Plant) -> None:
     amplifier, resistance = plant.parameters.amplifier, plant.parameters.magnetic_circuit.coil_resistance
-    largest = coil_references(point.current_reference, plant).max()
+    if not amplifier.limits:
+        return
+    largest = max(coil_references(pair, plant).max() for pair in point.current_reference.reshape(-1, 2))
     duty = 0.5 + resistance * largest / (2.0 * amplifier.supply_voltage)
     if duty >= amplifier.maximum_duty:
         raise PlantError(
@@ -129,19 +173,21 @@ def _check_duties(point: OperatingPoint, plant: Plant) -> None:
         )
 
 
-def _unbalanced(point: OperatingPoint, plant: Plant) -> NDArray[np.float64]:
-    """Force on the rotor that nothing balances, over its weight (or its weight at 1 m/s^2)."""
-    rotor = plant.parameters.rotor
-    force = magnetic_force(point.state[FLUX], plant) - np.array([0.0, rotor.mass * rotor.gravity])
-    return force / (rotor.mass * max(rotor.gravity, 1.0))
+def _unbalanced(point: OperatingPoint, averaged: AveragedPlant) -> NDArray[np.float64]:
+    """What does not balance, over weight (or weight at 1 m/s^2); along directions that cannot move, the position."""
+    plant = averaged.plant
+    left = averaged.unbalanced(point.state) / (_rotor_mass(plant) * max(plant.parameters.rotor.gravity, 1.0))
+    if "x" not in plant.axes:
+        left[0] = (point.journals[0] - plant.parameters.rotor.initial_x) / plant.parameters.magnetic_circuit.air_gap
+    return left
 
 
 def _solve(
     residual: Callable[[NDArray[np.float64]], NDArray[np.float64]], start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Root of two functions of two variables, NaN if none is found."""
+    """Root of as many functions as variables, NaN if none is found."""
     from scipy.optimize import root  # takes a third of a second to import
 
     found = root(residual, start, tol=1e-12)
     # Judged by the residual: at a root of zero the solver's own, relative measure of success cannot be met.
-    return found.x if np.abs(found.fun).max() < _TOLERANCE else np.full(2, np.nan)
+    return found.x if np.abs(found.fun).max() < _TOLERANCE else np.full(len(start), np.nan)

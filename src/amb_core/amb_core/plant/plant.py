@@ -6,131 +6,243 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import mu_0
 
+from amb_core.control import PdController
 from amb_core.errors import PlantError
-from amb_core.plant import kernel
-from amb_core.plant.network import COILS, POLE_ANGLES, POLES, MagneticNetwork, build_network, flux_constraints
+from amb_core.plant import iron_paths, kernel, layout
+from amb_core.plant.iron import initial_iron
+from amb_core.plant.magnetostatics import Magnetostatics
+from amb_core.plant.network import COILS, POLES, active_coils, build_network
+from amb_core.plant.packing import pack
 from amb_core.plant.parameters import PlantParameters
-
-_NO_TRACE = np.empty((0, kernel.TRACE_SIZE))
+from amb_core.plant.rotor import rotor_model
+from amb_core.plant.rotor_kernel import place_journals
+from amb_core.plant.sensing import Sensing, quantise
+from amb_core.plant.trace import Trace, row_size, unpack
 
 
 @dataclass(frozen=True)
-class Trace:
-    """Variables at the start of every internal step.
+class PlantSnapshot:
+    """What happens inside the plant at the end of a sample; the first index of all arrays is the bearing, A then B.
 
     Attributes
     ----------
-    time : ndarray, shape (n,)
-        Time from the first row (s).
-    flux, flux_rate : ndarray, shape (n, 8)
-        Pole fluxes (Wb) and their rates (Wb/s).
-    current, voltage : ndarray, shape (n, 4)
-        Coil currents (A) and mean coil voltages over the step (V), electromagnets +x, +y, -x, -y.
-    position, velocity, force : ndarray, shape (n, 2)
-        Rotor position (m), velocity (m/s) and magnetic force (N).
+    coil_current : ndarray, shape (bearings, 4)
+        Coil currents of electromagnets +x, +y, -x, -y (A).
+    flux_density : ndarray, shape (bearings, 8)
+        In the air gaps of the poles, positive from stator to journal (T).
+    force, contact_force : ndarray, shape (bearings, 2)
+        Magnetic force, and force of the backup bearing, on the journal (N).
+    position : ndarray, shape (bearings, 2)
+        Of the journal (m).
+    contact : ndarray of bool, shape (bearings,)
+        Whether the journal touches the backup bearing.
     """
 
-    time: NDArray[np.float64]
-    flux: NDArray[np.float64]
-    flux_rate: NDArray[np.float64]
-    current: NDArray[np.float64]
-    voltage: NDArray[np.float64]
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
+    coil_current: NDArray[np.float64]
+    flux_density: NDArray[np.float64]
     force: NDArray[np.float64]
+    contact_force: NDArray[np.float64]
+    position: NDArray[np.float64]
+    contact: NDArray[np.bool_]
 
 
 class Plant:
-    """One radial bearing with its amplifiers and a point-mass rotor.
+    """A radial bearing with its amplifiers and a point mass, or two with a rotor.
 
     Inputs are the control current references i_x, i_y (A); the amplifiers add the bias current. The output is the
-    rotor position x, y (m). `advance` integrates exactly one controller sample.
+    measured rotor position x, y (m). `advance` integrates exactly one controller sample. With a rotor in two bearings,
+    inputs and outputs are those of bearing A; bearing B has a PD controller of its own, which acts at the same samples.
+
+    Attributes
+    ----------
+    parameters : PlantParameters
+        What it was made of.
+    network : MagneticNetwork
+        The magnetic circuit, the same in both bearings.
+    magnetostatics : Magnetostatics
+        The magnetic circuit at rest.
+    rotor : RotorModel or None
+        The rotor in two bearings; None for a point mass in one.
+    bearings : int
+        1 or 2.
+    delevitated : bool
+        Whether a journal touched its backup bearing, unless contact is part of the model.
+    samples : int
+        Controller samples since the reset.
+    sample_time : float
+        Controller sample time (s).
 
     Raises
     ------
     PlantError
-        If the internal step is too long for the eddy currents of the magnetic circuit.
+        If the internal step is too long for the eddy currents of the magnetic circuit, or a file of iron or rotor data
+        is refused.
     """
 
     def __init__(self, parameters: PlantParameters | None = None) -> None:
-        self.parameters = parameters or PlantParameters()
-        self.network = build_network(self.parameters.magnetic_circuit)
+        self.parameters = parameters = parameters or PlantParameters()
+        self.network = build_network(parameters)
+        self.magnetostatics = Magnetostatics(parameters, self.network)
+        self.rotor = None if parameters.rotor.model == "point_mass" else rotor_model(parameters)
+        self.bearings = 1 if self.rotor is None else 2
         self._check_internal_step()
-        self._constants = _pack_constants(self.parameters, self.network)
-        self._matrices = _pack_matrices(self.network)
-        self._work = np.zeros(kernel.WORK_SIZE)
-        self._steps = self.parameters.steps_per_sample
-        self.sample_time = 1.0 / self.parameters.integration.sample_rate
+        self._arrays = pack(parameters, self.network, self.rotor)
+        self._steps = parameters.steps_per_sample
+        self._current_resolution = parameters.converters.current_resolution
+        self._late_steps = round(parameters.converters.computation_delay * self._steps)
+        self._no_trace = np.empty((0, row_size(self.bearings, self._coordinates)))
+        self._sensor_lags = parameters.sensor.bandwidth > 0.0
+        self._sensing = Sensing(parameters, 2 * self.bearings)
+        self._controller_b = PdController(parameters.controller_b)
+        self.sample_time = 1.0 / parameters.integration.sample_rate
         self.reset()
 
     def reset(self) -> None:
         """Rotor at rest at its initial position, bias current in all coils with the fluxes of the steady state."""
-        rotor = self.parameters.rotor
+        arrays, rotor = self._arrays, self.parameters.rotor
+        x, y = rotor.initial_x, rotor.initial_y
+        arrays.state[:] = 0.0
+        arrays.work[:] = 0.0
+        arrays.diffusion[:, :, :POLES] = 0.0
+        arrays.diffusion[:, -2:] = 0.0
+        arrays.state[layout.POSITION : layout.POSITION + 2 * self.bearings] = [x, y] * self.bearings
+        if self.rotor is not None:
+            first = layout.HEAD_SIZE + self.bearings * layout.BLOCK_SIZE
+            arrays.state[first : first + self._coordinates] = self.rotor.coordinates_at(x, y)
+            place_journals(arrays.state, arrays.modes, self.bearings)
+        arrays.state[layout.SENSED : layout.SENSED + 2 * self.bearings] = self._at_sensors()
+        for bearing in range(self.bearings):
+            self._reset_circuit(bearing, x, y)
+
         self.delevitated = False
         self.samples = 0
-        self._state = np.zeros(kernel.STATE_SIZE)
-        self._state[kernel.X], self._state[kernel.Y] = rotor.initial_x, rotor.initial_y
-        bias = np.full(COILS, self.parameters.amplifier.bias_current)
-        self._state[:POLES] = self.static_flux(bias, rotor.initial_x, rotor.initial_y)
-        self._state[kernel.CURRENT_SUM : kernel.CURRENT_SUM + COILS] = bias * self._constants[kernel.PERIOD]
-        self._state[kernel.CURRENT_START : kernel.CURRENT_START + COILS] = bias
+        self._sensing.reset()
+        self._controller_b.reset()
+        self._reference, self._next_reference = np.zeros(2 * self.bearings), np.zeros(2 * self.bearings)
+        self._measured = self._measure()
+
+    def _reset_circuit(self, bearing: int, x: float, y: float) -> None:
+        arrays = self._arrays
+        block = arrays.state[layout.HEAD_SIZE + bearing * layout.BLOCK_SIZE :][: layout.BLOCK_SIZE]
+        bias = self.bias_currents()
+        magnetised = self.magnetostatics.solve(bias, x, y)
+        block[layout.FLUX : layout.FLUX + POLES] = magnetised.flux
+        if len(arrays.iron):
+            arrays.iron[bearing, : iron_paths.RINGS] = initial_iron(magnetised.flux_density, self.parameters.iron)
+            arrays.iron[bearing, iron_paths.RINGS] = 0.0
+            arrays.iron[bearing, iron_paths.RINGS, :2] = magnetised.circulating
+        period, shift = arrays.constants[layout.PERIOD], arrays.constants[layout.CARRIER_SHIFT]
+        # Of the switching period that ends at its first update, a coil with a later carrier has part still to go.
+        gone = period - shift * np.arange(COILS) if shift else np.full(COILS, period)
+        block[layout.CURRENT_SUM : layout.CURRENT_SUM + COILS] = bias * gone
+        block[layout.CURRENT_START : layout.CURRENT_START + COILS] = bias
+        block[layout.DUTY : layout.DUTY + COILS] = 0.5
 
     @property
     def position(self) -> tuple[float, float]:
-        """Rotor position x, y (m)."""
-        return float(self._state[kernel.X]), float(self._state[kernel.Y])
+        """Measured rotor position x, y (m)."""
+        return float(self._measured[0]), float(self._measured[1])
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Axes along which the rotor can move: `x` and `y`, or `y` alone for a bearing with 1 DOF."""
+        return ("x", "y") if self.parameters.magnetic_circuit.actuators == "two_axis" else ("y",)
+
+    def bias_currents(self) -> NDArray[np.float64]:
+        """Bias current of every coil (A), shape (4,); zero for coils without amplifier."""
+        currents = np.zeros(COILS)
+        currents[list(active_coils(self.parameters.magnetic_circuit))] = self.parameters.amplifier.bias_current
+        return currents
 
     def advance(self, current_x: float, current_y: float) -> tuple[float, float]:
-        """Hold the control current references (A) over one controller sample; return the new rotor position (m).
+        """Hold the control current references (A) over one controller sample; return the new measured position (m).
 
-        Once the rotor has touched the backup bearing, `delevitated` is true and further calls are refused.
+        Once the rotor has touched the backup bearing, `delevitated` is true and further calls are refused, unless
+        contact is part of the model.
 
         Raises
         ------
         PlantError
             If the rotor has delevitated, or a reference or a state is not finite.
         """
-        if self.delevitated:
-            raise PlantError(f"the rotor delevitated at sample {self.samples}; reset the plant")
-        status = kernel.advance(
-            self._state, self._constants, self._matrices, self._work, current_x, current_y, self._steps, _NO_TRACE
-        )
-        self.samples += 1
-        if status != kernel.OK:
-            self._stop(status, current_x, current_y)
-        return float(self._state[kernel.X]), float(self._state[kernel.Y])
+        self._advance(current_x, current_y, self._no_trace)
+        return self.position
 
     def trace(self, current_x: float, current_y: float, samples: int = 1) -> Trace:
         """Like `samples` calls of `advance` with the same references, returning every internal step."""
-        steps = samples * self._steps
-        rows = np.empty((steps, kernel.TRACE_SIZE))
-        status = kernel.advance(
-            self._state, self._constants, self._matrices, self._work, current_x, current_y, steps, rows
+        rows = np.empty((samples * self._steps, self._no_trace.shape[1]))
+        for sample in range(samples):
+            self._advance(current_x, current_y, rows[sample * self._steps : (sample + 1) * self._steps])
+        return unpack(rows, self.bearings, self._coordinates, self.parameters.integration.internal_step)
+
+    def snapshot(self) -> PlantSnapshot:
+        """Currents, flux densities and forces at the end of the last internal step."""
+        state, work = self._arrays.state, self._arrays.work.reshape(self.bearings, layout.WORK_SIZE)
+        blocks = state[layout.HEAD_SIZE :][: self.bearings * layout.BLOCK_SIZE].reshape(self.bearings, -1)
+        contact_force = work[:, layout.CONTACT_FORCE : layout.CONTACT_FORCE + 2].copy()
+        position = state[layout.POSITION : layout.POSITION + 2 * self.bearings].reshape(-1, 2).copy()
+        started = state[layout.STARTED] != 0.0
+        currents = work[:, layout.CURRENT : layout.CURRENT + COILS] if started else [self.bias_currents()]
+        flux_density = blocks[:, layout.FLUX : layout.FLUX + POLES] / self.network.pole_area
+        return PlantSnapshot(
+            coil_current=np.array(np.broadcast_to(currents, (self.bearings, COILS))),
+            flux_density=flux_density,
+            force=self.magnetostatics.force(flux_density * self.network.pole_area),
+            contact_force=contact_force,
+            position=position,
+            contact=np.hypot(position[:, 0], position[:, 1]) >= self.parameters.rotor.backup_bearing_radius,
         )
-        self.samples += samples
-        if status != kernel.OK:
-            self._stop(status, current_x, current_y)
-        columns = np.split(rows, [8, 16, 20, 24, 26, 28], axis=1)
-        return Trace(np.arange(steps, dtype=np.float64) * self.parameters.integration.internal_step, *columns)
 
     def static_flux(self, coil_currents: NDArray[np.float64], x: float, y: float) -> NDArray[np.float64]:
         """Pole fluxes (Wb), shape (8,), of constant coil currents (A), shape (4,), at a rotor position (m)."""
-        circuit = self.parameters.magnetic_circuit
-        constraints = flux_constraints(circuit.coupling)
-        size = POLES + constraints.shape[1]
-        system = np.zeros((size, size))
-        system[:POLES, :POLES] = self.network.reluctance(x, y, circuit.air_gap)
-        system[:POLES, POLES:] = constraints
-        system[POLES:, :POLES] = constraints.T
-        drive = np.concatenate([self.network.winding @ coil_currents, np.zeros(constraints.shape[1])])
-        return np.linalg.solve(system, drive)[:POLES]
+        return self.magnetostatics.solve(coil_currents, x, y).flux
+
+    @property
+    def _coordinates(self) -> int:
+        return 0 if self.rotor is None else self.rotor.n
+
+    def _advance(self, current_x: float, current_y: float, rows: NDArray[np.float64]) -> None:
+        if self.delevitated:
+            raise PlantError(f"the rotor delevitated at sample {self.samples}; reset the plant")
+        before, now = self._reference, self._next_reference
+        now[0], now[1] = current_x, current_y
+        if self.bearings == 2:
+            nominal = self.parameters.controller_b
+            now[2:] = self._controller_b.update(
+                float(self._measured[2]), float(self._measured[3]),
+                nominal.nominal_reference_x, nominal.nominal_reference_y,
+            )  # fmt: skip
+        if self._current_resolution > 0.0:
+            now[:] = quantise(now, self._current_resolution)
+        late = self._late_steps
+        status = kernel.advance(self._arrays, before, late, rows[:late]) if late > 0 else layout.OK
+        if status in (layout.OK, layout.DELEVITATED) and late < self._steps:
+            status = kernel.advance(self._arrays, now, self._steps - late, rows[late:] if len(rows) else rows)
+        self._reference, self._next_reference = now, before
+        self.samples += 1
+        if status != layout.OK:
+            self._stop(status, current_x, current_y)
+        self._measured = self._measure()
+
+    def _measure(self) -> NDArray[np.float64]:
+        if self._sensor_lags:
+            position = self._arrays.state[layout.SENSED : layout.SENSED + 2 * self.bearings]
+        else:
+            position = self._at_sensors()
+        return self._sensing.measure(position) if self._sensing.real else position
+
+    def _at_sensors(self) -> NDArray[np.float64]:
+        """Displacement that the sensors see (m); of a point mass, a view of the state."""
+        state = self._arrays.state
+        if self.rotor is None:
+            return state[layout.POSITION : layout.POSITION + 2]
+        first = layout.HEAD_SIZE + self.bearings * layout.BLOCK_SIZE
+        return np.asarray(self.rotor.sensors @ state[first : first + self._coordinates])
 
     def _check_internal_step(self) -> None:
         """The integrator is stable up to one step per fastest eddy-current time constant; half of that is asked for."""
-        gap = self.network.reluctance(0.0, 0.0, self.parameters.magnetic_circuit.air_gap)
-        fastest = np.abs(np.linalg.eigvals(self.network.solution[:POLES, :POLES] @ gap)).max()
+        fastest = 1.0 / self.magnetostatics.shortest_time_constant()
         step = self.parameters.integration.internal_step
         if step * fastest > 0.5:
             raise PlantError(
@@ -139,47 +251,19 @@ class Plant:
             )
 
     def _stop(self, status: int, current_x: float, current_y: float) -> None:
-        if status == kernel.DELEVITATED:
+        if status == layout.DELEVITATED:
             self.delevitated = True
             return
-        time = self.samples * self.sample_time
-        if status == kernel.INPUT_NOT_FINITE:
+        when = f"at sample {self.samples}, {self.samples * self.sample_time:.6f} s"
+        if status == layout.INPUT_NOT_FINITE:
+            raise PlantError(f"control current references {current_x} A, {current_y} A not finite {when}")
+        state = self._arrays.state
+        if status == layout.GAP_CLOSED:
             raise PlantError(
-                f"control current references {current_x} A, {current_y} A not finite at sample {self.samples}, "
-                f"{time:.6f} s"
+                f"a journal reached the poles {when}, through a backup bearing of stiffness "
+                f"{self.parameters.backup_bearing.stiffness:g} N/m; reset the plant"
             )
-        names = {"flux": slice(0, POLES), "rotor": slice(kernel.X, kernel.AX)}
-        bad = [name for name, part in names.items() if not np.isfinite(self._state[part]).all()]
-        raise PlantError(f"state not finite ({', '.join(bad)}) at sample {self.samples}, {time:.6f} s; reset the plant")
-
-
-def _pack_constants(parameters: PlantParameters, network: MagneticNetwork) -> NDArray[np.float64]:
-    amplifier, rotor = parameters.amplifier, parameters.rotor
-    constants = np.zeros(kernel.CONSTANTS_SIZE)
-    constants[kernel.STEP] = parameters.integration.internal_step
-    constants[kernel.GAP] = parameters.magnetic_circuit.air_gap
-    constants[kernel.GAP_RELUCTANCE] = network.gap_reluctance
-    constants[kernel.FORCE] = 1.0 / (2.0 * mu_0 * network.pole_area)
-    constants[kernel.MASS] = rotor.mass
-    constants[kernel.GRAVITY] = rotor.gravity
-    constants[kernel.RADIUS] = rotor.backup_bearing_radius
-    constants[kernel.SUPPLY] = amplifier.supply_voltage
-    constants[kernel.DUTY_MIN] = amplifier.minimum_duty
-    constants[kernel.DUTY_MAX] = amplifier.maximum_duty
-    constants[kernel.KP] = amplifier.proportional_gain
-    constants[kernel.KI] = amplifier.integral_gain
-    constants[kernel.BIAS] = amplifier.bias_current
-    constants[kernel.CURRENT_MAX] = amplifier.current_limit
-    # A switching period of one internal step has the average voltage as its only pulse.
-    constants[kernel.PERIOD] = parameters.steps_per_period if amplifier.switching else 1
-    constants[kernel.UNIPOLAR] = float(amplifier.unipolar)
-    return constants
-
-
-def _pack_matrices(network: MagneticNetwork) -> NDArray[np.float64]:
-    matrices = np.zeros((kernel.MATRICES_SIZE, POLES + COILS))
-    matrices[kernel.RELUCTANCE : kernel.RELUCTANCE + POLES, :POLES] = network.iron_reluctance
-    matrices[kernel.SOLUTION : kernel.SOLUTION + POLES + COILS] = network.solution.T
-    matrices[kernel.COSINE, :POLES] = np.cos(POLE_ANGLES)
-    matrices[kernel.SINE, :POLES] = np.sin(POLE_ANGLES)
-    return matrices
+        circuits = layout.HEAD_SIZE + self.bearings * layout.BLOCK_SIZE
+        names = {"flux": state[layout.HEAD_SIZE : circuits], "rotor": state[layout.POSITION : layout.SENSED]}
+        bad = [name for name, part in names.items() if not np.isfinite(part).all()]
+        raise PlantError(f"state not finite ({', '.join(bad)}) {when}; reset the plant")

@@ -1,0 +1,73 @@
+"""Every internal step of a run, as named arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.plant import layout
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Variables at the start of every internal step; of bearing A, with those of bearing B under `bearing_b`.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Time from the first row (s).
+    flux, flux_rate : ndarray, shape (n, 8)
+        Pole fluxes (Wb) and their rates (Wb/s).
+    current, voltage : ndarray, shape (n, 4)
+        Coil currents (A) and mean coil voltages over the step (V), electromagnets +x, +y, -x, -y.
+    position, velocity, force, contact_force : ndarray, shape (n, 2)
+        Position (m) and velocity (m/s) of the journal, magnetic force and force of the backup bearing on it (N).
+    iron_energy, diffusion_energy : ndarray, shape (n,)
+        Energy that nonlinear iron and the diffusion into solid journals took up since the reset, all bearings (J).
+    coordinates, rates : ndarray, shape (n, m)
+        Generalised coordinates of a rotor in two bearings, and their rates; m = 0 for a point mass.
+    bearing_b : Trace or None
+        The same for bearing B.
+    """
+
+    time: NDArray[np.float64]
+    flux: NDArray[np.float64]
+    flux_rate: NDArray[np.float64]
+    current: NDArray[np.float64]
+    voltage: NDArray[np.float64]
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    force: NDArray[np.float64]
+    contact_force: NDArray[np.float64]
+    iron_energy: NDArray[np.float64]
+    diffusion_energy: NDArray[np.float64]
+    coordinates: NDArray[np.float64]
+    rates: NDArray[np.float64]
+    bearing_b: Trace | None = None
+
+
+def row_size(bearings: int, coordinates: int) -> int:
+    """Columns of a trace."""
+    return bearings * layout.TRACE_BLOCK_SIZE + layout.TRACE_TAIL_SIZE + 2 * coordinates
+
+
+def unpack(rows: NDArray[np.float64], bearings: int, coordinates: int, internal_step: float) -> Trace:
+    """Name the columns of a trace, shape (n, row_size(bearings, coordinates)), that the kernel wrote."""
+    time = np.arange(len(rows), dtype=np.float64) * internal_step
+    tail = rows[:, bearings * layout.TRACE_BLOCK_SIZE :]
+    shared = (
+        tail[:, layout.TRACE_IRON_ENERGY],
+        tail[:, layout.TRACE_DIFFUSION_ENERGY],
+        *np.split(tail[:, layout.TRACE_TAIL_SIZE :], [coordinates], axis=1),
+    )
+    starts = [
+        layout.TRACE_RATE, layout.TRACE_CURRENT, layout.TRACE_VOLTAGE,
+        layout.TRACE_POSITION, layout.TRACE_VELOCITY, layout.TRACE_FORCE, layout.TRACE_CONTACT,
+    ]  # fmt: skip
+    traces: list[Trace] = []
+    for bearing in reversed(range(bearings)):
+        block = rows[:, bearing * layout.TRACE_BLOCK_SIZE :][:, : layout.TRACE_BLOCK_SIZE]
+        traces.append(Trace(time, *np.split(block, starts, axis=1), *shared, *traces[-1:]))
+    return traces[-1]
