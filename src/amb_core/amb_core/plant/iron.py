@@ -16,38 +16,9 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from amb_core.errors import PlantError
 from amb_core.plant import iron_kernel
 from amb_core.plant.bh_table import read_bh_table
-from amb_core.plant.iron_kernel import (
-    ELEMENTS,
-    FIELD,
-    FLUX_DENSITY,
-    MAGNETISATION,
-    ROWS,
-    SLOPE,
-    TARGET,
-    WORK,
-    advance_hysteresis,
-    advance_saturation,
-)
+from amb_core.plant.iron_kernel import ELEMENTS, FIELD, FLUX_DENSITY, MAGNETISATION, ROWS, SLOPE, TARGET
 from amb_core.plant.langevin import langevin
 from amb_core.plant.parameters import IronParameters
-
-__all__ = [
-    "ELEMENTS",
-    "FIELD",
-    "FLUX_DENSITY",
-    "MAGNETISATION",
-    "ROWS",
-    "SLOPE",
-    "TARGET",
-    "WORK",
-    "SaturationCurve",
-    "advance_hysteresis",
-    "advance_saturation",
-    "initial_iron",
-    "pack_curve",
-    "pack_material",
-    "saturation_curve",
-]
 
 _INTERVALS = 4096
 _SPAN = 2.0  # of the table of an anhysteretic curve, in mu0 M_s
@@ -119,9 +90,10 @@ def saturation_curve(parameters: IronParameters) -> SaturationCurve:
         grid = np.linspace(0.0, _SPAN * mu_0 * parameters.saturation_magnetisation, _INTERVALS + 1)
         values, slopes = anhysteretic_field(grid, parameters)
     interval = grid[-1] / _INTERVALS
-    cubics = CubicHermiteSpline(grid, values, slopes).c[::-1].T * interval ** np.arange(4)
-    line = [[values[-1], interval / mu_0, 0.0, 0.0]]
-    return SaturationCurve(float(grid[-1]), np.concatenate([cubics, line]))
+    coefficients = np.zeros((_INTERVALS + 1, 4))
+    coefficients[:-1] = CubicHermiteSpline(grid, values, slopes).c[::-1].T * interval ** np.arange(4)
+    coefficients[-1, :2] = values[-1], interval / mu_0
+    return SaturationCurve(float(grid[-1]), coefficients)
 
 
 def anhysteretic_field(
@@ -181,10 +153,11 @@ def check_stability(parameters: IronParameters) -> None:
 def pack_curve(parameters: IronParameters) -> NDArray[np.float64]:
     """Curve of the material for `advance_saturation`, shape (intervals + 2, 4); raises as `saturation_curve`."""
     curve = saturation_curve(parameters)
-    head = np.zeros((1, 4))
-    head[0, iron_kernel.CURVE_SCALE] = curve.scale
-    head[0, iron_kernel.CURVE_INTERVALS] = len(curve.coefficients) - 1
-    return np.concatenate([head, curve.coefficients])
+    packed = np.zeros((len(curve.coefficients) + 1, 4))
+    packed[0, iron_kernel.CURVE_SCALE] = curve.scale
+    packed[0, iron_kernel.CURVE_INTERVALS] = len(curve.coefficients) - 1
+    packed[1:] = curve.coefficients
+    return packed
 
 
 def pack_material(parameters: IronParameters) -> NDArray[np.float64]:

@@ -37,6 +37,7 @@ from scipy.constants import mu_0
 
 from amb_core.plant.langevin import ASYMPTOTE_FROM, DENOMINATOR, NUMERATOR
 from amb_core.plant.network import POLES
+from amb_core.plant.pointers import data
 
 ELEMENTS = 3 * POLES
 """Iron elements of a bearing: poles, back-iron segments, journal segments."""
@@ -73,16 +74,6 @@ def _fma(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
     return types.float64(types.float64, types.float64, types.float64), generate
 
 
-@intrinsic
-def _data(typingctx: Any, array: Any) -> Any:
-    """Pointer to the first element of an array."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return context.make_array(signature.args[0])(context, builder, arguments[0]).data
-
-    return types.CPointer(array.dtype)(array), generate
-
-
 @numba.njit(cache=True, error_model="numpy")
 def advance_hysteresis(iron: NDArray[np.float64], material: NDArray[np.float64]) -> None:
     """Move all elements from their flux densities to TARGET along their hysteresis loops.
@@ -99,7 +90,7 @@ def advance_hysteresis(iron: NDArray[np.float64], material: NDArray[np.float64])
         From `pack_material`.
     """
     # Rows at distances known to the compiler: it need not check whether they overlap.
-    flat = numba.carray(_data(iron), ROWS * ELEMENTS)
+    flat = numba.carray(data(iron), ROWS * ELEMENTS)
     _predict(flat, material)
     _evaluate_langevin(flat)
     _correct(flat, material)
@@ -189,7 +180,7 @@ def advance_saturation(iron: NDArray[np.float64], curve: NDArray[np.float64]) ->
     curve : ndarray, shape (intervals + 2, 4)
         From `pack_curve`.
     """
-    flat = numba.carray(_data(iron), ROWS * ELEMENTS)
+    flat = numba.carray(data(iron), ROWS * ELEMENTS)
     scale = curve[0, CURVE_SCALE]
     intervals = curve[0, CURVE_INTERVALS]
     for n in range(ELEMENTS):
