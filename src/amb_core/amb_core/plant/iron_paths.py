@@ -18,12 +18,14 @@ from amb_core.plant.layout import (
     EXTRAPOLATED,
     FLUX,
     NONLINEAR_IRON,
+    RATES,
     STARTED,
     STEP,
     TRACE_DIFFUSION_ENERGY,
     TRACE_IRON_ENERGY,
 )
 from amb_core.plant.network import POLES
+from amb_core.plant.products import accumulate
 
 # Rows of the array of the paths, 8 columns
 SEGMENTS = 0  # columns of the matrix from pole fluxes to segment fluxes (8)
@@ -40,7 +42,8 @@ CIRCULATION = 6  # rate of the flux density that circulates in a ring per mean f
 # circulate in back iron and journal (Wb), their previous rates (Wb/s) and what their eddy currents have lost (J).
 RINGS = ROWS
 CIRCULATING, CIRCULATING_RATE, CIRCULATING_LOSS = 0, 2, 4
-IRON_SIZE = ROWS + 1
+PREDICTED = ROWS + 1  # fields, scratch of `amb_core.plant.quasistatic`
+IRON_SIZE = ROWS + 2
 
 # Columns of the diffusion array: 8 memories m_n of a term (Wb) and its coefficients a, b. After the rows of the terms,
 # one of the fluxes at the previous step, and one of the drops then (A) and the energy taken up since the reset (J).
@@ -49,43 +52,53 @@ DIFFUSION_ENERGY = 8
 DIFFUSION_COLUMNS = 10
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(inline="always", error_model="numpy")
 def add_iron_drops(state, block, constants, iron, material, curve, paths, work, scratch):
     """Drops along nonlinear iron, which this moves to the present fluxes."""
-    _set_segments(state, block, paths, work, scratch, iron)
+    set_segments(state, block, paths, work, scratch, iron)
     if constants[NONLINEAR_IRON] == 1.0:
         advance_saturation(iron, curve)
     else:
         advance_hysteresis(iron, material)
-    for j in range(POLES):
-        work[scratch + j] += paths[SCALARS, POLE_LENGTH] * iron[FIELD, j]
-    for segment in range(POLES):
-        drop = (
-            paths[SCALARS, BACK_LENGTH] * iron[FIELD, POLES + segment]
-            + paths[SCALARS, JOURNAL_LENGTH] * iron[FIELD, 2 * POLES + segment]
-        )
-        for j in range(POLES):
-            work[scratch + j] += paths[TO_POLES + segment, j] * drop
+    add_drops(paths, iron, FIELD, work, scratch)
     _circulate(state, constants, iron, paths)
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _set_segments(state, block, paths, work, scratch, iron):
+def set_segments(state, block, paths, work, scratch, iron):
     """Flux densities that the elements shall have."""
     per_pole = 1.0 / paths[SCALARS, POLE_AREA]
     per_back, per_journal = 1.0 / paths[SCALARS, BACK_AREA], 1.0 / paths[SCALARS, JOURNAL_AREA]
+    back, journal = iron[RINGS, CIRCULATING], iron[RINGS, CIRCULATING + 1]
     for j in range(POLES):
         iron[TARGET, j] = state[block + FLUX + j] * per_pole
-        iron[TARGET, POLES + j] = iron[RINGS, CIRCULATING]
-        iron[TARGET, 2 * POLES + j] = iron[RINGS, CIRCULATING + 1]
-    for j in range(POLES):
-        flux = state[block + FLUX + j]
-        for segment in range(POLES):
-            iron[TARGET, POLES + segment] += paths[SEGMENTS + j, segment] * flux
-            iron[TARGET, 2 * POLES + segment] += paths[SEGMENTS + j, segment] * flux
+    segments = scratch + EXTRAPOLATED
     for segment in range(POLES):
-        iron[TARGET, POLES + segment] *= per_back
-        iron[TARGET, 2 * POLES + segment] *= per_journal
+        work[segments + segment] = 0.0
+    for half in range(0, POLES, 4):
+        accumulate(paths, SEGMENTS, POLES, half, state, block + FLUX, work, segments + half)
+    for segment in range(POLES):
+        iron[TARGET, POLES + segment] = (work[segments + segment] + back) * per_back
+        iron[TARGET, 2 * POLES + segment] = (work[segments + segment] + journal) * per_journal
+
+
+@numba.njit(inline="always", error_model="numpy")
+def add_drops(paths, iron, field, work, scratch):
+    """Fields, in a row of the iron's array, times lengths; those of segments on the poles that drive flux there."""
+    on_pole, on_back, on_journal = (
+        paths[SCALARS, POLE_LENGTH],
+        paths[SCALARS, BACK_LENGTH],
+        paths[SCALARS, JOURNAL_LENGTH],
+    )
+    drops = scratch + EXTRAPOLATED
+    for half in range(0, POLES, 4):
+        for n in range(4):
+            segment = half + n
+            along = on_back * iron[field, POLES + segment] + on_journal * iron[field, 2 * POLES + segment]
+            work[drops + segment] = along
+            work[scratch + segment] += on_pole * iron[field, segment]
+    for half in range(0, POLES, 4):
+        accumulate(paths, TO_POLES, POLES, half, work, drops, work, scratch + half)
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -124,10 +137,13 @@ def add_diffusion_drops(state, block, diffusion, paths, work, scratch):
             change = state[block + FLUX + j] - diffusion[before, j]
             diffusion[term, j] = keep * diffusion[term, j] + gain * change
             work[scratch + EXTRAPOLATED + j] += diffusion[term, j]
+    drops = scratch + RATES
     for j in range(POLES):
-        drop = 0.0
-        for m in range(POLES):
-            drop += paths[DIFFUSING + m, j] * work[scratch + EXTRAPOLATED + m]
+        work[drops + j] = 0.0
+    for half in range(0, POLES, 4):
+        accumulate(paths, DIFFUSING, POLES, half, work, scratch + EXTRAPOLATED, work, drops + half)
+    for j in range(POLES):
+        drop = work[drops + j]
         change = state[block + FLUX + j] - diffusion[before, j]
         diffusion[last, DIFFUSION_ENERGY] += 0.5 * (drop + diffusion[last, j]) * change
         diffusion[last, j] = drop

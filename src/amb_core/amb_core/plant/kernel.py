@@ -51,6 +51,7 @@ from amb_core.plant.layout import (
     PLAIN_CARRIERS,
     POSITION,
     PULL,
+    QUASISTATIC,
     RADIUS,
     RATES,
     RELUCTANCE,
@@ -78,6 +79,8 @@ from amb_core.plant.layout import (
 )
 from amb_core.plant.network import COILS, POLES
 from amb_core.plant.pointers import view
+from amb_core.plant.products import accumulate
+from amb_core.plant.quasistatic import balance_fluxes
 from amb_core.plant.rotor_kernel import move_modes, move_point_mass, sense, set_contact_force, set_disturbance
 
 
@@ -88,7 +91,7 @@ class Arrays(NamedTuple):
     ----------
     state : ndarray, shape (n,)
         State vector, changed by every step.
-    constants, matrices : ndarray, shapes (34,), (22, 12)
+    constants, matrices : ndarray, shapes (37,), (22, 12)
         Scalars of the plant, constant matrices of the magnetic network.
     work : ndarray, shape (bearings * 44,)
         Scratch; keeps the last currents and forces.
@@ -98,6 +101,8 @@ class Arrays(NamedTuple):
         Constants of the nonlinear iron, see `amb_core.plant.iron` and `iron_paths`.
     diffusion : ndarray, shape (bearings, terms + 2, 12)
         State and coefficients of the diffusion into solid journals; no bearings without.
+    quasistatic : ndarray
+        Directions in which the fluxes settle without eddy currents, see `amb_core.plant.quasistatic`; empty with them.
     modes : ndarray, shape (15 + 2 n, n)
         The rotor's modes; shape (0, 0) for a point mass.
     force : ndarray, shape (4,)
@@ -113,6 +118,7 @@ class Arrays(NamedTuple):
     curve: NDArray[np.float64]
     paths: NDArray[np.float64]
     diffusion: NDArray[np.float64]
+    quasistatic: NDArray[np.float64]
     modes: NDArray[np.float64]
     force: NDArray[np.float64]
 
@@ -141,7 +147,8 @@ def advance(arrays: Arrays, references: NDArray[np.float64], steps: int, trace: 
     state, constants = view(arrays.state), view(arrays.constants)
     matrices, work = view(arrays.matrices), view(arrays.work)
     iron, material, curve, paths = view(arrays.iron), view(arrays.material), view(arrays.curve), view(arrays.paths)
-    diffusion, modes, force = view(arrays.diffusion), view(arrays.modes), view(arrays.force)
+    diffusion, quasistatic = view(arrays.diffusion), view(arrays.quasistatic)
+    modes, force = view(arrays.modes), view(arrays.force)
     bearings = references.shape[0] // 2
     for n in range(2 * bearings):
         if not math.isfinite(references[n]):
@@ -152,9 +159,11 @@ def advance(arrays: Arrays, references: NDArray[np.float64], steps: int, trace: 
         set_references(constants, work, bearing * WORK_SIZE, references[2 * bearing], references[2 * bearing + 1])
     for n in range(steps):
         # With its offsets known to the compiler, the first bearing takes less time.
-        _step_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, 0, phase)
+        _step_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, 0, phase)
         if bearings == 2:
-            _step_other_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, 1, phase)
+            _step_other_circuit(
+                state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, 1, phase
+            )
         if constants[DISTURBED] != 0.0:
             set_disturbance(state, constants, force)
         if trace.shape[0] > 0:
@@ -179,9 +188,15 @@ def advance(arrays: Arrays, references: NDArray[np.float64], steps: int, trace: 
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _step_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, bearing, phase):
+def _step_circuit(
+    state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, bearing, phase
+):
     """Amplifiers and fluxes of a bearing over one internal step, and its forces at the start of the step."""
     block, scratch = HEAD_SIZE + bearing * BLOCK_SIZE, bearing * WORK_SIZE
+    if constants[QUASISTATIC] != 0.0:
+        balance_fluxes(
+            state, block, POSITION + 2 * bearing, constants, matrices, iron[bearing], paths, quasistatic, work, scratch
+        )
     _set_gap_drops(state, constants, matrices, work, block, scratch, POSITION + 2 * bearing)
     if constants[NONLINEAR_IRON] != 0.0:
         add_iron_drops(state, block, constants, iron[bearing], material, curve, paths, work, scratch)
@@ -201,8 +216,12 @@ def _step_circuit(state, constants, matrices, work, iron, material, curve, paths
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _step_other_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, bearing, phase):
-    _step_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, bearing, phase)
+def _step_other_circuit(
+    state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, bearing, phase
+):
+    _step_circuit(
+        state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, bearing, phase
+    )
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -213,7 +232,7 @@ def _set_gap_drops(state, constants, matrices, work, block, scratch, position):
         gap = constants[GAP] - x * matrices[COSINE, j] - y * matrices[SINE, j]
         work[scratch + j] = gap * constants[GAP_RELUCTANCE] * state[block + FLUX + j]
     for j in range(0, POLES, 4):
-        _accumulate(matrices, RELUCTANCE, POLES, j, state, block + FLUX, work, scratch + j)
+        accumulate(matrices, RELUCTANCE, POLES, j, state, block + FLUX, work, scratch + j)
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -227,7 +246,7 @@ def _extrapolate_drops(state, matrices, work, block, scratch):
         state[block + MMF + j] = work[scratch + j]
     for coil in range(COILS):
         work[scratch + CURRENT + coil] = 0.0
-    _accumulate(matrices, SOLUTION, POLES, POLES, work, scratch, work, scratch + CURRENT)
+    accumulate(matrices, SOLUTION, POLES, POLES, work, scratch, work, scratch + CURRENT)
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -236,22 +255,9 @@ def _set_rates(matrices, work, scratch):
     for j in range(POLES):
         work[scratch + RATES + j] = 0.0
     for j in range(0, POLES, 4):
-        _accumulate(matrices, SOLUTION, POLES, j, work, scratch + EXTRAPOLATED, work, scratch + RATES + j)
-        _accumulate(matrices, SOLUTION + POLES, COILS, j, work, scratch + VOLTAGE, work, scratch + RATES + j)
-    _accumulate(matrices, SOLUTION + POLES, COILS, POLES, work, scratch + VOLTAGE, work, scratch + CURRENT)
-
-
-@numba.njit(inline="always", error_model="numpy")
-def _accumulate(matrices, row, rows, column, vector, start, result, target):
-    """Add four components of a matrix-vector product; four running sums become one vector register."""
-    a, b, c, d = result[target], result[target + 1], result[target + 2], result[target + 3]
-    for n in range(rows):
-        factor = vector[start + n]
-        a += matrices[row + n, column] * factor
-        b += matrices[row + n, column + 1] * factor
-        c += matrices[row + n, column + 2] * factor
-        d += matrices[row + n, column + 3] * factor
-    result[target], result[target + 1], result[target + 2], result[target + 3] = a, b, c, d
+        accumulate(matrices, SOLUTION, POLES, j, work, scratch + EXTRAPOLATED, work, scratch + RATES + j)
+        accumulate(matrices, SOLUTION + POLES, COILS, j, work, scratch + VOLTAGE, work, scratch + RATES + j)
+    accumulate(matrices, SOLUTION + POLES, COILS, POLES, work, scratch + VOLTAGE, work, scratch + CURRENT)
 
 
 @numba.njit(inline="always", error_model="numpy")

@@ -30,8 +30,9 @@ MASS, GRAVITY, FREE_X = range(17, 20)
 NONLINEAR_IRON, SOLID_JOURNAL, DISTURBED, CONTACT, SENSOR_LAG = range(20, 25)  # switches, and a share per step
 FORCE_X, FORCE_Y, FORCE_FREQUENCY, UNBALANCE, SPEED = range(25, 30)  # angular frequency and speed (rad/s)
 CONTACT_STIFFNESS, CONTACT_DAMPING, FRICTION, JOURNAL_RADIUS = range(30, 34)
-PLAIN_CARRIERS = 34  # switch
-CONSTANTS_SIZE = 35
+PLAIN_CARRIERS, QUASISTATIC = range(34, 36)  # switches
+INDUCTANCE = 36  # of a coil, rotor centred (H)
+CONSTANTS_SIZE = 37
 
 # Rows of the matrices array, shape (22, 12)
 RELUCTANCE = 0  # columns of the reluctance matrix of linear iron (8)

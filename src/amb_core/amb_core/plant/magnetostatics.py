@@ -78,7 +78,7 @@ class Magnetostatics:
         )
         # Without rings, or with a ring of linear iron, nothing circulates
         used = self._volumes @ (self.to_flux_density[:, POLES:] != 0.0)
-        self._rings = np.flatnonzero(used) if self.nonlinear else np.zeros(0, dtype=np.intp)
+        self.rings = np.flatnonzero(used) if self.nonlinear else np.zeros(0, dtype=np.intp)
 
     def drops(
         self, flux: NDArray[np.float64], circulating: NDArray[np.float64], x: float, y: float
@@ -120,7 +120,7 @@ class Magnetostatics:
         PlantError
             If saturated iron lets no solution be found.
         """
-        kept = np.concatenate([np.arange(POLES), POLES + self._rings])
+        kept = np.concatenate([np.arange(POLES), POLES + self.rings])
         constraints = np.zeros((len(kept), self._constraints.shape[1]))
         constraints[:POLES] = self._constraints
         drive = np.zeros(len(kept))

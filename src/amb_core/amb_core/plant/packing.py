@@ -7,18 +7,26 @@ from numpy.typing import NDArray
 from scipy.constants import mu_0
 
 from amb_core.plant import iron_paths, layout
+from amb_core.plant.closed_forms import inductance
 from amb_core.plant.eddy import solid_journal_terms
 from amb_core.plant.iron import pack_curve, pack_material
 from amb_core.plant.iron_kernel import ELEMENTS
 from amb_core.plant.kernel import Arrays
+from amb_core.plant.magnetostatics import Magnetostatics
 from amb_core.plant.network import COILS, POLE_ANGLES, POLES, MagneticNetwork
 from amb_core.plant.parameters import PlantParameters
+from amb_core.plant.quasistatic import pack_quasistatic
 from amb_core.plant.rotor import RotorModel
 
 _UNLIMITED = 1e12
 
 
-def pack(parameters: PlantParameters, network: MagneticNetwork, rotor: RotorModel | None) -> Arrays:
+def pack(
+    parameters: PlantParameters,
+    network: MagneticNetwork,
+    magnetostatics: Magnetostatics,
+    rotor: RotorModel | None,
+) -> Arrays:
     """Arrays of a plant; its state is zero and must be set.
 
     Parameters
@@ -27,6 +35,8 @@ def pack(parameters: PlantParameters, network: MagneticNetwork, rotor: RotorMode
         The plant.
     network : MagneticNetwork
         Its magnetic circuit, the same in both bearings.
+    magnetostatics : Magnetostatics
+        The magnetic circuit at rest.
     rotor : RotorModel or None
         Its rotor in two bearings; None for a point mass in one.
     """
@@ -43,6 +53,9 @@ def pack(parameters: PlantParameters, network: MagneticNetwork, rotor: RotorMode
         curve=np.ascontiguousarray(pack_curve(iron)) if iron.saturation and not iron.hysteresis else np.zeros((0, 0)),
         paths=_pack_paths(parameters, network),
         diffusion=np.repeat(diffusion[np.newaxis], bearings if iron.solid_journal else 0, axis=0),
+        quasistatic=np.zeros((0, 0))
+        if iron.eddy_currents
+        else pack_quasistatic(parameters.magnetic_circuit, network, magnetostatics),
         modes=np.zeros((0, 0)) if rotor is None else pack_modes(rotor),
         force=np.zeros(4),
     )
@@ -92,6 +105,8 @@ def _pack_constants(parameters: PlantParameters, network: MagneticNetwork) -> ND
     constants[layout.JOURNAL_RADIUS] = parameters.magnetic_circuit.journal_outer_radius
 
     constants[layout.NONLINEAR_IRON] = parameters.iron.saturation + parameters.iron.hysteresis
+    constants[layout.QUASISTATIC] = not parameters.iron.eddy_currents
+    constants[layout.INDUCTANCE] = inductance(parameters.magnetic_circuit)
     constants[layout.SOLID_JOURNAL] = parameters.iron.solid_journal
     # Backward Euler: its lag behind a ramp is exactly the time constant.
     bandwidth = parameters.sensor.bandwidth
@@ -122,7 +137,8 @@ def _pack_paths(parameters: PlantParameters, network: MagneticNetwork) -> NDArra
     if parameters.iron.solid_journal:
         scalars[iron_paths.JOURNAL_LENGTH] = 0.0  # its iron is linear and stands in the matrices
     circuit = parameters.magnetic_circuit
-    if circuit.coupling:  # separate circuits have no rings
+    # Separate circuits have no rings; without eddy currents their fluxes have no rates.
+    if circuit.coupling and parameters.iron.eddy_currents:
         scalars[iron_paths.CIRCULATION] = 12.0 / (circuit.iron_conductivity * circuit.lamination_thickness**2)
     return paths
 

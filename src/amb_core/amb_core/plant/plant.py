@@ -87,7 +87,7 @@ class Plant:
         self.rotor = None if parameters.rotor.model == "point_mass" else rotor_model(parameters)
         self.bearings = 1 if self.rotor is None else 2
         self._check_internal_step()
-        self._arrays = pack(parameters, self.network, self.rotor)
+        self._arrays = pack(parameters, self.network, self.magnetostatics, self.rotor)
         self._steps = parameters.steps_per_sample
         self._current_resolution = parameters.converters.current_resolution
         self._late_steps = round(parameters.converters.computation_delay * self._steps)

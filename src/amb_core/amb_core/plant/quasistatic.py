@@ -1,0 +1,198 @@
+"""The magnetic circuit without eddy currents: fluxes follow the coil currents at once.
+
+Only the flux linkages of the coils have a rate of change then. The other fluxes - those that no coil with an amplifier
+links, and those that circulate in back iron and journal - settle so that the drops balance: Q^T h = 0 for every
+direction Q in which fluxes can change with the flux linkages held. The iron's drops count as linear over one step; what
+that leaves is put right in the next.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import null_space
+
+from amb_core.plant.iron_kernel import ELEMENTS, FIELD, FLUX_DENSITY, SLOPE, TARGET
+from amb_core.plant.iron_paths import (
+    CIRCULATING,
+    POLE_AREA,
+    POLE_LENGTH,
+    PREDICTED,
+    RINGS,
+    SCALARS,
+    add_drops,
+    set_segments,
+)
+from amb_core.plant.layout import (
+    COSINE,
+    FLUX,
+    GAP,
+    GAP_RELUCTANCE,
+    INDUCTANCE,
+    NONLINEAR_IRON,
+    RELUCTANCE,
+    SINE,
+    SOLUTION,
+    UNIPOLAR,
+)
+from amb_core.plant.magnetostatics import RINGS as RING_COUNT
+from amb_core.plant.magnetostatics import Magnetostatics
+from amb_core.plant.network import COILS, POLES, MagneticNetwork, active_coils, flux_constraints
+from amb_core.plant.parameters import MagneticCircuitParameters
+
+# Rows of the array: directions Q of pole fluxes and circulating fluxes (10), what they make of the flux densities of
+# the iron's elements (24), and scratch: the matrix to solve (12) and its right-hand side.
+_FLUXES = POLES + RING_COUNT
+_DENSITIES = _FLUXES
+_MATRIX = _DENSITIES + ELEMENTS
+_RIGHT = _MATRIX + 12
+_SIZE = _RIGHT + 1
+_MOST_SWEEPS = 60
+_CURRENT_TOLERANCE = 1e-9  # A
+_PER_MU_0 = 1.0 / (4e-7 * math.pi)
+
+
+def pack_quasistatic(
+    circuit: MagneticCircuitParameters, network: MagneticNetwork, magnetostatics: Magnetostatics
+) -> NDArray[np.float64]:
+    """Array for `balance_fluxes`."""
+    bound = np.hstack([network.winding[:, active_coils(circuit)], flux_constraints(circuit.coupling)])
+    directions = null_space(bound.T)
+    rings = magnetostatics.rings
+    free = np.zeros((_FLUXES, directions.shape[1] + len(rings)))
+    free[:POLES, : directions.shape[1]] = directions
+    free[POLES + rings, directions.shape[1] + np.arange(len(rings))] = 1.0
+    array = np.zeros((_SIZE, free.shape[1]))
+    array[:_FLUXES] = free
+    array[_DENSITIES:_MATRIX] = magnetostatics.to_flux_density @ free
+    return array
+
+
+@numba.njit(cache=True, error_model="numpy")
+def balance_fluxes(state, block, position, constants, matrices, iron, paths, quasistatic, work, scratch):
+    """Let the fluxes settle around the flux linkages; raise those of coils whose current would be negative.
+
+    Parameters
+    ----------
+    state, constants, matrices, work, paths : ndarray
+        As in `amb_core.plant.layout` and `iron_paths`.
+    block, position, scratch : int
+        Where the bearing's block of the state, its position and its scratch begin.
+    iron : ndarray, shape (m, 24)
+        State of the bearing's iron; without elements for linear iron.
+    quasistatic : ndarray
+        From `pack_quasistatic`.
+    """
+    for _ in range(_MOST_SWEEPS):
+        _settle(state, block, position, constants, matrices, iron, paths, quasistatic, work, scratch)
+        if constants[UNIPOLAR] == 0.0:
+            return
+        _set_drops(state, block, position, constants, matrices, iron, paths, work, scratch)
+        raised = False
+        for coil in range(COILS):
+            current = 0.0
+            for j in range(POLES):
+                current += matrices[SOLUTION + j, POLES + coil] * work[scratch + j]
+            if current < -_CURRENT_TOLERANCE:
+                # Half the inductance of the centred coil: the current comes to zero from below
+                linkage = -0.5 * constants[INDUCTANCE] * current
+                for j in range(POLES):
+                    state[block + FLUX + j] += linkage * matrices[SOLUTION + POLES + coil, j]
+                raised = True
+        if not raised:
+            return
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _gap_reluctance(state, position, constants, matrices, j):
+    gap = constants[GAP] - state[position] * matrices[COSINE, j] - state[position + 1] * matrices[SINE, j]
+    return gap * constants[GAP_RELUCTANCE]
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _predicted_field(iron, element):
+    """Field of an element at its target, by its present slope."""
+    change = iron[TARGET, element] - iron[FLUX_DENSITY, element]
+    return iron[FIELD, element] + (_PER_MU_0 - iron[SLOPE, element]) * change
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _set_drops(state, block, position, constants, matrices, iron, paths, work, scratch):
+    """Drops along the poles."""
+    for j in range(POLES):
+        drop = _gap_reluctance(state, position, constants, matrices, j) * state[block + FLUX + j]
+        for m in range(POLES):
+            drop += matrices[RELUCTANCE + m, j] * state[block + FLUX + m]
+        work[scratch + j] = drop
+    if constants[NONLINEAR_IRON] != 0.0:
+        set_segments(state, block, paths, work, scratch, iron)
+        for element in range(ELEMENTS):
+            iron[PREDICTED, element] = _predicted_field(iron, element)
+        add_drops(paths, iron, PREDICTED, work, scratch)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _settle(state, block, position, constants, matrices, iron, paths, quasistatic, work, scratch):
+    """Balance the drops by the free fluxes."""
+    size = quasistatic.shape[1]
+    for a in range(size):
+        quasistatic[_RIGHT, a] = 0.0
+        for b in range(size):
+            quasistatic[_MATRIX + a, b] = 0.0
+    for j in range(POLES):
+        own = _gap_reluctance(state, position, constants, matrices, j)
+        drop = own * state[block + FLUX + j]
+        for m in range(POLES):
+            drop += matrices[RELUCTANCE + m, j] * state[block + FLUX + m]
+        for a in range(size):
+            quasistatic[_RIGHT, a] -= quasistatic[j, a] * drop
+            for b in range(a + 1):
+                coupled = own * quasistatic[j, b]
+                for m in range(POLES):
+                    coupled += matrices[RELUCTANCE + m, j] * quasistatic[m, b]
+                quasistatic[_MATRIX + a, b] += quasistatic[j, a] * coupled
+    if constants[NONLINEAR_IRON] != 0.0:
+        set_segments(state, block, paths, work, scratch, iron)
+        for element in range(ELEMENTS):
+            path = element // POLES
+            volume = paths[SCALARS, POLE_AREA + path] * paths[SCALARS, POLE_LENGTH + path]
+            field = volume * _predicted_field(iron, element)
+            stiff = volume * (_PER_MU_0 - iron[SLOPE, element])
+            for a in range(size):
+                density = quasistatic[_DENSITIES + element, a]
+                quasistatic[_RIGHT, a] -= density * field
+                for b in range(a + 1):
+                    quasistatic[_MATRIX + a, b] += stiff * density * quasistatic[_DENSITIES + element, b]
+    _solve_cholesky(quasistatic, size)
+    for a in range(size):
+        change = quasistatic[_RIGHT, a]
+        for j in range(POLES):
+            state[block + FLUX + j] += quasistatic[j, a] * change
+        if constants[NONLINEAR_IRON] != 0.0:
+            for ring in range(2):
+                iron[RINGS, CIRCULATING + ring] += quasistatic[POLES + ring, a] * change
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _solve_cholesky(quasistatic, size):
+    """Solve in place for the right-hand side; of the matrix, the lower triangle is given."""
+    for a in range(size):
+        for b in range(a + 1):
+            total = quasistatic[_MATRIX + a, b]
+            for n in range(b):
+                total -= quasistatic[_MATRIX + a, n] * quasistatic[_MATRIX + b, n]
+            quasistatic[_MATRIX + a, b] = math.sqrt(total) if a == b else total / quasistatic[_MATRIX + b, b]
+    for a in range(size):
+        total = quasistatic[_RIGHT, a]
+        for n in range(a):
+            total -= quasistatic[_MATRIX + a, n] * quasistatic[_RIGHT, n]
+        quasistatic[_RIGHT, a] = total / quasistatic[_MATRIX + a, a]
+    for back in range(size):
+        a = size - 1 - back
+        total = quasistatic[_RIGHT, a]
+        for n in range(a + 1, size):
+            total -= quasistatic[_MATRIX + n, a] * quasistatic[_RIGHT, n]
+        quasistatic[_RIGHT, a] = total / quasistatic[_MATRIX + a, a]
