@@ -120,14 +120,11 @@ class SimulatorNode(Node):
     def _look_inside(self) -> None:
         """Publish the state of the plant at every step at which it is due, and watch for contact where there can be."""
         run, step, every = self._state.run, self._state.step, self._settings.plant_state_steps
-        due, contact = every > 0 and step % every == 0, self._settings.backup_bearing.contact
-        if not due and not contact:
-            return
-        snapshot = self._plant.snapshot()
-        if due:
+        if every > 0 and step % every == 0:
+            snapshot = self._plant.snapshot()
             self._plant_state_publisher.publish(plant_state_message(snapshot, run, step, self._sample_rate))
-        if contact:
-            self._note_contact(bool(snapshot.contact.any()))
+        if self._settings.backup_bearing.contact:
+            self._note_contact(self._plant.contact)
 
     def _note_contact(self, in_contact: bool) -> None:
         """Count the steps in contact; the first of a run is told at once, those of a rotor that bounces on later."""

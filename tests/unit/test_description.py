@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from amb_bringup.cli import app
 from amb_core.control import ControllerParameters
 from amb_core.errors import ParameterError, PlantError
+from amb_core.parameters import validate
 from amb_core.plant import (
-    AmplifierParameters,
     IntegrationParameters,
     MagneticCircuitParameters,
     PlantDescription,
@@ -81,18 +81,56 @@ def test_unstable_loop_has_no_sensitivity():
     assert undamped.peak_sensitivity is None
 
 
-def test_effects_follow_their_switches(paper):
-    assert all(entry.value for entry in paper.effects.entries)
-    bare = describe(
-        PlantParameters(
-            magnetic_circuit=MagneticCircuitParameters(coupling=False),
-            amplifier=AmplifierParameters(switching=False, unipolar=False),
-            rotor=RotorParameters(gravity=0.0),
-        )
-    )
-    off = {entry.name for entry in bare.effects.entries if not entry.value}
-    assert off == {"coupling", "switching", "unipolar", "gravity"}
-    assert bare.sag == pytest.approx(0.0, abs=1e-12)
+PAPER_EFFECTS = {"coupling", "linear_iron", "eddy_currents", "switching", "limits", "unipolar", "gravity"}
+
+
+def effects_that_are_on(**values) -> set[str]:
+    found = describe(validate(PlantParameters, {name.replace("__", "."): value for name, value in values.items()}))
+    return {entry.name for entry in found.effects.entries if entry.value}
+
+
+@pytest.mark.parametrize(
+    ("values", "switched"),
+    [
+        ({}, set()),
+        ({"magnetic_circuit__coupling": False}, {"coupling"}),
+        ({"iron__saturation": True}, {"linear_iron", "saturation"}),
+        ({"iron__saturation": True, "iron__hysteresis": True}, {"linear_iron", "saturation", "hysteresis"}),
+        ({"iron__eddy_currents": False}, {"eddy_currents"}),
+        ({"iron__solid_journal": True}, {"solid_journal"}),
+        ({"amplifier__switching": False}, {"switching"}),
+        ({"amplifier__switching": False, "amplifier__limits": False}, {"switching", "limits"}),
+        ({"amplifier__carriers": "interleaved"}, {"interleaved_carriers"}),
+        ({"amplifier__dead_time": 1e-6}, {"dead_time"}),
+        ({"amplifier__unipolar": False}, {"unipolar"}),
+        ({"rotor__gravity": 0.0}, {"gravity"}),
+        ({"rotor__model": "rigid"}, {"two_bearings"}),
+        ({"rotor__model": "rigid", "rotor__running_speed": 50.0}, {"two_bearings", "gyroscopic"}),
+        ({"rotor__running_speed": 50.0, "rotor__unbalance": 1e-5}, {"unbalance"}),
+        ({"rotor__external_force_x": 5.0}, {"external_force"}),
+        ({"backup_bearing__contact": True}, {"contact"}),
+        ({"sensor__bandwidth": 5e3}, {"sensor_bandwidth"}),
+        ({"sensor__noise": 1e-8}, {"sensor_noise"}),
+        ({"converters__position_resolution": 1e-8}, {"quantisation"}),
+        ({"converters__computation_delay": 0.5}, {"computation_delay"}),
+    ],
+)  # fmt: skip
+def test_every_effect_is_switched_by_name(values, switched):
+    assert effects_that_are_on(**values) == PAPER_EFFECTS ^ switched
+
+
+def test_without_gravity_the_rotor_does_not_sag():
+    assert describe(PlantParameters(rotor=RotorParameters(gravity=0.0))).sag == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("actuators", "gain"), [("differential", 66.0), ("top_coil", 33.0)])
+def test_bearing_with_one_degree_of_freedom_has_constants_along_y_alone(actuators, gain):
+    circuit = MagneticCircuitParameters(relative_permeability=1e12, coupling=False, actuators=actuators)
+    found = describe(PlantParameters(magnetic_circuit=circuit))
+    assert found.current_gain == pytest.approx(gain, rel=2e-3)
+    assert found.natural_frequency_x is None
+    assert found.natural_frequency_y is not None
+    assert found.bias_flux_density == pytest.approx(0.314, abs=1e-3)
 
 
 def test_every_entry_has_unit_and_meaning(paper):

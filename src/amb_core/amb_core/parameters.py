@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -46,6 +46,11 @@ def choice(default: str, description: str) -> Any:
     return Field(default, description=description)
 
 
+def fixed(default: P) -> Any:
+    """Declare a nested set none of whose parameters may be changed while a node runs."""
+    return Field(default, json_schema_extra={"fixed": True})
+
+
 @dataclass(frozen=True)
 class Declaration:
     """One parameter as declared: dotted name, type, default, unit, description, range or choices."""
@@ -75,12 +80,13 @@ def declarations(model: type[Parameters], prefix: str = "") -> Iterator[Declarat
     """All parameters of a class in order, nested sets as dotted names."""
     for name, field in model.model_fields.items():
         annotation = field.annotation
+        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         if isinstance(annotation, type) and issubclass(annotation, Parameters):
-            yield from declarations(annotation, f"{prefix}{name}.")
+            for nested in declarations(annotation, f"{prefix}{name}."):
+                yield replace(nested, runtime=nested.runtime and not extra.get("fixed", False))
             continue
         choices = get_args(annotation) if get_origin(annotation) is Literal else ()
         bounds = {key: getattr(item, key) for item in field.metadata for key in ("ge", "le") if hasattr(item, key)}
-        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         yield Declaration(
             name=prefix + name,
             type=str if choices else annotation,  # type: ignore[arg-type]

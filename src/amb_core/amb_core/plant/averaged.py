@@ -68,7 +68,10 @@ class AveragedPlant:
         self._terms = (journal.weights, journal.rates) if journal else (np.zeros(0), np.zeros(0))
         terms = len(self._terms[0])
         names: list[str] = []
-        flux, circulating, memory, integral = [], [], [], []
+        flux: list[slice] = []
+        circulating: list[slice] = []
+        memory: list[slice] = []
+        integral: list[slice] = []
         for bearing in range(plant.bearings):
             suffix = "" if plant.bearings == 1 else f"_{_BEARINGS[bearing]}"
             for slices, block in (
@@ -214,7 +217,7 @@ class AveragedPlant:
             - model.stiffness @ state[self.coordinates]
             - (model.damping + model.gyroscopic) @ state[self.rates]
         )
-        return np.linalg.solve(model.mass, generalised)
+        return np.asarray(np.linalg.solve(model.mass, generalised), dtype=np.float64)
 
     def _amplifier_output(
         self,

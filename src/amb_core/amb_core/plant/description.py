@@ -11,7 +11,7 @@ import numpy as np
 from amb_core.control import ControllerParameters
 from amb_core.plant.averaged import coil_references, flux_embedding
 from amb_core.plant.linearise import linearize
-from amb_core.plant.network import COIL_AXES, COILS
+from amb_core.plant.network import COIL_AXES, COIL_POLES, POLES, active_coils
 from amb_core.plant.operating_point import static_force
 from amb_core.plant.parameters import PlantParameters
 from amb_core.plant.plant import Plant
@@ -39,11 +39,27 @@ class PlantEffects:
     """Which effects the model of the plant has."""
 
     coupling: bool = _entry("the electromagnets share flux")
-    eddy_currents: bool = _entry("eddy currents in thin laminations")
     linear_iron: bool = _entry("iron of constant permeability, without saturation and hysteresis")
+    saturation: bool = _entry("the flux density in the iron saturates")
+    hysteresis: bool = _entry("the iron runs through hysteresis loops (Jiles-Atherton)")
+    eddy_currents: bool = _entry("eddy currents in thin laminations")
+    solid_journal: bool = _entry("flux diffuses into a solid journal")
     switching: bool = _entry("pulse-width modulation is resolved, not averaged")
+    interleaved_carriers: bool = _entry("the switching periods of the electromagnets follow one another")
+    dead_time: bool = _entry("edges that drive a coil current come late")
+    limits: bool = _entry("duty cycles and coil current references are limited")
     unipolar: bool = _entry("coil currents cannot become negative")
     gravity: bool = _entry("weight of the rotor along -y")
+    two_bearings: bool = _entry("the rotor runs in two bearings")
+    gyroscopic: bool = _entry("the rotor turns, with gyroscopic moments")
+    flexible_rotor: bool = _entry("the rotor bends")
+    unbalance: bool = _entry("static unbalance of the turning rotor")
+    external_force: bool = _entry("external force on the rotor")
+    contact: bool = _entry("the rotor bounces and rubs on the backup bearing")
+    sensor_bandwidth: bool = _entry("first-order low-pass of the sensors")
+    sensor_noise: bool = _entry("noise of the sensors")
+    quantisation: bool = _entry("converters of positions or currents have finite steps")
+    computation_delay: bool = _entry("current references take effect late")
 
     @property
     def entries(self) -> list[Entry]:
@@ -56,15 +72,16 @@ class PlantDescription:
     """Derived constants of a bearing and of its loop; the meaning of each is at its declaration.
 
     Constants of the bearing are those of the centred rotor at bias current; those of the loop belong to the operating
-    point where the controller holds the rotor, from the averaged model whether or not switching is resolved. None where
-    there is no such number: the mode of a loop that does not oscillate, the sensitivity of an unstable one.
+    point where the controller holds the rotor, from the averaged model whether or not switching is resolved. They are
+    given along x, for a bearing with 1 DOF along y, and for two bearings of bearing A. None where there is no such
+    number: the mode of a loop that does not oscillate, the sensitivity of an unstable one.
     """
 
     current_gain: float = _entry("k_i: force per control current", "N/A")
     negative_stiffness: float = _entry("k_s: force per displacement, away from the centre", "N/m")
     coil_inductance: float = _entry("L0: self-inductance of an electromagnet", "H")
     bias_flux_density: float = _entry("mean flux density in the air gaps", "T")
-    slew_rate: float = _entry("change of a coil current at the duty limit: mean voltage over L0", "A/s")
+    slew_rate: float | None = _entry("change of a coil current at the duty limit: mean voltage over L0", "A/s")
     eddy_time_constant: float = _entry("longest lag of the flux behind the coil currents", "s")
     peak_force: float = _entry("force along an axis at the limit of the control current", "N")
     sag: float = _entry("distance at which the rotor hangs below its reference", "m")
@@ -104,13 +121,16 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
     along_x, along_y = model.rigid_mode("x"), model.rigid_mode("y")
     circuit, amplifier = parameters.magnetic_circuit, parameters.amplifier
     inductance = _coil_inductance(plant)
-    bias_flux = plant.static_flux(np.full(COILS, amplifier.bias_current), 0.0, 0.0)
+    bias_flux = plant.static_flux(plant.bias_currents(), 0.0, 0.0)
+    poles = [pole for coil in active_coils(circuit) for pole in COIL_POLES[coil]]
     return PlantDescription(
         current_gain=_slope(lambda current: _force(plant, current, 0.0), 1.0),
-        negative_stiffness=_slope(lambda x: _force(plant, 0.0, x), circuit.air_gap),
+        negative_stiffness=_slope(lambda displacement: _force(plant, 0.0, displacement), circuit.air_gap),
         coil_inductance=inductance,
-        bias_flux_density=float(np.abs(bias_flux).mean() / plant.network.pole_area),
-        slew_rate=amplifier.supply_voltage * (2.0 * amplifier.maximum_duty - 1.0) / inductance,
+        bias_flux_density=float(np.abs(bias_flux[poles]).mean() / plant.network.pole_area),
+        slew_rate=amplifier.supply_voltage * (2.0 * amplifier.maximum_duty - 1.0) / inductance
+        if amplifier.limits
+        else None,
         eddy_time_constant=_eddy_time_constant(plant),
         peak_force=_peak_force(plant, controller),
         sag=float(controller.nominal_reference_y - model.point.position[1]),
@@ -121,14 +141,38 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
         damping_ratio_y=along_y.damping_ratio if along_y else None,
         peak_sensitivity=model.peak_sensitivity if model.stable else None,
         stable=model.stable,
-        effects=PlantEffects(
-            coupling=circuit.coupling,
-            eddy_currents=True,
-            linear_iron=True,
-            switching=amplifier.switching,
-            unipolar=amplifier.unipolar,
-            gravity=parameters.rotor.gravity > 0.0,
-        ),
+        effects=_effects(plant),
+    )
+
+
+def _effects(plant: Plant) -> PlantEffects:
+    parameters = plant.parameters
+    iron, amplifier, rotor = parameters.iron, parameters.amplifier, parameters.rotor
+    sensor, converters = parameters.sensor, parameters.converters
+    turning = rotor.running_speed > 0.0
+    return PlantEffects(
+        coupling=parameters.magnetic_circuit.coupling,
+        linear_iron=not iron.saturation,
+        saturation=iron.saturation,
+        hysteresis=iron.hysteresis,
+        eddy_currents=iron.eddy_currents,
+        solid_journal=iron.solid_journal,
+        switching=amplifier.switching,
+        interleaved_carriers=amplifier.carriers == "interleaved" and amplifier.switching,
+        dead_time=amplifier.dead_time > 0.0,
+        limits=amplifier.limits,
+        unipolar=amplifier.unipolar,
+        gravity=rotor.gravity > 0.0,
+        two_bearings=plant.bearings == 2,
+        gyroscopic=turning and plant.rotor is not None and bool(plant.rotor.gyroscopic.any()),
+        flexible_rotor=rotor.model == "flexible",
+        unbalance=turning and rotor.unbalance > 0.0,
+        external_force=rotor.external_force_x != 0.0 or rotor.external_force_y != 0.0,
+        contact=parameters.backup_bearing.contact,
+        sensor_bandwidth=sensor.bandwidth > 0.0,
+        sensor_noise=sensor.noise > 0.0,
+        quantisation=converters.position_resolution > 0.0 or converters.current_resolution > 0.0,
+        computation_delay=converters.computation_delay > 0.0,
     )
 
 
@@ -146,20 +190,38 @@ def _slope(function: Callable[[float], float], scale: float) -> float:
     return (function(step) - function(-step)) / (2.0 * step)
 
 
-def _force(plant: Plant, control_current: float, x: float) -> float:
-    """Static force along x (N) of a control current i_x (A), unlimited, at a rotor displacement x (m)."""
-    currents = plant.parameters.amplifier.bias_current + COIL_AXES[:, 0] * control_current
-    return float(static_force(plant, currents, np.array([x, 0.0]))[0])
+def _axis(plant: Plant) -> int:
+    """Axis along which constants are given: x, or y for a bearing with 1 DOF."""
+    return "xy".index(plant.axes[0])
+
+
+def _force(plant: Plant, control_current: float, displacement: float) -> float:
+    """Static force along the axis (N) of a control current (A), unlimited, at a rotor displacement (m) along it."""
+    axis = _axis(plant)
+    active = plant.bias_currents() > 0.0
+    position = np.zeros(2)
+    position[axis] = displacement
+    currents = plant.bias_currents() + active * COIL_AXES[:, axis] * control_current
+    return float(static_force(plant, currents, position)[axis])
 
 
 def _peak_force(plant: Plant, controller: ControllerParameters) -> float:
-    references = coil_references(np.array([controller.current_limit, 0.0]), plant)
-    return float(static_force(plant, references, np.zeros(2))[0])
+    axis = _axis(plant)
+    control_current = np.zeros(2)
+    control_current[axis] = controller.current_limit
+    return float(static_force(plant, coil_references(control_current, plant), np.zeros(2))[axis])
 
 
 def _coil_inductance(plant: Plant) -> float:
-    flux = plant.static_flux(np.eye(COILS)[0], 0.0, 0.0)
-    return float(plant.network.winding[:, 0] @ flux)
+    """Of small changes about the bias currents."""
+    coil = active_coils(plant.parameters.magnetic_circuit)[0]
+
+    def linkage(change: float) -> float:
+        currents = plant.bias_currents()
+        currents[coil] += change
+        return float(plant.network.winding[:, coil] @ plant.static_flux(currents, 0.0, 0.0))
+
+    return _slope(linkage, 1.0)
 
 
 def _eddy_time_constant(plant: Plant) -> float:
@@ -168,5 +230,8 @@ def _eddy_time_constant(plant: Plant) -> float:
 
     _, fluxes = flux_embedding(plant)
     eddy = plant.network.eddy_coefficient
-    reluctance = plant.network.reluctance(0.0, 0.0, plant.parameters.magnetic_circuit.air_gap)
+    if not eddy.any():
+        return 0.0
+    bias = plant.magnetostatics.solve(plant.bias_currents(), 0.0, 0.0)
+    reluctance = plant.magnetostatics.differential_reluctance(bias.flux, bias.circulating, 0.0, 0.0)[:POLES, :POLES]
     return float(eigh(fluxes.T @ eddy @ fluxes, fluxes.T @ reluctance @ fluxes, eigvals_only=True).max())

@@ -20,7 +20,6 @@ from amb_core.plant.layout import (
     NONLINEAR_IRON,
     RATES,
     STARTED,
-    STEP,
     TRACE_DIFFUSION_ENERGY,
     TRACE_IRON_ENERGY,
 )
@@ -39,11 +38,14 @@ POLE_LENGTH, BACK_LENGTH, JOURNAL_LENGTH = 3, 4, 5  # m
 CIRCULATION = 6  # rate of the flux density that circulates in a ring per mean field along it, 12 / (sigma d^2) (ohm/m)
 
 # Rows of the array of the iron: those of its 24 elements (poles, back iron, journal), then one of the fluxes that
-# circulate in back iron and journal (Wb), their previous rates (Wb/s) and what their eddy currents have lost (J).
+# circulate in back iron and journal (Wb), their rates over the step and at its start (Wb/s), and what their eddy
+# currents have lost (J).
 RINGS = ROWS
-CIRCULATING, CIRCULATING_RATE, CIRCULATING_LOSS = 0, 2, 4
-PREDICTED = ROWS + 1  # fields, scratch of `amb_core.plant.quasistatic`
-IRON_SIZE = ROWS + 2
+CIRCULATING, CIRCULATING_RATE, CIRCULATING_DRIVE, CIRCULATING_LOSS = 0, 2, 4, 6
+RATES_BEFORE = ROWS + 1  # rates over the previous step of pole fluxes and circulating fluxes (Wb/s)
+PREDICTED = ROWS + 2  # fields, scratch of `amb_core.plant.quasistatic`
+SYSTEM = ROWS + 3  # scratch of `amb_core.plant.stiff_iron` (10)
+IRON_SIZE = ROWS + 13
 
 # Columns of the diffusion array: 8 memories m_n of a term (Wb) and its coefficients a, b. After the rows of the terms,
 # one of the fluxes at the previous step, and one of the drops then (A) and the energy taken up since the reset (J).
@@ -61,7 +63,7 @@ def add_iron_drops(state, block, constants, iron, material, curve, paths, work, 
     else:
         advance_hysteresis(iron, material)
     add_drops(paths, iron, FIELD, work, scratch)
-    _circulate(state, constants, iron, paths)
+    _circulate(state, iron, paths)
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -102,23 +104,16 @@ def add_drops(paths, iron, field, work, scratch):
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _circulate(state, constants, iron, paths):
-    """Adams-Bashforth step of the circulating fluxes."""
-    if paths[SCALARS, CIRCULATION] == 0.0:
-        return
+def _circulate(state, iron, paths):
+    """Rates of the circulating fluxes in the middle of the step, extrapolated by Adams-Bashforth."""
     for ring in range(2):
         field = 0.0
         for segment in range(POLES):
             field += iron[FIELD, (ring + 1) * POLES + segment]
         rate = -paths[SCALARS, CIRCULATION] * paths[SCALARS, BACK_AREA + ring] * field / POLES
-        if state[STARTED] == 0.0:
-            iron[RINGS, CIRCULATING_RATE + ring] = rate
-        before = iron[RINGS, CIRCULATING_RATE + ring]
-        iron[RINGS, CIRCULATING + ring] += constants[STEP] * (1.5 * rate - 0.5 * before)
-        iron[RINGS, CIRCULATING_RATE + ring] = rate
-        volume = POLES * paths[SCALARS, BACK_LENGTH + ring] * paths[SCALARS, BACK_AREA + ring]
-        density_rate = rate / paths[SCALARS, BACK_AREA + ring]
-        iron[RINGS, CIRCULATING_LOSS] += constants[STEP] * volume * density_rate**2 / paths[SCALARS, CIRCULATION]
+        before = rate if state[STARTED] == 0.0 else iron[RINGS, CIRCULATING_DRIVE + ring]
+        iron[RINGS, CIRCULATING_RATE + ring] = 1.5 * rate - 0.5 * before
+        iron[RINGS, CIRCULATING_DRIVE + ring] = rate
 
 
 @numba.njit(cache=True, error_model="numpy")

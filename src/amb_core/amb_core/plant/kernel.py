@@ -82,6 +82,7 @@ from amb_core.plant.pointers import view
 from amb_core.plant.products import accumulate
 from amb_core.plant.quasistatic import balance_fluxes
 from amb_core.plant.rotor_kernel import move_modes, move_point_mass, sense, set_contact_force, set_disturbance
+from amb_core.plant.stiff_iron import finish_iron_step
 
 
 class Arrays(NamedTuple):
@@ -91,7 +92,7 @@ class Arrays(NamedTuple):
     ----------
     state : ndarray, shape (n,)
         State vector, changed by every step.
-    constants, matrices : ndarray, shapes (37,), (22, 12)
+    constants, matrices : ndarray, shapes (39,), (22, 12)
         Scalars of the plant, constant matrices of the magnetic network.
     work : ndarray, shape (bearings * 44,)
         Scratch; keeps the last currents and forces.
@@ -210,6 +211,8 @@ def _step_circuit(
     _set_rates(matrices, work, scratch)
     if constants[UNIPOLAR] != 0.0 and any_negative_current(work, scratch):
         block_negative_currents(matrices, work, scratch)
+    if constants[NONLINEAR_IRON] != 0.0 and constants[QUASISTATIC] == 0.0:
+        finish_iron_step(state, POSITION + 2 * bearing, constants, matrices, iron[bearing], paths, work, scratch)
     _set_pull(state, constants, matrices, work, block, scratch)
     if constants[CONTACT] != 0.0:
         set_contact_force(state, constants, work, bearing)

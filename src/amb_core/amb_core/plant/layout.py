@@ -32,7 +32,9 @@ FORCE_X, FORCE_Y, FORCE_FREQUENCY, UNBALANCE, SPEED = range(25, 30)  # angular f
 CONTACT_STIFFNESS, CONTACT_DAMPING, FRICTION, JOURNAL_RADIUS = range(30, 34)
 PLAIN_CARRIERS, QUASISTATIC = range(34, 36)  # switches
 INDUCTANCE = 36  # of a coil, rotor centred (H)
-CONSTANTS_SIZE = 37
+STIFF_SLOPE = 37  # dM/dB below which iron is stiff (A/(m T))
+DIFFUSING_WEIGHT = 38  # sum of the weights of a solid journal's terms (-)
+CONSTANTS_SIZE = 39
 
 # Rows of the matrices array, shape (22, 12)
 RELUCTANCE = 0  # columns of the reluctance matrix of linear iron (8)

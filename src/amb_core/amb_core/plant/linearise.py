@@ -81,7 +81,8 @@ class Linearization:
         """Largest singular value of the sensitivity (-), 1 Hz to half the sample rate; meaningless if not `stable`."""
         nyquist = np.pi / self.sensitivity.dt
         frequencies = np.geomspace(2.0 * np.pi, nyquist, _FREQUENCIES)
-        response = np.moveaxis(self.sensitivity(np.exp(1j * frequencies * self.sensitivity.dt)), -1, 0)
+        at = np.exp(1j * frequencies * self.sensitivity.dt)
+        response = np.moveaxis(self.sensitivity(at, squeeze=False), -1, 0)
         return float(np.linalg.norm(response, ord=2, axis=(1, 2)).max())
 
     def rigid_mode(self, axis: str) -> SecondOrder | None:
@@ -97,7 +98,9 @@ class Linearization:
         # The amplifiers are far faster than the rotor, so its modes, one per axis, are the slowest that oscillate.
         slowest = swinging[np.argsort(np.abs(rates[swinging]))][: len(outputs)]
         shares = np.abs(self.closed_loop.C @ vectors[:, slowest])
-        rate = rates[slowest[np.argmax(shares[outputs.index(axis)] / shares.sum(axis=0))]]
+        # Two bearings share modes evenly: then it is the slowest.
+        share = np.round(shares[outputs.index(axis)] / shares.sum(axis=0), 3)
+        rate = rates[slowest[np.argmax(share)]]
         return SecondOrder(float(np.abs(rate) / (2.0 * np.pi)), float(-rate.real / np.abs(rate)))
 
 

@@ -50,7 +50,7 @@ def pack(
         work=np.zeros(bearings * layout.WORK_SIZE),
         iron=np.zeros((bearings if iron.saturation else 0, iron_paths.IRON_SIZE, ELEMENTS)),
         material=pack_material(iron) if iron.hysteresis else np.zeros(0),
-        curve=np.ascontiguousarray(pack_curve(iron)) if iron.saturation and not iron.hysteresis else np.zeros((0, 0)),
+        curve=pack_curve(iron) if iron.saturation and not iron.hysteresis else np.zeros((0, 0)),
         paths=_pack_paths(parameters, network),
         diffusion=np.repeat(diffusion[np.newaxis], bearings if iron.solid_journal else 0, axis=0),
         quasistatic=np.zeros((0, 0))
@@ -64,6 +64,7 @@ def pack(
 def _pack_constants(parameters: PlantParameters, network: MagneticNetwork) -> NDArray[np.float64]:
     amplifier, rotor, contact = parameters.amplifier, parameters.rotor, parameters.backup_bearing
     step = parameters.integration.internal_step
+    solid = parameters.iron.solid_journal
     period = parameters.steps_per_period if amplifier.switching else 1
     constants = np.zeros(layout.CONSTANTS_SIZE)
     constants[layout.STEP] = step
@@ -107,6 +108,11 @@ def _pack_constants(parameters: PlantParameters, network: MagneticNetwork) -> ND
     constants[layout.NONLINEAR_IRON] = parameters.iron.saturation + parameters.iron.hysteresis
     constants[layout.QUASISTATIC] = not parameters.iron.eddy_currents
     constants[layout.INDUCTANCE] = inductance(parameters.magnetic_circuit)
+    # Half of what Adams-Bashforth allows the decay of an unlinked flux, 12 nu / (sigma d^2) with nu = 1 / mu_0 - dM/dB
+    circuit = parameters.magnetic_circuit
+    eddies = circuit.iron_conductivity * circuit.lamination_thickness**2 / 12.0
+    constants[layout.STIFF_SLOPE] = 1.0 / mu_0 - 0.5 * eddies / step
+    constants[layout.DIFFUSING_WEIGHT] = solid_journal_terms(parameters).weights.sum() if solid else 0.0
     constants[layout.SOLID_JOURNAL] = parameters.iron.solid_journal
     # Backward Euler: its lag behind a ramp is exactly the time constant.
     bandwidth = parameters.sensor.bandwidth

@@ -10,7 +10,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from amb_core.control import ControllerParameters
-from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_core.parameters import Parameters, choice, fixed, quantity, switch
 
 
 class MagneticCircuitParameters(Parameters):
@@ -51,18 +51,20 @@ class MagneticCircuitParameters(Parameters):
 class IronParameters(Parameters):
     """What the iron does beyond its constant relative permeability; one material for poles, back iron and journal.
 
-    Defaults of the Jiles-Atherton model are for a non-oriented silicon steel.
+    Defaults of the Jiles-Atherton model are those of a non-oriented silicon steel in Gyselinck, Dular, Sadowski, Leite,
+    Bastos, "Incorporation of a Jiles-Atherton vector hysteresis model in 2D FE magnetic field computations", COMPEL 23
+    (2004): coercive field 36 A/m, remanence 0.67 T, largest relative permeability 8250, saturation at 1.44 T.
     """
 
     saturation: bool = switch(False, "flux density saturates along a curve; false: relative_permeability")
     hysteresis: bool = switch(False, "flux density follows loops (Jiles-Atherton); needs saturation")
     eddy_currents: bool = switch(True, "eddy currents in the laminations")
     solid_journal: bool = switch(False, "journal of solid iron of constant permeability: flux lags as it diffuses")
-    saturation_magnetisation: float = quantity(1.3e6, "A/m", "saturation magnetisation M_s", 1e4, 3e6)
-    anhysteretic_field: float = quantity(60.0, "A/m", "shape parameter a of the anhysteretic curve", 0.1, 1e5)
-    interdomain_coupling: float = quantity(1e-4, "-", "interdomain coupling alpha", 0.0, 1.0)
-    pinning_field: float = quantity(50.0, "A/m", "pinning k: about the coercive field", 0.1, 1e5)
-    reversibility: float = quantity(0.2, "-", "reversible part c of the magnetisation", 0.0, 1.0)
+    saturation_magnetisation: float = quantity(1.14522e6, "A/m", "saturation magnetisation M_s", 1e4, 3e6)
+    anhysteretic_field: float = quantity(59.5, "A/m", "shape parameter a of the anhysteretic curve", 0.1, 1e5)
+    interdomain_coupling: float = quantity(1.3e-4, "-", "interdomain coupling alpha", 0.0, 1.0)
+    pinning_field: float = quantity(99.2, "A/m", "pinning k", 0.1, 1e5)
+    reversibility: float = quantity(0.54, "-", "reversible part c of the magnetisation", 0.0, 1.0)
     bh_table: str = choice(
         "",
         "CSV file with columns H (A/m) and B (T), from 0, 0 upwards, instead of the anhysteretic curve; "
@@ -134,7 +136,11 @@ class RotorParameters(Parameters):
     gravity: float = quantity(9.81, "m/s^2", "gravity along -y; 0 switches it off", 0.0, 100.0)
     running_speed: float = quantity(0.0, "Hz", "running speed, revolutions per second from +x to +y", 0.0, 5000.0)
     unbalance: float = quantity(
-        0.0, "kg m", "static unbalance: mass times eccentricity, at the centre of mass", 0.0, 1.0
+        0.0,
+        "kg m",
+        "static unbalance, mass times eccentricity: at the centre of mass, or where the modal data have it",
+        0.0,
+        1.0,
     )
     external_force_x: float = quantity(0.0, "N", "external force on the rotor at bearing A, x axis", -1e6, 1e6)
     external_force_y: float = quantity(0.0, "N", "external force on the rotor at bearing A, y axis", -1e6, 1e6)
@@ -226,7 +232,7 @@ class PlantParameters(Parameters):
     rotor: RotorParameters = RotorParameters()
     rigid_rotor: RigidRotorParameters = RigidRotorParameters()
     flexible_rotor: FlexibleRotorParameters = FlexibleRotorParameters()
-    controller_b: ControllerParameters = ControllerParameters()
+    controller_b: ControllerParameters = fixed(ControllerParameters())
     backup_bearing: BackupBearingParameters = BackupBearingParameters()
     sensor: SensorParameters = SensorParameters()
     converters: ConverterParameters = ConverterParameters()

@@ -36,7 +36,7 @@ class PlantSnapshot:
     position : ndarray, shape (bearings, 2)
         Of the journal (m).
     contact : ndarray of bool, shape (bearings,)
-        Whether the journal touches the backup bearing.
+        Whether the backup bearing pushed at the journal or the journal has come as far.
     """
 
     coil_current: NDArray[np.float64]
@@ -87,6 +87,7 @@ class Plant:
         self.rotor = None if parameters.rotor.model == "point_mass" else rotor_model(parameters)
         self.bearings = 1 if self.rotor is None else 2
         self._check_internal_step()
+        self._check_modes()
         self._arrays = pack(parameters, self.network, self.magnetostatics, self.rotor)
         self._steps = parameters.steps_per_sample
         self._current_resolution = parameters.converters.current_resolution
@@ -149,6 +150,12 @@ class Plant:
         """Axes along which the rotor can move: `x` and `y`, or `y` alone for a bearing with 1 DOF."""
         return ("x", "y") if self.parameters.magnetic_circuit.actuators == "two_axis" else ("y",)
 
+    @property
+    def contact(self) -> bool:
+        """Whether a backup bearing pushed at its journal in the last internal step."""
+        work, force = self._arrays.work, layout.CONTACT_FORCE
+        return any(work[n * layout.WORK_SIZE + force + axis] != 0.0 for n in range(self.bearings) for axis in range(2))
+
     def bias_currents(self) -> NDArray[np.float64]:
         """Bias current of every coil (A), shape (4,); zero for coils without amplifier."""
         currents = np.zeros(COILS)
@@ -191,7 +198,8 @@ class Plant:
             force=self.magnetostatics.force(flux_density * self.network.pole_area),
             contact_force=contact_force,
             position=position,
-            contact=np.hypot(position[:, 0], position[:, 1]) >= self.parameters.rotor.backup_bearing_radius,
+            contact=contact_force.any(axis=1)
+            | (np.hypot(position[:, 0], position[:, 1]) >= self.parameters.rotor.backup_bearing_radius),
         )
 
     def static_flux(self, coil_currents: NDArray[np.float64], x: float, y: float) -> NDArray[np.float64]:
@@ -248,6 +256,19 @@ class Plant:
             raise PlantError(
                 f"integration.internal_step = {step:g} s is too long for the eddy currents, whose shortest time "
                 f"constant is {1.0 / fastest:.3g} s; allowed: at most {0.5 / fastest:.3g} s"
+            )
+
+    def _check_modes(self) -> None:
+        """Explicit steps of undamped modes gain (omega h)^4 / 4; below a fifth that is less than half a per mille."""
+        if self.rotor is None:
+            return
+        step = self.parameters.integration.internal_step
+        fastest = 2.0 * np.pi * float(self.rotor.natural_frequencies().max())
+        if step * fastest > 0.2:
+            raise PlantError(
+                f"integration.internal_step = {step:g} s is too long for the rotor's fastest mode, "
+                f"{fastest / (2.0 * np.pi):.3g} Hz; allowed: at most {0.2 / fastest:.3g} s, or modes up to "
+                f"{0.1 / (np.pi * step):.3g} Hz"
             )
 
     def _stop(self, status: int, current_x: float, current_y: float) -> None:

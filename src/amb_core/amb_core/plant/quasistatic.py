@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from amb_core.plant.iron_kernel import ELEMENTS, FIELD, FLUX_DENSITY, SLOPE, TARGET
+from amb_core.plant.iron_kernel import ELEMENTS, FIELD, FLUX_DENSITY, RELUCTIVITY, SLOPE, TARGET
 from amb_core.plant.iron_paths import (
     CIRCULATING,
     POLE_AREA,
@@ -52,7 +52,6 @@ _RIGHT = _MATRIX + 12
 _SIZE = _RIGHT + 1
 _MOST_SWEEPS = 60
 _CURRENT_TOLERANCE = 1e-9  # A
-_PER_MU_0 = 1.0 / (4e-7 * math.pi)
 
 
 def pack_quasistatic(
@@ -116,7 +115,7 @@ def _gap_reluctance(state, position, constants, matrices, j):
 def _predicted_field(iron, element):
     """Field of an element at its target, by its present slope."""
     change = iron[TARGET, element] - iron[FLUX_DENSITY, element]
-    return iron[FIELD, element] + (_PER_MU_0 - iron[SLOPE, element]) * change
+    return iron[FIELD, element] + (RELUCTIVITY - iron[SLOPE, element]) * change
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -160,7 +159,7 @@ def _settle(state, block, position, constants, matrices, iron, paths, quasistati
             path = element // POLES
             volume = paths[SCALARS, POLE_AREA + path] * paths[SCALARS, POLE_LENGTH + path]
             field = volume * _predicted_field(iron, element)
-            stiff = volume * (_PER_MU_0 - iron[SLOPE, element])
+            stiff = volume * (RELUCTIVITY - iron[SLOPE, element])
             for a in range(size):
                 density = quasistatic[_DENSITIES + element, a]
                 quasistatic[_RIGHT, a] -= density * field

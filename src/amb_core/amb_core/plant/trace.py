@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.plant import layout
+from amb_core.plant.network import COILS, POLES
 
 
 @dataclass(frozen=True)
@@ -57,17 +58,27 @@ def unpack(rows: NDArray[np.float64], bearings: int, coordinates: int, internal_
     """Name the columns of a trace, shape (n, row_size(bearings, coordinates)), that the kernel wrote."""
     time = np.arange(len(rows), dtype=np.float64) * internal_step
     tail = rows[:, bearings * layout.TRACE_BLOCK_SIZE :]
-    shared = (
-        tail[:, layout.TRACE_IRON_ENERGY],
-        tail[:, layout.TRACE_DIFFUSION_ENERGY],
-        *np.split(tail[:, layout.TRACE_TAIL_SIZE :], [coordinates], axis=1),
-    )
-    starts = [
-        layout.TRACE_RATE, layout.TRACE_CURRENT, layout.TRACE_VOLTAGE,
-        layout.TRACE_POSITION, layout.TRACE_VELOCITY, layout.TRACE_FORCE, layout.TRACE_CONTACT,
-    ]  # fmt: skip
-    traces: list[Trace] = []
+    coordinate = layout.TRACE_TAIL_SIZE
+    shared = {
+        "iron_energy": tail[:, layout.TRACE_IRON_ENERGY],
+        "diffusion_energy": tail[:, layout.TRACE_DIFFUSION_ENERGY],
+        "coordinates": tail[:, coordinate : coordinate + coordinates],
+        "rates": tail[:, coordinate + coordinates : coordinate + 2 * coordinates],
+    }
+    columns = {
+        "flux": (layout.TRACE_FLUX, POLES),
+        "flux_rate": (layout.TRACE_RATE, POLES),
+        "current": (layout.TRACE_CURRENT, COILS),
+        "voltage": (layout.TRACE_VOLTAGE, COILS),
+        "position": (layout.TRACE_POSITION, 2),
+        "velocity": (layout.TRACE_VELOCITY, 2),
+        "force": (layout.TRACE_FORCE, 2),
+        "contact_force": (layout.TRACE_CONTACT, 2),
+    }
+    trace: Trace | None = None
     for bearing in reversed(range(bearings)):
-        block = rows[:, bearing * layout.TRACE_BLOCK_SIZE :][:, : layout.TRACE_BLOCK_SIZE]
-        traces.append(Trace(time, *np.split(block, starts, axis=1), *shared, *traces[-1:]))
-    return traces[-1]
+        block = rows[:, bearing * layout.TRACE_BLOCK_SIZE :]
+        own = {name: block[:, first : first + width] for name, (first, width) in columns.items()}
+        trace = Trace(time=time, **own, **shared, bearing_b=trace)
+    assert trace is not None  # there is a bearing
+    return trace
