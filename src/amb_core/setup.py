@@ -18,5 +18,6 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=["setuptools"],
+    extras_require={"ross": ["ross-rotordynamics", "plotly<7"]},  # ROSS 2.3.0 does not start with plotly 7
     zip_safe=False,
 )
