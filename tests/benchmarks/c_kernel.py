@@ -1,4 +1,8 @@
-"""The plant's kernel against the same equations in plain C (kernel.c): equal states, and which one is faster."""
+"""The plant's kernel against the same equations in plain C (kernel.c): equal states, and which one is faster.
+
+Compared is the paper's plant: one bearing, linear iron, coupling, eddy currents, switching, point mass. C has that
+alone; the kernel also asks at every step which effects beyond it are on.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.control import ControllerParameters, PdController
-from amb_core.plant import Plant, kernel
+from amb_core.plant import Plant, kernel, layout
+from amb_core.plant.network import COILS, POLES
 
 SOURCE = Path(__file__).with_name("kernel.c")
 COMPILER = ["gcc", "-std=c11", "-O3", "-march=native", "-shared", "-fPIC"]
@@ -26,7 +31,8 @@ STEPS = 2_000  # of a timed call, so that calling does not count
 REPETITIONS = 1_000
 TOLERANCE = 1e-9
 
-Advance = Callable[[NDArray[np.float64], float, float, int], int]
+Advance = Callable[[NDArray[np.float64], int], int]
+"""Moves the plant on with control current references x, y (A) over a number of internal steps; returns a status."""
 
 
 def measure() -> dict[str, float | bool]:
@@ -53,22 +59,27 @@ def measure() -> dict[str, float | bool]:
 
 
 def _kernel(plant: Plant) -> Advance:
-    constants, matrices, work, no_trace = plant._constants, plant._matrices, plant._work, np.empty((0, 30))
+    arrays, no_trace = plant._arrays, plant._no_trace
 
-    def advance(state: NDArray[np.float64], current_x: float, current_y: float, steps: int) -> int:
-        return kernel.advance(state, constants, matrices, work, current_x, current_y, steps, no_trace)
+    def advance(references: NDArray[np.float64], steps: int) -> int:
+        return kernel.advance(arrays, references, steps, no_trace)
 
     return advance
 
 
 def _compiled(plant: Plant, library: Path, option: str) -> Advance:
-    subprocess.run([*COMPILER, option, "-o", library, SOURCE, "-lm"], check=True)
+    """The C kernel on the plant's own arrays, so that neither has better ones."""
+    places = {name: value for name, value in vars(layout).items() if isinstance(value, int)}
+    places |= {"POLES": POLES, "COILS": COILS}
+    macros = [f"-D{name}={value}" for name, value in places.items()]
+    subprocess.run([*COMPILER, option, *macros, "-o", library, SOURCE, "-lm"], check=True)
     function = ctypes.CDLL(str(library)).advance
-    function.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_double] * 2 + [ctypes.c_long]
-    constants, matrices = plant._constants, plant._matrices
+    function.argtypes = [ctypes.c_void_p] * 4 + [ctypes.c_long]
+    arrays = plant._arrays
+    addresses = [array.ctypes.data for array in (arrays.state, arrays.constants, arrays.matrices)]
 
-    def advance(state: NDArray[np.float64], current_x: float, current_y: float, steps: int) -> int:
-        return function(state.ctypes.data, constants.ctypes.data, matrices.ctypes.data, current_x, current_y, steps)
+    def advance(references: NDArray[np.float64], steps: int) -> int:
+        return function(*addresses, references.ctypes.data, steps)
 
     return advance
 
@@ -76,22 +87,32 @@ def _compiled(plant: Plant, library: Path, option: str) -> Advance:
 def _difference(plant: Plant, *kernels: Advance) -> float:
     """Largest difference of the states over 20 ms, relative to the largest magnitude of each kind of state."""
     ours, plain = (_closed_loop(plant, advance) for advance in kernels)
-    starts = [kernel.FLUX, kernel.MMF, kernel.X, kernel.VX, kernel.AX, kernel.INTEGRAL, kernel.CURRENT_SUM]
-    kinds = np.split(np.arange(kernel.STATE_SIZE), [*starts[1:], kernel.DUTY, kernel.CURRENT_START, kernel.PHASE])
-    return max(float(np.abs(ours - plain)[:, kind].max() / np.abs(ours)[:, kind].max()) for kind in kinds)
+    return max(
+        float(np.abs(ours[:, kind] - plain[:, kind]).max() / np.abs(ours[:, kind]).max()) for kind in _kinds_of_state()
+    )
+
+
+def _kinds_of_state() -> list[slice]:
+    head = [(layout.PHASE, 3)]  # with counters; the phase is zero after a sample
+    rotor = [(layout.POSITION, 2), (layout.VELOCITY, 2), (layout.ACCELERATION, 2)]
+    poles = [(layout.FLUX, POLES), (layout.MMF, POLES)]
+    coils = [(start, COILS) for start in (layout.INTEGRAL, layout.CURRENT_SUM, layout.DUTY, layout.CURRENT_START)]
+    block = [(layout.HEAD_SIZE + start, size) for start, size in poles + coils]
+    return [slice(start, start + size) for start, size in head + rotor + block]
 
 
 def _closed_loop(plant: Plant, advance: Advance) -> NDArray[np.float64]:
     """States after every sample under a 100 um square wave: duties at their limits, currents blocked by the diodes."""
     plant.reset()
-    state, controller = plant._state, PdController(ControllerParameters())
-    states = np.empty((SAMPLES, kernel.STATE_SIZE))
+    state, controller = plant._arrays.state, PdController(ControllerParameters())
+    states = np.empty((SAMPLES, len(state)))
     for sample in range(SAMPLES):
         target = 100e-6 if (sample // 50) % 2 == 0 else -100e-6
-        current = controller.update(state[kernel.X], state[kernel.Y], target, 0.0)
-        status = advance(state, *current, plant.parameters.steps_per_sample)
-        if status != kernel.OK:
-            raise RuntimeError(f"kernel ended with status {status} at sample {sample}; expected: {kernel.OK}")
+        x, y = state[layout.POSITION], state[layout.POSITION + 1]
+        references = np.array(controller.update(x, y, target, 0.0))
+        status = advance(references, plant.parameters.steps_per_sample)
+        if status != layout.OK:
+            raise RuntimeError(f"kernel ended with status {status} at sample {sample}; expected: {layout.OK}")
         states[sample] = state
     return states
 
@@ -103,12 +124,13 @@ def _nanoseconds_per_step(plant: Plant, *kernels: Advance) -> list[float]:
     for _ in range(2_000):
         current = controller.update(*plant.position, 0.0, 0.0)
         plant.advance(*current)
+    references, levitated = np.array(current), plant._arrays.state.copy()
     durations: list[list[float]] = [[] for _ in kernels]
     for _ in range(REPETITIONS):
         for advance, times in zip(kernels, durations, strict=True):
-            state = plant._state.copy()
+            plant._arrays.state[:] = levitated
             started = time.perf_counter()
-            advance(state, *current, STEPS)
+            advance(references, STEPS)
             times.append(time.perf_counter() - started)
     return [statistics.median(times) / STEPS * 1e9 for times in durations]
 
