@@ -1,153 +1,104 @@
-"""The kernel against an implicit solution of the same equations, restarted at every switching instant.
-
-Shares with the kernel the reluctances, eddy-current coefficients and windings of the network, and the control law; the
-network's equations, the amplifiers and the rotor are written anew, and every coil voltage is constant in a piece.
-"""
+"""The kernel against an implicit solution of the same equations, restarted at every switching instant."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
+from implicit_plant import ImplicitPlant
 from numpy.typing import NDArray
 from row import Row
-from scipy.constants import mu_0
-from scipy.integrate import solve_ivp
 
 from amb_core.control import ControllerParameters, PdController
-from amb_core.plant import Plant
+from amb_core.plant import AmplifierParameters, IntegrationParameters, Plant, PlantParameters, RotorParameters
+from amb_core.plant.parameters import (
+    ConverterParameters,
+    IronParameters,
+    RigidRotorParameters,
+    SensorParameters,
+)
 
-SAMPLES = 200  # 20 ms
-FLUX, POSITION, VELOCITY, CHARGE = slice(0, 8), slice(8, 10), slice(10, 12), slice(12, 16)
-ANGLES = np.deg2rad(22.5 + 45.0 * np.arange(8))
-DIRECTIONS = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
-# Wb, m, m/s, A s: what a current of 10 uA or a position of 1 pm would show
-ABSOLUTE = np.repeat([1e-12, 1e-13, 1e-11, 1e-12], [8, 2, 2, 4])
-FIRST_STEP = 2e-7  # s, a tenth of the shortest eddy-current time constant
+IRON = IronParameters(saturation=True, hysteresis=True, solid_journal=True)
+# Through a solid journal a voltage drives so much current at once that the usual gain would oscillate from period to
+# period.
+AMPLIFIER = AmplifierParameters(carriers="interleaved", dead_time=0.3e-6, proportional_gain=0.4)
+# Internal steps of 0.5 us are 2 mA off while the current slews through hysteresis, and 1 mA with a solid journal, whose
+# fastest diffusion lasts two of them.
+FINE = IntegrationParameters(internal_step=0.25e-6)
+DISTURBED = {
+    "running_speed": 120.0,
+    "unbalance": 2e-5,
+    "external_force_x": 10.0,
+    "external_force_y": -5.0,
+    "external_force_frequency": 150.0,
+}
+RIGID = RotorParameters(model="rigid", **DISTURBED)
+BODY = RigidRotorParameters(bearing_a=-0.14, bearing_b=0.16, sensor_a=-0.16, sensor_b=0.19)
+SENSOR = SensorParameters(bandwidth=8e3)
+CONVERTERS = ConverterParameters(position_resolution=50e-9, current_resolution=1e-3, computation_delay=0.4)
+
+# Parameters and number of samples; the longest first, as two run at a time
+CASES = {
+    "hysteresis, solid journal, interleaved carriers, dead time": (
+        PlantParameters(iron=IRON, amplifier=AMPLIFIER, integration=FINE),
+        200,
+    ),
+    "rigid rotor": (
+        PlantParameters(rotor=RIGID, rigid_rotor=BODY, sensor=SENSOR, converters=CONVERTERS),
+        200,
+    ),
+    "paper": (PlantParameters(), 200),
+    "everything": (
+        PlantParameters(
+            iron=IRON,
+            amplifier=AMPLIFIER,
+            rotor=RIGID,
+            rigid_rotor=BODY,
+            sensor=SENSOR,
+            converters=CONVERTERS,
+            integration=FINE,
+        ),
+        20,
+    ),
+}
 
 
 def rows() -> Iterator[Row]:
-    """Largest deviations in 20 ms of closed loop: a step of 10 um on x at 2 ms, a sine of 5 um and 200 Hz on y."""
-    plant = Plant()
-    position, current = _implicit(plant)
-    traced_position, traced_current = _kernel(plant)
-    solver = "against solve_ivp (Radau, rtol 1e-9) over 20 ms"
-    yield Row(f"positions {solver}", 1e9 * float(np.abs(traced_position - position).max()), 1.0, "nm")
-    yield Row(f"currents {solver}", 1e3 * float(np.abs(traced_current - current).max()), 1.0, "mA")
+    """Largest deviations in closed loop: a step of 5 um on x at a tenth of the run, a sine of 5 um, 200 Hz on y."""
+    with ProcessPoolExecutor(max_workers=2) as pool:
+        deviations = pool.map(compare, *zip(*CASES.values(), strict=True))
+        for (name, (parameters, samples)), (position, current) in zip(CASES.items(), deviations, strict=True):
+            run = f"solve_ivp (Radau, rtol 1e-9) over {1e3 * samples / parameters.integration.sample_rate:g} ms, {name}"
+            yield Row(f"{run}: positions", 1e9 * position, 1.0, "nm")
+            yield Row(f"{run}: currents", 1e3 * current, 1.0, "mA")
 
 
-def _reference(sample: int) -> tuple[float, float]:
-    return (10e-6 if sample >= 20 else 0.0), 5e-6 * np.sin(2.0 * np.pi * 200.0 * sample * 1e-4)
+def compare(parameters: PlantParameters, samples: int) -> tuple[float, float]:
+    """Largest deviation of positions (m) and coil currents (A) at the starts of all switching periods."""
+    plant = Plant(parameters)
+    implicit = ImplicitPlant(plant)
+    period = parameters.steps_per_period
+    position_deviation, current_deviation = 0.0, 0.0
+    ours, theirs = PdController(ControllerParameters()), PdController(ControllerParameters())
+    for sample in range(samples):
+        reference = _reference(sample, samples)
+        trace = plant.trace(*ours.update(*plant.position, *reference))
+        traces = [trace, trace.bearing_b] if trace.bearing_b is not None else [trace]
+        if min(part.current.min() for part in traces) <= 0.0:
+            raise RuntimeError("a coil current reached zero: the solution to compare with has no diodes")
+        x, y = implicit.measured()[:2]
+        positions, currents = implicit.advance(*theirs.update(float(x), float(y), *reference))
+        position = np.hstack([part.position[::period] for part in traces])
+        current = np.hstack([part.current[::period] for part in traces])
+        position_deviation = max(position_deviation, _largest(position - positions))
+        current_deviation = max(current_deviation, _largest(current - currents))
+    return position_deviation, current_deviation
 
 
-def _kernel(plant: Plant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Positions and coil currents at the start of every switching period."""
-    plant.reset()
-    controller = PdController(ControllerParameters())
-    traces = [plant.trace(*controller.update(*plant.position, *_reference(sample))) for sample in range(SAMPLES)]
-    if min(trace.current.min() for trace in traces) <= 0.0:
-        raise RuntimeError("a coil current reached zero: the solution to compare with has no diodes")
-    period = plant.parameters.steps_per_period
-    return (
-        np.concatenate([trace.position[::period] for trace in traces]),
-        np.concatenate([trace.current[::period] for trace in traces]),
-    )
+def _reference(sample: int, samples: int) -> tuple[float, float]:
+    return (5e-6 if sample >= samples // 10 else 0.0), 5e-6 * np.sin(2.0 * np.pi * 200.0 * sample * 1e-4)
 
 
-def _implicit(plant: Plant) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The same from the implicit solution."""
-    parameters = plant.parameters
-    amplifier, periods = parameters.amplifier, parameters.steps_per_sample // parameters.steps_per_period
-    period = 1.0 / amplifier.switching_frequency
-    bearing, controller = Bearing(plant), PdController(ControllerParameters())
-    state = np.zeros(16)
-    mean, integral = np.full(4, amplifier.bias_current), np.zeros(4)
-    state[FLUX] = plant.static_flux(mean, 0.0, 0.0)
-    positions, currents = [], []
-    for sample in range(SAMPLES):
-        control = np.array(controller.update(*state[POSITION], *_reference(sample)))
-        wanted = np.clip(amplifier.bias_current + np.concatenate([control, -control]), 0.0, amplifier.current_limit)
-        for _ in range(periods):
-            positions.append(state[POSITION])
-            currents.append(bearing.solved(state, np.full(4, -amplifier.supply_voltage))[8:])
-            error = wanted - mean
-            following = integral + amplifier.integral_gain * error * period
-            duty = 0.5 + amplifier.proportional_gain * error + following
-            limited = np.clip(duty, amplifier.minimum_duty, amplifier.maximum_duty)
-            integral = np.where(duty == limited, following, integral)
-            state = bearing.switching_period(state, limited, period)
-            mean = state[CHARGE] / period
-    return np.array(positions), np.array(currents)
-
-
-class Bearing:
-    """Network and rotor. State: pole fluxes, position, velocity, charge through the coils in the switching period."""
-
-    def __init__(self, plant: Plant) -> None:
-        circuit, self._rotor, network = plant.parameters.magnetic_circuit, plant.parameters.rotor, plant.network
-        area = circuit.pole_width * circuit.axial_length
-        self._supply = plant.parameters.amplifier.supply_voltage
-        self._gap, self._per_gap, self._pull = circuit.air_gap, 1.0 / (mu_0 * area), 1.0 / (2.0 * mu_0 * area)
-        self._iron = network.iron_reluctance
-        # Unknowns: flux rates (8), magnetic potential between the rings (1), coil currents (4)
-        system = np.zeros((13, 13))
-        system[:8, :8], system[:8, 8], system[:8, 9:] = network.eddy_coefficient, 1.0, -network.winding
-        system[8, :8] = 1.0
-        system[9:, :8], system[9:, 9:] = network.winding.T, circuit.coil_resistance * np.eye(4)
-        wanted = np.delete(np.linalg.inv(system), 8, axis=0)
-        self._by_drop, self._by_voltage = -wanted[:, :8], wanted[:, 9:]
-
-    def switching_period(
-        self, state: NDArray[np.float64], duty: NDArray[np.float64], period: float
-    ) -> NDArray[np.float64]:
-        """The state one switching period later; each coil has the positive voltage for its duty, centred."""
-        on, off = 0.5 * period * (1.0 - duty), 0.5 * period * (1.0 + duty)
-        state = state.copy()
-        state[CHARGE] = 0.0
-        for start, end in itertools.pairwise(np.unique(np.concatenate([[0.0, period], on, off]))):
-            middle = 0.5 * (start + end)
-            voltage = np.where((on < middle) & (middle < off), self._supply, -self._supply)
-            solution = solve_ivp(
-                self._rates,
-                (start, end),
-                state,
-                method="Radau",
-                args=(voltage,),
-                jac=self._jacobian,
-                rtol=1e-9,
-                atol=ABSOLUTE,
-                first_step=min(end - start, FIRST_STEP),
-            )
-            if not solution.success:
-                raise RuntimeError(f"solve_ivp failed: {solution.message}")
-            state = solution.y[:, -1]
-        return state
-
-    def solved(self, state: NDArray[np.float64], voltage: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Flux rates (8) and coil currents (4)."""
-        drop = self._iron @ state[FLUX] + self._gap_reluctance(state) * state[FLUX]
-        return self._by_drop @ drop + self._by_voltage @ voltage
-
-    def _gap_reluctance(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        return (self._gap - DIRECTIONS @ state[POSITION]) * self._per_gap
-
-    def _rates(self, _: float, state: NDArray[np.float64], voltage: NDArray[np.float64]) -> NDArray[np.float64]:
-        rates = np.empty(16)
-        solved = self.solved(state, voltage)
-        rates[FLUX], rates[CHARGE] = solved[:8], solved[8:]
-        rates[POSITION] = state[VELOCITY]
-        rates[VELOCITY] = self._pull * (state[FLUX] ** 2 @ DIRECTIONS) / self._rotor.mass
-        rates[11] -= self._rotor.gravity
-        return rates
-
-    def _jacobian(self, _: float, state: NDArray[np.float64], __: NDArray[np.float64]) -> NDArray[np.float64]:
-        jacobian = np.zeros((16, 16))
-        by_flux = self._by_drop @ (self._iron + np.diag(self._gap_reluctance(state)))
-        flux_along = state[FLUX, np.newaxis] * DIRECTIONS
-        by_position = -self._by_drop @ (self._per_gap * flux_along)
-        jacobian[FLUX, FLUX], jacobian[CHARGE, FLUX] = by_flux[:8], by_flux[8:]
-        jacobian[FLUX, POSITION], jacobian[CHARGE, POSITION] = by_position[:8], by_position[8:]
-        jacobian[POSITION, VELOCITY] = np.eye(2)
-        jacobian[VELOCITY, FLUX] = 2.0 * self._pull * flux_along.T / self._rotor.mass
-        return jacobian
+def _largest(values: NDArray[np.float64]) -> float:
+    return float(np.abs(values).max())

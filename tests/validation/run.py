@@ -13,8 +13,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 import dynamics
+import eddy
 import independent
+import iron
 import paper
+import rotors
 import statics
 from rich.console import Console
 from rich.table import Table
@@ -24,10 +27,14 @@ RESULTS = Path(__file__).parents[2] / "results" / "validation.json"
 CHECKS: dict[str, Callable[[], Iterator[Row]]] = {
     "closed forms": statics.rows,
     "magnitudes of the paper": paper.rows,
+    "iron": iron.rows,
+    "eddy currents": eddy.rows,
+    "rotors": rotors.rows,
     "energy": dynamics.energy,
+    "iron loss": dynamics.iron_loss,
     "order of the integrator": dynamics.convergence,
     "eq. (3) of the paper": dynamics.derivative_of_force,
-    "independent solution (about half a minute)": independent.rows,
+    "independent solution (about three minutes)": independent.rows,
 }
 
 

@@ -1,0 +1,451 @@
+"""The plant written anew for an implicit solver: one ordinary differential equation between switching instants.
+
+It shares with the kernel the reluctances, eddy-current coefficients and windings of the network, the terms fitted to a
+solid journal, the fluxes to start from and the control law of bearing B. Its own are the equations of network, iron,
+rotor and sensors, the modulation and current control of the amplifiers, and the integration: Radau's method, started
+anew wherever a coil voltage jumps. There are no diodes: coil currents must stay positive.
+
+The field H in an iron element follows its flux density B by the equations of Jiles and Atherton (J. Magn. Magn. Mater.
+61, 1986) with M = B / mu0 - H, H_e = H + alpha M, M = (1 - c) M_irr + c M_an,
+
+    dM_irr/dH_e = (M_an - M_irr) / (delta k), not negative,   delta = sign(dB/dt),   M_an = M_s (coth(H_e/a) - a/H_e).
+
+Where dB/dt changes its sign or the walls begin to move, dH/dt is continuous and has a kink, which the solver's error
+control resolves. Without hysteresis M = M_an.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.constants import mu_0
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from amb_core.control import PdController
+from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.eddy import solid_journal_terms
+
+RTOL = 1e-9
+FIRST_STEP = 2e-7  # s, a tenth of the shortest eddy-current time constant
+ANGLES = np.deg2rad(22.5 + 45.0 * np.arange(8))
+DIRECTIONS = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
+# Beside a change of the current by 1 mA or of the position by 1 nm: ten times closer changes neither by 1 % of that
+FLUX_TOLERANCE, FIELD_TOLERANCE, CHARGE_TOLERANCE = 1e-10, 1e-3, 1e-10  # Wb, A/m, A s
+POSITION_TOLERANCE, VELOCITY_TOLERANCE = 1e-12, 1e-9  # m, m/s
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Where the state of a bearing lies: pole, circulating and delayed fluxes, fields, charges through the coils."""
+
+    flux: slice
+    circulating: slice
+    delayed: slice
+    field: slice
+    charge: slice
+
+
+class ImplicitPlant:
+    """The plant of the same parameters.
+
+    Attributes
+    ----------
+    time : float
+        Since the start (s).
+    state : ndarray, shape (n,)
+        Blocks of the bearings, then coordinates and rates of the rotor, then sensed positions.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        self._parameters = parameters = plant.parameters
+        self._bearings = plant.bearings
+        self._iron = _Iron(plant)
+        size = self._iron.size
+        self._blocks = [self._iron.block(bearing * size) for bearing in range(self._bearings)]
+        self._rotor = _Rotor(parameters)
+        axes = 2 * self._bearings
+        first = self._bearings * size
+        self._coordinates, self._rates, self._sensed = (
+            slice(first + n * axes, first + (n + 1) * axes) for n in range(3)
+        )
+        self._tolerance = np.empty(first + 3 * axes)
+        for block in self._blocks:
+            self._tolerance[block.flux.start : block.delayed.stop] = FLUX_TOLERANCE
+            self._tolerance[block.field] = FIELD_TOLERANCE
+            self._tolerance[block.charge] = CHARGE_TOLERANCE
+        self._tolerance[self._coordinates] = self._tolerance[self._sensed] = POSITION_TOLERANCE
+        self._tolerance[self._rates] = VELOCITY_TOLERANCE
+        bandwidth = parameters.sensor.bandwidth
+        self._lag = 1.0 / (2.0 * np.pi * bandwidth) if bandwidth > 0.0 else 0.0
+
+        amplifier = parameters.amplifier
+        self._period = 1.0 / amplifier.switching_frequency
+        interleaved = amplifier.carriers == "interleaved"
+        later = 0.25 * self._period * np.arange(4) if interleaved else np.zeros(4)
+        self._starts = np.tile(later, self._bearings)  # of the coils' next switching periods
+        self._starts_now = self._starts - self._period
+        self._duty = np.full(4 * self._bearings, 0.5)
+        self._integral = np.zeros(4 * self._bearings)
+        self._charge_start = -amplifier.bias_current * (self._period - np.tile(later, self._bearings))
+        self._controller_b = PdController(parameters.controller_b)
+        self._held = np.zeros(axes)
+        self.time = 0.0
+        self.state = np.zeros(first + 3 * axes)
+        for block in self._blocks:
+            self._iron.start(plant, self.state, block)
+
+    # -- one controller sample
+
+    def measured(self) -> NDArray[np.float64]:
+        """Measured positions (m), shape (2 * bearings,)."""
+        sensed = self.state[self._sensed] if self._lag else self._rotor.sensors @ self.state[self._coordinates]
+        return _on_grid(sensed, self._parameters.converters.position_resolution)
+
+    def positions(self) -> NDArray[np.float64]:
+        """Positions of the journals (m), shape (2 * bearings,)."""
+        return self._rotor.journals @ self.state[self._coordinates]
+
+    def advance(self, current_x: float, current_y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Hold control current references (A) over a sample; positions (m) and coil currents (A) at period starts."""
+        references = np.array([current_x, current_y])
+        if self._bearings == 2:
+            x, y = self.measured()[2:]
+            references = np.concatenate([references, self._controller_b.update(float(x), float(y), 0.0, 0.0)])
+        references = _on_grid(references, self._parameters.converters.current_resolution)
+        begin, rate = self.time, self._parameters.integration.sample_rate
+        delayed = begin + self._parameters.converters.computation_delay / rate
+        positions, currents = [], []
+        for n in range(self._parameters.steps_per_sample // self._parameters.steps_per_period):
+            start = begin + n * self._period
+            for number, instant in enumerate(np.unique(np.concatenate([[start], self._starts]))):
+                self._solve_to(instant)
+                self._update(instant, self._held if instant < delayed - 1e-12 else references)
+                if number == 0:
+                    positions.append(self.positions())
+                    currents.append(self._currents_now())
+        self._solve_to(begin + 1.0 / rate)
+        self._held = references
+        return np.array(positions), np.array(currents)
+
+    def _update(self, instant: float, references: NDArray[np.float64]) -> None:
+        """Current control of the coils whose switching period begins: mean current of the last to the duty of this."""
+        amplifier = self._parameters.amplifier
+        due = np.abs(self._starts - instant) < 1e-12
+        control = np.concatenate([np.concatenate([pair, -pair]) for pair in references.reshape(-1, 2)])
+        wanted = np.clip(amplifier.bias_current + control, 0.0, amplifier.current_limit)
+        charge = np.concatenate([self.state[block.charge] for block in self._blocks])
+        error = wanted - (charge - self._charge_start) / self._period
+        following = self._integral + amplifier.integral_gain * error * self._period
+        duty = 0.5 + amplifier.proportional_gain * error + following
+        limited = np.clip(duty, amplifier.minimum_duty, amplifier.maximum_duty)
+        self._integral = np.where(due & (duty == limited), following, self._integral)
+        self._duty = np.where(due, limited, self._duty)
+        self._charge_start = np.where(due, charge, self._charge_start)
+        self._starts_now = np.where(due, self._starts, self._starts_now)
+        self._starts = np.where(due, self._starts + self._period, self._starts)
+
+    def _pulses(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """When the voltages become positive and negative again; dead time delays what drives the positive currents."""
+        on = self._starts_now + 0.5 * self._period * (1.0 - self._duty) + self._parameters.amplifier.dead_time
+        return on, self._starts_now + 0.5 * self._period * (1.0 + self._duty)
+
+    def _currents_now(self) -> NDArray[np.float64]:
+        """Coil currents (A); what the voltages drive at once is averaged over an internal step, as in a trace."""
+        on, off = self._pulses()
+        step = self._parameters.integration.internal_step
+        share = np.clip((np.minimum(off, self.time + step) - np.maximum(on, self.time)) / step, 0.0, 1.0)
+        voltage = self._parameters.amplifier.supply_voltage * (2.0 * share - 1.0)
+        currents = []
+        for bearing, block in enumerate(self._blocks):
+            applied = voltage[4 * bearing : 4 * bearing + 4]
+            currents.append(self._iron.solved(self.state, block, self._position(bearing, self.state), applied)[8:])
+        return np.concatenate(currents)
+
+    def _solve_to(self, end: float) -> None:
+        supply = self._parameters.amplifier.supply_voltage
+        on, off = self._pulses()
+        edges = np.concatenate([on, off])
+        inside = edges[(edges > self.time + 1e-15) & (edges < end - 1e-15)]
+        for start, stop in itertools.pairwise(np.unique(np.concatenate([[self.time, end], inside]))):
+            middle = 0.5 * (start + stop)
+            voltage = np.where((on < middle) & (middle < off), supply, -supply)
+            solution = solve_ivp(
+                self._derivative,
+                (start, stop),
+                self.state,
+                method="Radau",
+                args=(voltage,),
+                jac=self._jacobian,
+                rtol=RTOL,
+                atol=self._tolerance,
+                first_step=min(stop - start, FIRST_STEP),
+            )
+            if not solution.success:
+                raise RuntimeError(f"solve_ivp failed: {solution.message}")
+            self.state = solution.y[:, -1]
+        self.time = end
+
+    # -- the equations
+
+    def _position(self, bearing: int, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self._rotor.journals[2 * bearing : 2 * bearing + 2] @ state[self._coordinates]
+
+    def _derivative(self, time: float, state: NDArray[np.float64], voltage: NDArray[np.float64]) -> NDArray[np.float64]:
+        rates = np.empty_like(state)
+        forces = np.empty(2 * self._bearings)
+        for bearing, block in enumerate(self._blocks):
+            position = self._position(bearing, state)
+            self._iron.derivative(state, block, position, voltage[4 * bearing : 4 * bearing + 4], rates)
+            forces[2 * bearing : 2 * bearing + 2] = self._iron.pull * (state[block.flux] ** 2 @ DIRECTIONS)
+        rates[self._coordinates] = state[self._rates]
+        rates[self._rates] = self._rotor.acceleration(time, forces, state[self._rates])
+        rates[self._sensed] = 0.0
+        if self._lag:
+            seen = self._rotor.sensors @ state[self._coordinates]
+            rates[self._sensed] = (seen - state[self._sensed]) / self._lag
+        return rates
+
+    def _jacobian(self, _: float, state: NDArray[np.float64], voltage: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Derivative of the right-hand side; the slopes dH/dB of the iron are taken as constant."""
+        jacobian = np.zeros((len(state), len(state)))
+        for bearing, block in enumerate(self._blocks):
+            position = self._position(bearing, state)
+            journal = self._rotor.journals[2 * bearing : 2 * bearing + 2]
+            self._iron.jacobian(
+                state, block, position, voltage[4 * bearing : 4 * bearing + 4], journal, self._coordinates, jacobian
+            )
+            by_flux = 2.0 * self._iron.pull * (state[block.flux, np.newaxis] * DIRECTIONS).T
+            jacobian[self._rates, block.flux] = self._rotor.by_force[:, 2 * bearing : 2 * bearing + 2] @ by_flux
+        jacobian[self._coordinates, self._rates] = np.eye(2 * self._bearings)
+        jacobian[self._rates, self._rates] = self._rotor.by_rate
+        if self._lag:
+            jacobian[self._sensed, self._coordinates] = self._rotor.sensors / self._lag
+            jacobian[self._sensed, self._sensed] = -np.eye(2 * self._bearings) / self._lag
+        return jacobian
+
+
+class _Rotor:
+    """Point mass, or rigid body with coordinates x, y of its centre of mass and tilts dx/dz, dy/dz."""
+
+    def __init__(self, parameters: PlantParameters) -> None:
+        rotor, body = parameters.rotor, parameters.rigid_rotor
+        self._speed = 2.0 * np.pi * rotor.running_speed
+        self._turning = rotor.unbalance * self._speed**2
+        self._external = np.array([rotor.external_force_x, rotor.external_force_y])
+        self._frequency = 2.0 * np.pi * rotor.external_force_frequency
+        if rotor.model == "point_mass":
+            self.journals = self.sensors = np.eye(2)
+            inertia, moment = np.full(2, rotor.mass), 0.0
+        else:
+            self.journals, self.sensors = (
+                np.array([[1.0, 0.0, a, 0.0], [0.0, 1.0, 0.0, a], [1.0, 0.0, b, 0.0], [0.0, 1.0, 0.0, b]])
+                for a, b in ((body.bearing_a, body.bearing_b), (body.sensor_a, body.sensor_b))
+            )
+            inertia = np.array([body.mass, body.mass, body.transverse_inertia, body.transverse_inertia])
+            moment = body.polar_inertia * self._speed
+        self.by_force = (self.journals / inertia).T
+        self.by_rate = np.zeros((len(inertia), len(inertia)))
+        if len(inertia) == 4:
+            self.by_rate[2, 3], self.by_rate[3, 2] = -moment / inertia[2], moment / inertia[2]
+        self._mass, self._gravity = inertia[0], rotor.gravity
+
+    def acceleration(self, time: float, forces: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Accelerations of the coordinates from the magnetic forces at A x, A y, B x, B y (N)."""
+        forces = forces.copy()
+        forces[:2] += self._external * np.cos(self._frequency * time)
+        acceleration = self.by_force @ forces + self.by_rate @ rates
+        acceleration[0] += self._turning * np.cos(self._speed * time) / self._mass
+        acceleration[1] += self._turning * np.sin(self._speed * time) / self._mass - self._gravity
+        return acceleration
+
+
+class _Iron:
+    """Magnetic circuit of a bearing with shared flux; `derivative` and `jacobian` fill the rows of its state."""
+
+    def __init__(self, plant: Plant) -> None:
+        circuit, iron, network = plant.parameters.magnetic_circuit, plant.parameters.iron, plant.network
+        self._gap, self._per_gap = circuit.air_gap, network.gap_reluctance
+        self.pull = 0.5 * network.gap_reluctance
+        # Unknowns: flux rates (8), magnetic potential between the rings (1), coil currents (4)
+        system = np.zeros((13, 13))
+        system[:8, :8], system[:8, 8], system[:8, 9:] = network.eddy_coefficient, 1.0, -network.winding
+        system[8, :8] = 1.0
+        system[9:, :8], system[9:, 9:] = network.winding.T, circuit.coil_resistance * np.eye(4)
+        wanted = np.delete(np.linalg.inv(system), 8, axis=0)
+        self._by_drop, self._by_voltage = -wanted[:, :8], wanted[:, 9:]
+
+        terms = solid_journal_terms(plant.parameters) if iron.solid_journal else None
+        delayed = 8 * len(terms.rates) if terms else 0
+        if not iron.saturation:
+            paths = []
+        else:
+            paths = [(np.eye(8), *network.paths[0]), *((network.to_segments, *path) for path in network.paths[1:])]
+            paths = paths[:2] if iron.solid_journal else paths
+        rings = max(len(paths) - 1, 0)
+        self._sizes = (8, rings, delayed, 8 * len(paths), 4)
+        self.size = sum(self._sizes)
+        local = self.block(0)
+        # Drops along the poles from the state: linear iron, delayed fluxes, fields
+        self._drops = np.zeros((8, self.size - 4))
+        self._drops[:, local.flux] = network.iron_reluctance
+        self._lags = np.zeros(0)
+        if terms:
+            journal = network.journal_reluctance
+            self._drops[:, local.flux] += terms.weights.sum() * journal
+            self._drops[:, local.delayed] = -np.kron(terms.weights, journal)
+            self._lags = np.repeat(terms.rates, 8)
+        # Flux densities of the elements from pole and circulating fluxes, and rates of the latter from the fields
+        self._density = np.zeros((8 * len(paths), 8 + rings))
+        self._circulation = np.zeros((rings, 8 * len(paths)))
+        for number, (segments, length, area) in enumerate(paths):
+            rows = slice(8 * number, 8 * number + 8)
+            self._drops[:, local.field.start + rows.start : local.field.start + rows.stop] = length * segments.T
+            self._density[rows, :8] = segments / area
+            if number > 0:
+                self._density[rows, 7 + number] = 1.0 / area
+                eddy = circuit.iron_conductivity * circuit.lamination_thickness**2 * length / (12.0 * area)
+                self._circulation[number - 1, rows] = -length / (8.0 * eddy)
+        pinning = iron.pinning_field if iron.hysteresis else np.inf
+        reversibility = iron.reversibility if iron.hysteresis else 1.0
+        self._material = np.array(
+            [iron.saturation_magnetisation, iron.anhysteretic_field, iron.interdomain_coupling, pinning, reversibility]
+        )
+
+    def block(self, first: int) -> _Block:
+        """Block of a bearing whose state begins at an index."""
+        edges = first + np.concatenate([[0], np.cumsum(self._sizes)])
+        return _Block(*(slice(int(a), int(b)) for a, b in itertools.pairwise(edges)))
+
+    def start(self, plant: Plant, state: NDArray[np.float64], block: _Block) -> None:
+        """Fluxes of the bias current, iron on its anhysteretic curve."""
+        magnetised = plant.magnetostatics.solve(plant.bias_currents(), 0.0, 0.0)
+        state[block.flux] = magnetised.flux
+        state[block.circulating] = magnetised.circulating[: self._sizes[1]]
+        state[block.delayed] = np.tile(magnetised.flux, self._sizes[2] // 8)
+        saturation, a, alpha, *_ = self._material
+        for n, density in enumerate(self._flux_density(state, block)):
+
+            def excess(field: float, density: float = density) -> float:
+                magnetisation = density / mu_0 - field
+                return magnetisation - saturation * _langevin((field + alpha * magnetisation) / a)[0]
+
+            state[block.field.start + n] = brentq(excess, -1e4, 1e4, xtol=1e-11, rtol=1e-14)
+
+    def solved(
+        self,
+        state: NDArray[np.float64],
+        block: _Block,
+        position: NDArray[np.float64],
+        voltage: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Flux rates (8) and coil currents (4)."""
+        in_gaps = (self._gap - DIRECTIONS @ position) * self._per_gap * state[block.flux]
+        in_iron = self._drops @ state[block.flux.start : block.charge.start]
+        return self._by_drop @ (in_gaps + in_iron) + self._by_voltage @ voltage
+
+    def derivative(
+        self,
+        state: NDArray[np.float64],
+        block: _Block,
+        position: NDArray[np.float64],
+        voltage: NDArray[np.float64],
+        rates: NDArray[np.float64],
+    ) -> None:
+        """Rates of a bearing's state into `rates`."""
+        solved = self.solved(state, block, position, voltage)
+        rates[block.flux], rates[block.charge] = solved[:8], solved[8:]
+        rates[block.circulating] = self._circulation @ state[block.field]
+        if len(self._lags):
+            behind = state[block.flux] - state[block.delayed].reshape(-1, 8)
+            rates[block.delayed] = self._lags * behind.ravel()
+        if len(self._density):
+            density_rate = self._density @ rates[block.flux.start : block.circulating.stop]
+            rates[block.field] = self._slopes(state, block, density_rate) * density_rate
+
+    def jacobian(
+        self,
+        state: NDArray[np.float64],
+        block: _Block,
+        position: NDArray[np.float64],
+        voltage: NDArray[np.float64],
+        journal: NDArray[np.float64],
+        coordinates: slice,
+        jacobian: NDArray[np.float64],
+    ) -> None:
+        """Rows of a bearing's state, at which the rotor's coordinates have the displacement `journal`."""
+        own = slice(block.flux.start, block.charge.start)
+        drops = self._drops.copy()
+        drops[:, :8] += np.diag((self._gap - DIRECTIONS @ position) * self._per_gap)
+        by_position = -self._per_gap * (state[block.flux, np.newaxis] * DIRECTIONS) @ journal
+        for rows, part in ((block.flux, self._by_drop[:8]), (block.charge, self._by_drop[8:])):
+            jacobian[rows, own], jacobian[rows, coordinates] = part @ drops, part @ by_position
+        jacobian[block.circulating, block.field] = self._circulation
+        if len(self._lags):
+            jacobian[block.delayed, block.flux] = self._lags[:, np.newaxis] * np.tile(
+                np.eye(8), (len(self._lags) // 8, 1)
+            )
+            jacobian[block.delayed, block.delayed] = -np.diag(self._lags)
+        if len(self._density):
+            fluxes = slice(block.flux.start, block.circulating.stop)
+            rates = np.concatenate(
+                [self.solved(state, block, position, voltage)[:8], self._circulation @ state[block.field]]
+            )
+            slopes = self._slopes(state, block, self._density @ rates)
+            jacobian[block.field] = (slopes[:, np.newaxis] * self._density) @ jacobian[fluxes]
+
+    def _flux_density(self, state: NDArray[np.float64], block: _Block) -> NDArray[np.float64]:
+        return self._density @ state[block.flux.start : block.circulating.stop]
+
+    def _slopes(
+        self, state: NDArray[np.float64], block: _Block, density_rate: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        return _differential_reluctivity(
+            self._flux_density(state, block), state[block.field], density_rate, self._material
+        )
+
+
+@numba.njit(cache=True)
+def _langevin(x: float) -> tuple[float, float]:
+    """Function coth x - 1/x and its derivative."""
+    if abs(x) < 0.05:
+        z = x * x
+        return (
+            x * (1.0 / 3.0 - z * (1.0 / 45.0 - z * (2.0 / 945.0 - z / 4725.0))),
+            1.0 / 3.0 - z * (1.0 / 15.0 - z * (2.0 / 189.0 - z / 675.0)),
+        )
+    coth = 1.0 / math.tanh(x)
+    return coth - 1.0 / x, 1.0 - coth * coth + 1.0 / (x * x)
+
+
+@numba.njit(cache=True)
+def _differential_reluctivity(
+    flux_density: NDArray[np.float64],
+    field: NDArray[np.float64],
+    density_rate: NDArray[np.float64],
+    material: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Slopes dH/dB (m/H) after Jiles and Atherton; `material` holds M_s, a, alpha, k, c."""
+    saturation, a, alpha, k, c = material
+    slopes = np.empty_like(field)
+    for n in range(len(field)):
+        magnetisation = flux_density[n] / mu_0 - field[n]
+        value, slope = _langevin((field[n] + alpha * magnetisation) / a)
+        anhysteretic = saturation * value
+        irreversible = 0.0
+        if c < 1.0:
+            walls = (magnetisation - c * anhysteretic) / (1.0 - c)  # M_irr
+            delta = 1.0 if density_rate[n] >= 0.0 else -1.0
+            irreversible = (1.0 - c) * max((anhysteretic - walls) / (delta * k), 0.0)
+        susceptibility = irreversible + c * saturation / a * slope  # dM/dH_e
+        slopes[n] = (1.0 - alpha * susceptibility) / (mu_0 * (1.0 + (1.0 - alpha) * susceptibility))
+    return slopes
+
+
+def _on_grid(values: NDArray[np.float64], resolution: float) -> NDArray[np.float64]:
+    return values if resolution == 0.0 else resolution * np.round(values / resolution)
