@@ -50,6 +50,37 @@ def describe(
     console.print(_effects(description.effects.entries))
 
 
+@app.command()
+def figures(
+    params: Annotated[
+        Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder to write to.", file_okay=False)] = Path("results/plant"),
+) -> None:
+    """Draw the iron's magnetisation, the static force, and the force over frequency."""
+    from amb_bringup.packages import share_folder
+    from amb_core.errors import PlantError
+    from amb_core.parameters import load_parameters
+    from amb_core.plant import figures as plant_figures
+    from amb_sim_node.parameters import SimulatorParameters
+
+    path = params or share_folder("amb_bringup") / "config" / "paper.yaml"
+    parameters = load_parameters(SimulatorParameters, path, "simulator")
+    out.mkdir(parents=True, exist_ok=True)
+    for name, draw in (
+        ("iron", plant_figures.iron_figure),
+        ("force", plant_figures.force_figure),
+        ("bandwidth", plant_figures.bandwidth_figure),
+    ):
+        try:
+            figure = draw(parameters)
+        except PlantError as problem:
+            typer.echo(f"{name}: not drawn: {problem}", err=True)
+            continue
+        figure.savefig(out / f"{name}.png")
+        typer.echo(f"written to {out / f'{name}.png'}")
+
+
 def _json(description: PlantDescription) -> str:
     import json
     from dataclasses import asdict

@@ -42,6 +42,7 @@ from amb_core.plant.layout import (
     GAP_RELUCTANCE,
     HEAD_SIZE,
     INPUT_NOT_FINITE,
+    LINEAR_IRON,
     MMF,
     NONLINEAR_IRON,
     NOT_FINITE,
@@ -92,7 +93,7 @@ class Arrays(NamedTuple):
     ----------
     state : ndarray, shape (n,)
         State vector, changed by every step.
-    constants, matrices : ndarray, shapes (39,), (22, 12)
+    constants, matrices : ndarray, shapes (40,), (22, 12)
         Scalars of the plant, constant matrices of the magnetic network.
     work : ndarray, shape (bearings * 44,)
         Scratch; keeps the last currents and forces.
@@ -234,8 +235,9 @@ def _set_gap_drops(state, constants, matrices, work, block, scratch, position):
     for j in range(POLES):
         gap = constants[GAP] - x * matrices[COSINE, j] - y * matrices[SINE, j]
         work[scratch + j] = gap * constants[GAP_RELUCTANCE] * state[block + FLUX + j]
-    for j in range(0, POLES, 4):
-        accumulate(matrices, RELUCTANCE, POLES, j, state, block + FLUX, work, scratch + j)
+    if constants[LINEAR_IRON] != 0.0:
+        for j in range(0, POLES, 4):
+            accumulate(matrices, RELUCTANCE, POLES, j, state, block + FLUX, work, scratch + j)
 
 
 @numba.njit(inline="always", error_model="numpy")

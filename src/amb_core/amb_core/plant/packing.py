@@ -113,6 +113,7 @@ def _pack_constants(parameters: PlantParameters, network: MagneticNetwork) -> ND
     eddies = circuit.iron_conductivity * circuit.lamination_thickness**2 / 12.0
     constants[layout.STIFF_SLOPE] = 1.0 / mu_0 - 0.5 * eddies / step
     constants[layout.DIFFUSING_WEIGHT] = solid_journal_terms(parameters).weights.sum() if solid else 0.0
+    constants[layout.LINEAR_IRON] = network.iron_reluctance.any()
     constants[layout.SOLID_JOURNAL] = parameters.iron.solid_journal
     # Backward Euler: its lag behind a ramp is exactly the time constant.
     bandwidth = parameters.sensor.bandwidth

@@ -52,7 +52,7 @@ _RING_COUNT = 2
 _SIZE = POLES + _RING_COUNT
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(inline="always", error_model="numpy")
 def finish_iron_step(state, position, constants, matrices, iron, paths, work, scratch):
     """Make the rates safe, remember them, and move the circulating fluxes.
 
