@@ -12,8 +12,10 @@ import platform
 from collections.abc import Callable
 from pathlib import Path
 
+import averaged_plant
 import c_kernel
 import composed
+import first_call
 import lockstep
 import plant
 from rich.console import Console
@@ -21,7 +23,7 @@ from rich.table import Table
 
 RESULTS = Path(__file__).parents[2] / "results" / "bench.json"
 BENCHMARKS: dict[str, list[Callable[[], dict[str, float | bool]]]] = {
-    "simulator": [plant.measure, c_kernel.measure],
+    "simulator": [plant.measure, c_kernel.measure, averaged_plant.measure, first_call.measure],
     "lockstep": [lockstep.measure],
     "composed": [composed.measure],
 }
