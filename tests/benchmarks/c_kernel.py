@@ -59,10 +59,10 @@ def measure() -> dict[str, float | bool]:
 
 
 def _kernel(plant: Plant) -> Advance:
-    arrays, no_trace = plant._arrays, plant._no_trace
+    table, no_trace = plant._table, plant._no_trace
 
     def advance(references: NDArray[np.float64], steps: int) -> int:
-        return kernel.advance(arrays, references, steps, no_trace)
+        return kernel.advance(table, references, steps, no_trace)
 
     return advance
 

@@ -34,6 +34,7 @@ from amb_core.plant.layout import (
     CURRENT_SUM,
     DELEVITATED,
     DISTURBED,
+    EXTENDED,
     EXTRAPOLATED,
     FLUX,
     FORCE,
@@ -79,7 +80,7 @@ from amb_core.plant.layout import (
     WORK_SIZE,
 )
 from amb_core.plant.network import COILS, POLES
-from amb_core.plant.pointers import view
+from amb_core.plant.pointers import matrix, stack, vector
 from amb_core.plant.products import accumulate
 from amb_core.plant.quasistatic import balance_fluxes
 from amb_core.plant.rotor_kernel import move_modes, move_point_mass, sense, set_contact_force, set_disturbance
@@ -126,13 +127,13 @@ class Arrays(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def advance(arrays: Arrays, references: NDArray[np.float64], steps: int, trace: NDArray[np.float64]) -> int:
+def advance(table: NDArray[np.int64], references: NDArray[np.float64], steps: int, trace: NDArray[np.float64]) -> int:
     """Advance the plant by `steps` internal steps with the control current references held.
 
     Parameters
     ----------
-    arrays : Arrays
-        The plant; its state is changed in place.
+    table : ndarray, shape (12, 4)
+        `address_table` of the plant's `Arrays`; their state is changed in place.
     references : ndarray, shape (2 * bearings,)
         Control current references x, y of each bearing (A).
     steps : int
@@ -146,11 +147,10 @@ def advance(arrays: Arrays, references: NDArray[np.float64], steps: int, trace: 
         OK, DELEVITATED (a journal touched its backup bearing), NOT_FINITE, GAP_CLOSED (a journal reached the poles in
         spite of the backup bearing), or INPUT_NOT_FINITE (nothing done).
     """
-    state, constants = view(arrays.state), view(arrays.constants)
-    matrices, work = view(arrays.matrices), view(arrays.work)
-    iron, material, curve, paths = view(arrays.iron), view(arrays.material), view(arrays.curve), view(arrays.paths)
-    diffusion, quasistatic = view(arrays.diffusion), view(arrays.quasistatic)
-    modes, force = view(arrays.modes), view(arrays.force)
+    # In the order of `Arrays`
+    state, constants, matrices, work = vector(table, 0), vector(table, 1), matrix(table, 2), vector(table, 3)
+    iron, material, curve, paths = stack(table, 4), vector(table, 5), matrix(table, 6), matrix(table, 7)
+    diffusion, quasistatic, modes, force = stack(table, 8), matrix(table, 9), matrix(table, 10), vector(table, 11)
     bearings = references.shape[0] // 2
     for n in range(2 * bearings):
         if not math.isfinite(references[n]):
@@ -159,63 +159,83 @@ def advance(arrays: Arrays, references: NDArray[np.float64], steps: int, trace: 
     phase = int(state[PHASE])
     for bearing in range(bearings):
         set_references(constants, work, bearing * WORK_SIZE, references[2 * bearing], references[2 * bearing + 1])
-    for n in range(steps):
-        # With its offsets known to the compiler, the first bearing takes less time.
-        _step_circuit(state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, 0, phase)
-        if bearings == 2:
-            _step_other_circuit(
-                state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, 1, phase
+    if bearings == 1 and trace.shape[0] == 0 and constants[EXTENDED] == 0.0:
+        # The paper's plant has a loop of its own, out of which the compiler leaves the rest.
+        for _ in range(steps):
+            _step_circuit(
+                state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, 0, phase, False
             )
-        if constants[DISTURBED] != 0.0:
-            set_disturbance(state, constants, force)
-        if trace.shape[0] > 0:
-            _write_trace(state, matrices, work, bearings, modes.shape[1], trace[n])
-            set_energies(iron, diffusion, paths, trace[n, bearings * TRACE_BLOCK_SIZE :])
-        _integrate_circuit(state, constants, work, HEAD_SIZE, 0)
-        if bearings == 2:
-            _integrate_circuit(state, constants, work, HEAD_SIZE + BLOCK_SIZE, WORK_SIZE)
-        if modes.shape[0] == 0:
+            _integrate_circuit(state, constants, work, HEAD_SIZE, 0)
             move_point_mass(state, constants, work, force)
-        else:
-            move_modes(state, constants, modes, work, force, bearings)
-        if constants[SENSOR_LAG] != 1.0:
-            sense(state, constants, modes, bearings)
-        state[STARTED] = 1.0
-        state[STEPS] += 1.0
-        phase += 1
-        if phase == period:
-            phase = 0
+            phase = _count_step(state, phase, period)
+    else:
+        for n in range(steps):
+            # With its offsets known to the compiler, the first bearing takes less time.
+            _step_circuit(
+                state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, 0, phase, True
+            )
+            if bearings == 2:
+                _step_other_circuit(
+                    state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, 1, phase
+                )
+            if constants[DISTURBED] != 0.0:
+                set_disturbance(state, constants, force)
+            if trace.shape[0] > 0:
+                _write_trace(state, matrices, work, bearings, modes.shape[1], trace[n])
+                set_energies(iron, diffusion, paths, trace[n, bearings * TRACE_BLOCK_SIZE :])
+            _integrate_circuit(state, constants, work, HEAD_SIZE, 0)
+            if bearings == 2:
+                _integrate_circuit(state, constants, work, HEAD_SIZE + BLOCK_SIZE, WORK_SIZE)
+            if modes.shape[0] == 0:
+                move_point_mass(state, constants, work, force)
+            else:
+                move_modes(state, constants, modes, work, force, bearings)
+            if constants[SENSOR_LAG] != 1.0:
+                sense(state, constants, modes, bearings)
+            phase = _count_step(state, phase, period)
     state[PHASE] = phase
+    if constants[SENSOR_LAG] == 1.0:
+        sense(state, constants, modes, bearings)
     return _status(state, constants, bearings)
 
 
 @numba.njit(inline="always", error_model="numpy")
+def _count_step(state, phase, period):
+    state[STARTED] = 1.0
+    state[STEPS] += 1.0
+    return phase + 1 if phase + 1 < period else 0
+
+
+@numba.njit(inline="always", error_model="numpy")
 def _step_circuit(
-    state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, bearing, phase
+    state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, bearing, phase, extended
 ):
-    """Amplifiers and fluxes of a bearing over one internal step, and its forces at the start of the step."""
+    """Amplifiers and fluxes of a bearing over one internal step, and its forces at the start of the step.
+
+    Without `extended`, those of the paper's table.
+    """
     block, scratch = HEAD_SIZE + bearing * BLOCK_SIZE, bearing * WORK_SIZE
-    if constants[QUASISTATIC] != 0.0:
+    if extended and constants[QUASISTATIC] != 0.0:
         balance_fluxes(
             state, block, POSITION + 2 * bearing, constants, matrices, iron[bearing], paths, quasistatic, work, scratch
         )
-    _set_gap_drops(state, constants, matrices, work, block, scratch, POSITION + 2 * bearing)
-    if constants[NONLINEAR_IRON] != 0.0:
+    _set_gap_drops(state, constants, matrices, work, block, scratch, POSITION + 2 * bearing, extended)
+    if extended and constants[NONLINEAR_IRON] != 0.0:
         add_iron_drops(state, block, constants, iron[bearing], material, curve, paths, work, scratch)
-    if constants[SOLID_JOURNAL] != 0.0:
+    if extended and constants[SOLID_JOURNAL] != 0.0:
         add_diffusion_drops(state, block, diffusion[bearing], paths, work, scratch)
     _extrapolate_drops(state, matrices, work, block, scratch)
-    if constants[PLAIN_CARRIERS] != 0.0:
+    if not extended or constants[PLAIN_CARRIERS] != 0.0:
         set_voltages(state, constants, work, block, scratch, phase)
     else:
         set_shifted_voltages(state, constants, work, block, scratch, phase)
     _set_rates(matrices, work, scratch)
     if constants[UNIPOLAR] != 0.0 and any_negative_current(work, scratch):
         block_negative_currents(matrices, work, scratch)
-    if constants[NONLINEAR_IRON] != 0.0 and constants[QUASISTATIC] == 0.0:
+    if extended and constants[NONLINEAR_IRON] != 0.0 and constants[QUASISTATIC] == 0.0:
         finish_iron_step(state, POSITION + 2 * bearing, constants, matrices, iron[bearing], paths, work, scratch)
     _set_pull(state, constants, matrices, work, block, scratch)
-    if constants[CONTACT] != 0.0:
+    if extended and constants[CONTACT] != 0.0:
         set_contact_force(state, constants, work, bearing)
 
 
@@ -224,18 +244,18 @@ def _step_other_circuit(
     state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, bearing, phase
 ):
     _step_circuit(
-        state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, bearing, phase
+        state, constants, matrices, work, iron, material, curve, paths, diffusion, quasistatic, bearing, phase, True
     )
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _set_gap_drops(state, constants, matrices, work, block, scratch, position):
+def _set_gap_drops(state, constants, matrices, work, block, scratch, position, extended):
     """Magnetomotive force drops along the gaps and the linear iron of the poles."""
     x, y = state[position], state[position + 1]
     for j in range(POLES):
         gap = constants[GAP] - x * matrices[COSINE, j] - y * matrices[SINE, j]
         work[scratch + j] = gap * constants[GAP_RELUCTANCE] * state[block + FLUX + j]
-    if constants[LINEAR_IRON] != 0.0:
+    if not extended or constants[LINEAR_IRON] != 0.0:
         for j in range(0, POLES, 4):
             accumulate(matrices, RELUCTANCE, POLES, j, state, block + FLUX, work, scratch + j)
 

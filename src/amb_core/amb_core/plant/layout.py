@@ -35,7 +35,8 @@ INDUCTANCE = 36  # of a coil, rotor centred (H)
 STIFF_SLOPE = 37  # dM/dB below which iron is stiff (A/(m T))
 DIFFUSING_WEIGHT = 38  # sum of the weights of a solid journal's terms (-)
 LINEAR_IRON = 39  # switch: the reluctance matrix is not zero
-CONSTANTS_SIZE = 40
+EXTENDED = 40  # switch: whether any effect beyond the paper's table is on
+CONSTANTS_SIZE = 41
 
 # Rows of the matrices array, shape (22, 12)
 RELUCTANCE = 0  # columns of the reluctance matrix of linear iron (8)

@@ -44,10 +44,10 @@ def pack(
     iron = parameters.iron
     diffusion = _pack_diffusion(parameters)
     return Arrays(
-        state=np.zeros(layout.HEAD_SIZE + bearings * layout.BLOCK_SIZE + 4 * coordinates),
+        state=_on_cache_lines(np.zeros(layout.HEAD_SIZE + bearings * layout.BLOCK_SIZE + 4 * coordinates)),
         constants=_pack_constants(parameters, network),
-        matrices=_pack_matrices(network),
-        work=np.zeros(bearings * layout.WORK_SIZE),
+        matrices=_on_cache_lines(_pack_matrices(network)),
+        work=_on_cache_lines(np.zeros(bearings * layout.WORK_SIZE)),
         iron=np.zeros((bearings if iron.saturation else 0, iron_paths.IRON_SIZE, ELEMENTS)),
         material=pack_material(iron) if iron.hysteresis else np.zeros(0),
         curve=pack_curve(iron) if iron.saturation and not iron.hysteresis else np.zeros((0, 0)),
@@ -59,6 +59,16 @@ def pack(
         modes=np.zeros((0, 0)) if rotor is None else pack_modes(rotor),
         force=np.zeros(4),
     )
+
+
+def _on_cache_lines(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The array at an address that begins a cache line, so that its speed does not depend on where memory was free."""
+    line = 64
+    memory = np.zeros(array.nbytes + line, dtype=np.uint8)
+    first = -memory.ctypes.data % line
+    aligned = memory[first : first + array.nbytes].view(np.float64).reshape(array.shape)
+    aligned[...] = array
+    return aligned
 
 
 def _pack_constants(parameters: PlantParameters, network: MagneticNetwork) -> NDArray[np.float64]:
@@ -119,6 +129,10 @@ def _pack_constants(parameters: PlantParameters, network: MagneticNetwork) -> ND
     bandwidth = parameters.sensor.bandwidth
     lag = 1.0 / (2.0 * np.pi * bandwidth) if bandwidth > 0.0 else 0.0
     constants[layout.SENSOR_LAG] = step / (lag + step)
+    effects = (layout.NONLINEAR_IRON, layout.SOLID_JOURNAL, layout.QUASISTATIC, layout.DISTURBED, layout.CONTACT)
+    constants[layout.EXTENDED] = (
+        constants[list(effects)].any() or bandwidth > 0.0 or not constants[layout.PLAIN_CARRIERS]
+    )
     return constants
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from amb_core.plant.magnetostatics import Magnetostatics
 from amb_core.plant.network import COILS, POLES, active_coils, build_network
 from amb_core.plant.packing import pack
 from amb_core.plant.parameters import PlantParameters
+from amb_core.plant.pointers import address_table
 from amb_core.plant.rotor import rotor_model
 from amb_core.plant.rotor_kernel import place_journals
 from amb_core.plant.sensing import Sensing, quantise
@@ -93,11 +95,20 @@ class Plant:
         self._current_resolution = parameters.converters.current_resolution
         self._late_steps = round(parameters.converters.computation_delay * self._steps)
         self._no_trace = np.empty((0, row_size(self.bearings, self._coordinates)))
-        self._sensor_lags = parameters.sensor.bandwidth > 0.0
         self._sensing = Sensing(parameters, 2 * self.bearings)
         self._controller_b = PdController(parameters.controller_b)
         self.sample_time = 1.0 / parameters.integration.sample_rate
+        self._set_views()
         self.reset()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A copy has arrays of its own, so other addresses."""
+        self.__dict__.update(state)
+        self._set_views()
+
+    def _set_views(self) -> None:
+        self._table = address_table(self._arrays)
+        self._sensed = self._arrays.state[layout.SENSED : layout.SENSED + 2 * self.bearings]
 
     def reset(self) -> None:
         """Rotor at rest at its initial position, bias current in all coils with the fluxes of the steady state."""
@@ -112,7 +123,7 @@ class Plant:
             first = layout.HEAD_SIZE + self.bearings * layout.BLOCK_SIZE
             arrays.state[first : first + self._coordinates] = self.rotor.coordinates_at(x, y)
             place_journals(arrays.state, arrays.modes, self.bearings)
-        arrays.state[layout.SENSED : layout.SENSED + 2 * self.bearings] = self._at_sensors()
+        self._sensed[:] = [x, y] if self.rotor is None else self.rotor.sensors @ self.rotor.coordinates_at(x, y)
         for bearing in range(self.bearings):
             self._reset_circuit(bearing, x, y)
 
@@ -121,7 +132,7 @@ class Plant:
         self._sensing.reset()
         self._controller_b.reset()
         self._reference, self._next_reference = np.zeros(2 * self.bearings), np.zeros(2 * self.bearings)
-        self._measured = self._measure()
+        self._measured = self._sensing.measure(self._sensed) if self._sensing.real else self._sensed
 
     def _reset_circuit(self, bearing: int, x: float, y: float) -> None:
         arrays = self._arrays
@@ -143,7 +154,8 @@ class Plant:
     @property
     def position(self) -> tuple[float, float]:
         """Measured rotor position x, y (m)."""
-        return float(self._measured[0]), float(self._measured[1])
+        x, y, *_ = self._measured.tolist()
+        return x, y
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -224,29 +236,14 @@ class Plant:
         if self._current_resolution > 0.0:
             now[:] = quantise(now, self._current_resolution)
         late = self._late_steps
-        status = kernel.advance(self._arrays, before, late, rows[:late]) if late > 0 else layout.OK
+        status = kernel.advance(self._table, before, late, rows[:late]) if late > 0 else layout.OK
         if status in (layout.OK, layout.DELEVITATED) and late < self._steps:
-            status = kernel.advance(self._arrays, now, self._steps - late, rows[late:] if len(rows) else rows)
+            status = kernel.advance(self._table, now, self._steps - late, rows[late:] if len(rows) else rows)
         self._reference, self._next_reference = now, before
         self.samples += 1
         if status != layout.OK:
             self._stop(status, current_x, current_y)
-        self._measured = self._measure()
-
-    def _measure(self) -> NDArray[np.float64]:
-        if self._sensor_lags:
-            position = self._arrays.state[layout.SENSED : layout.SENSED + 2 * self.bearings]
-        else:
-            position = self._at_sensors()
-        return self._sensing.measure(position) if self._sensing.real else position
-
-    def _at_sensors(self) -> NDArray[np.float64]:
-        """Displacement that the sensors see (m); of a point mass, a view of the state."""
-        state = self._arrays.state
-        if self.rotor is None:
-            return state[layout.POSITION : layout.POSITION + 2]
-        first = layout.HEAD_SIZE + self.bearings * layout.BLOCK_SIZE
-        return np.asarray(self.rotor.sensors @ state[first : first + self._coordinates])
+        self._measured = self._sensing.measure(self._sensed) if self._sensing.real else self._sensed
 
     def _check_internal_step(self) -> None:
         """The integrator is stable up to one step per fastest eddy-current time constant; half of that is asked for."""

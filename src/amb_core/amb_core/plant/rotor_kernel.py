@@ -151,7 +151,8 @@ def place_journals(state, modes, bearings):
 
 @numba.njit(cache=True, error_model="numpy")
 def sense(state, constants, modes, bearings):
-    """What the sensors see, behind their low-pass."""
+    """What the sensors see, behind their low-pass; without one, exactly their displacement."""
+    lag = constants[SENSOR_LAG]
     size = modes.shape[1]
     q = HEAD_SIZE + bearings * BLOCK_SIZE
     for axis in range(2 * bearings):
@@ -160,4 +161,4 @@ def sense(state, constants, modes, bearings):
             position = 0.0
             for n in range(size):
                 position += modes[MODE_SENSORS + axis, n] * state[q + n]
-        state[SENSED + axis] += constants[SENSOR_LAG] * (position - state[SENSED + axis])
+        state[SENSED + axis] = lag * position + (1.0 - lag) * state[SENSED + axis]
