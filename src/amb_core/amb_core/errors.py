@@ -23,3 +23,7 @@ class BagError(AmbError):
 
 class IdentificationError(AmbError):
     """The data do not determine the model asked for."""
+
+
+class RegionError(AmbError):
+    """Telemetry cannot be classified into regions of operation."""

@@ -44,10 +44,12 @@ from amb_core.plant.network import COILS, POLES, MagneticNetwork, active_coils, 
 from amb_core.plant.parameters import MagneticCircuitParameters
 
 # Rows of the array: directions Q of pole fluxes and circulating fluxes (10), what they make of the flux densities of
-# the iron's elements (24), and scratch: the matrix to solve (12) and its right-hand side.
+# the iron's elements (24), the matrix of the linear iron in them (12), and scratch: the matrix to solve (12) and its
+# right-hand side.
 _FLUXES = POLES + RING_COUNT
 _DENSITIES = _FLUXES
-_MATRIX = _DENSITIES + ELEMENTS
+_LINEAR = _DENSITIES + ELEMENTS
+_MATRIX = _LINEAR + 12
 _RIGHT = _MATRIX + 12
 _SIZE = _RIGHT + 1
 _MOST_SWEEPS = 60
@@ -64,9 +66,11 @@ def pack_quasistatic(
     free = np.zeros((_FLUXES, directions.shape[1] + len(rings)))
     free[:POLES, : directions.shape[1]] = directions
     free[POLES + rings, directions.shape[1] + np.arange(len(rings))] = 1.0
+    directions_of_poles = free[:POLES]
     array = np.zeros((_SIZE, free.shape[1]))
     array[:_FLUXES] = free
-    array[_DENSITIES:_MATRIX] = magnetostatics.to_flux_density @ free
+    array[_DENSITIES:_LINEAR] = magnetostatics.to_flux_density @ free
+    array[_LINEAR : _LINEAR + free.shape[1]] = directions_of_poles.T @ network.iron_reluctance @ directions_of_poles
     return array
 
 
@@ -140,7 +144,7 @@ def _settle(state, block, position, constants, matrices, iron, paths, quasistati
     for a in range(size):
         quasistatic[_RIGHT, a] = 0.0
         for b in range(size):
-            quasistatic[_MATRIX + a, b] = 0.0
+            quasistatic[_MATRIX + a, b] = quasistatic[_LINEAR + a, b]
     for j in range(POLES):
         own = _gap_reluctance(state, position, constants, matrices, j)
         drop = own * state[block + FLUX + j]
@@ -149,10 +153,7 @@ def _settle(state, block, position, constants, matrices, iron, paths, quasistati
         for a in range(size):
             quasistatic[_RIGHT, a] -= quasistatic[j, a] * drop
             for b in range(a + 1):
-                coupled = own * quasistatic[j, b]
-                for m in range(POLES):
-                    coupled += matrices[RELUCTANCE + m, j] * quasistatic[m, b]
-                quasistatic[_MATRIX + a, b] += quasistatic[j, a] * coupled
+                quasistatic[_MATRIX + a, b] += quasistatic[j, a] * own * quasistatic[j, b]
     if constants[NONLINEAR_IRON] != 0.0:
         set_segments(state, block, paths, work, scratch, iron)
         for element in range(ELEMENTS):
