@@ -32,9 +32,12 @@ def test_hysteresis_loop_is_closed_and_has_the_coercive_field_of_the_material():
     [
         ({}, ["relative permeability 4000"]),
         ({"iron.saturation": True}, ["curve"]),
-        (LOOPS, ["anhysteretic curve", "loop of 0.4 T", "loop of 0.8 T", "loop of 1.2 T", "minor loop, 0.9 T +/- 0.15 T"]),
+        (
+            LOOPS,
+            ["anhysteretic curve", *(f"loop of {peak} T" for peak in (0.4, 0.8, 1.2)), "minor loop, 0.9 T +/- 0.15 T"],
+        ),
     ],
-)  # fmt: skip
+)
 def test_iron_figure_shows_line_curve_or_loops(values, shown):
     assert labels(iron_figure(validate(PlantParameters, values))) == shown
 
