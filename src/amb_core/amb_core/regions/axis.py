@@ -1,0 +1,214 @@
+"""One axis: evidence for regions B and C from its windows, and where each region begins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.regions.front_end import FrontEnd
+from amb_core.regions.history import InputHistory
+from amb_core.regions.input_signal import HIGHEST, InputKind
+from amb_core.regions.parameters import RegionParameters
+from amb_core.regions.slow_signal import HARMONICS, PER_INTERVAL, fit_window, remove_beats, slow_line, variance_change
+from amb_core.regions.state import Onset
+from amb_core.regions.trend import NO_TREND, TrendTest
+
+AUDIBLE = 0.01  # of the oscillation threshold: a decimated reference that moves less needs no linear response
+HIGHEST_HARMONIC = 0.45  # of the decimated rate: harmonics above are gone with decimation
+ALIAS_MARGIN = 1.3  # of the slow band: a beat is followed from a little outside of it
+LOWEST_BIN = 2  # periods per window: slower oscillations are the trend test's
+
+
+@dataclass
+class Features:
+    """What the windows of an axis show at one update; see `amb_core.regions.state.AxisState`."""
+
+    bias: float = 0.0
+    trend: float = 0.0
+    trend_significance: float = 0.0
+    oscillation_amplitude: float = 0.0
+    oscillation_frequency: float = 0.0
+    sampling_beat: bool = False
+
+
+class AxisClassifier:
+    """Regions B and C of one axis.
+
+    Parameters
+    ----------
+    axis : int
+        0 for x, 1 for y.
+    parameters : RegionParameters
+        Thresholds and times.
+    front_end : FrontEnd
+        Windows of both axes.
+    history : InputHistory
+        Inputs of the past, for the onsets.
+    sample_time : float
+        Controller sample time (s).
+    interval : int
+        Steps of an update interval.
+
+    Attributes
+    ----------
+    features : Features
+        What the latest windows show.
+    drift, oscillation : Onset or None
+        Where regions B and C begin that the axis is in now.
+    """
+
+    def __init__(
+        self,
+        axis: int,
+        parameters: RegionParameters,
+        front_end: FrontEnd,
+        history: InputHistory,
+        sample_time: float,
+        interval: int,
+    ) -> None:
+        self._axis = axis
+        self._parameters = parameters
+        self._front_end = front_end
+        self._history = history
+        self._sample_time = sample_time
+        self._interval = interval
+        update = interval * sample_time
+        samples = front_end.position.shape[1]
+        self._window_time = samples / PER_INTERVAL * update
+        self._alarm_level = parameters.false_alarm_rate / 3600.0 * update
+        self._hold = round(parameters.hold_time / update)
+        self._persistence = samples // PER_INTERVAL + 3
+        self._patience = samples // PER_INTERVAL // 4
+        self._trend = TrendTest(round(parameters.trend_window / update), update, parameters.false_alarm_rate / 3600.0)
+        self._unexplained, self._residual, self._cleaned = np.empty((3, samples))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget evidence and regions: the loop is about to settle."""
+        self._trend.reset()
+        self.features = Features()
+        self.drift: Onset | None = None
+        self.oscillation: Onset | None = None
+        self._level = 0.0
+        self._drift_rest = self._oscillation_rest = 0
+        self._candidate: int | None = None
+        self._evidence = 0
+
+    def update(self, step: int) -> None:
+        """Judge the windows whose latest decimated sample lies at a step."""
+        front_end, axis = self._front_end, self._axis
+        source = front_end.sources[axis]
+        self._source = front_end.inputs[source]
+        reference, phase = front_end.reference[source], front_end.phase[source]
+        harmonics = 1
+        limit = min(0.5 / self._sample_time, HIGHEST_HARMONIC * PER_INTERVAL / (self._interval * self._sample_time))
+        if self._source.kind == InputKind.SINE:
+            harmonics = max(1, min(HARMONICS, int(limit / self._source.frequency)))
+        linear = float(np.ptp(reference)) > AUDIBLE * self._parameters.oscillation_threshold
+        fit_window(
+            front_end.position[axis], reference, phase, harmonics, linear, self._unexplained, self._residual
+        )
+        self._judge_bias(step, len(self._unexplained) // PER_INTERVAL // 2)
+        self._judge_oscillation(step)
+
+    def conclude(self, step: int) -> None:
+        """The rotor delevitated: take in the bias of the later half of the window too, so that no drift is overlooked."""
+        for part in range(len(self._unexplained) // PER_INTERVAL // 2 + 1, len(self._unexplained) // PER_INTERVAL):
+            self._judge_bias(step, part)
+
+    def _judge_bias(self, step: int, part: int) -> None:
+        """Region B: take in the bias of one interval of the window."""
+        parameters, features = self._parameters, self.features
+        bias_step = step - len(self._unexplained) * self._interval // PER_INTERVAL + part * self._interval
+        features.bias = float(np.mean(self._unexplained[part * PER_INTERVAL : (part + 1) * PER_INTERVAL]))
+        if self._history.resonant(bias_step, self._axis):
+            if self.drift is None:
+                self._trend.reset()
+                features.trend = features.trend_significance = 0.0
+            return
+        latest = self._trend.add(features.bias)
+        features.trend, features.trend_significance = latest.slope, latest.significance
+        drifting = self._trend.drifting(parameters.drift_threshold)
+        if drifting is not None and self.drift is None:
+            points, self._level = self._trend.beginning(drifting)
+            self.drift = self._history.onset(bias_step + self._interval // 2 - points * self._interval, self._axis)
+        displaced = abs(features.bias - self._level) > parameters.drift_threshold
+        self._drift_rest = 0 if drifting is not None or displaced else self._drift_rest + 1
+        if self._drift_rest > self._hold:
+            self.drift = None
+
+    def _judge_oscillation(self, step: int) -> None:
+        """Region C: look for a line in the slow band that is no beating."""
+        parameters, features = self._parameters, self.features
+        features.oscillation_amplitude = features.oscillation_frequency = 0.0
+        features.sampling_beat = False
+        found = False
+        residual = self._residual
+        highest = self._highest_bin()
+        if highest > LOWEST_BIN:
+            amplitude, line, share, power = slow_line(residual, LOWEST_BIN, highest)
+            found = self._is_oscillation(amplitude, share, highest)
+            loud = power >= 0.5 * parameters.oscillation_threshold**2
+            orders = self._beating_orders() if loud else np.empty(0, np.int64)
+            if len(orders):
+                residual = self._cleaned
+                source = self._front_end.sources[self._axis]
+                remove_beats(self._residual, self._front_end.phase[source], orders, residual)
+                amplitude, line, share, left = slow_line(residual, LOWEST_BIN, highest)
+                features.sampling_beat = left <= (1.0 - parameters.beat_share) * power
+                found = not features.sampling_beat and self._is_oscillation(amplitude, share, highest)
+            features.oscillation_amplitude = amplitude
+            features.oscillation_frequency = line / self._window_time
+        self._note_oscillation(step, found, residual)
+
+    def _note_oscillation(self, step: int, found: bool, residual: NDArray[np.float64]) -> None:
+        """A line must last longer than the window: a jump of the bias stays in the window no longer than that."""
+        if found:
+            self._oscillation_rest = 0
+            self._evidence += 1
+            if self._candidate is None:
+                age = len(residual) - variance_change(residual)
+                self._candidate = step - age * self._interval // PER_INTERVAL
+            if self.oscillation is None and self._evidence >= self._persistence:
+                self.oscillation = self._history.onset(self._candidate, self._axis)
+            return
+        self._oscillation_rest += 1
+        if self._oscillation_rest > self._patience:
+            self._evidence, self._candidate = 0, None
+        if self._oscillation_rest > self._hold:
+            self.oscillation = None
+
+    def _highest_bin(self) -> int:
+        """Upper end of the slow band, in periods per window."""
+        highest = self._parameters.slow_frequency
+        if self._source.kind != InputKind.NONE:
+            highest = min(highest, self._source.frequency / self._parameters.period_ratio)
+        if self._source.kind == InputKind.SINE and self._source.frequency > HIGHEST * 0.5 / self._sample_time:
+            return 0  # near the Nyquist frequency the samples of the sine beat themselves
+        return int(highest * self._window_time)
+
+    def _is_oscillation(self, amplitude: float, share: float, highest: int) -> bool:
+        """Fisher's test for a line in white noise, and the threshold in metres."""
+        lines = highest - LOWEST_BIN + 1
+        critical = 1.0 - (self._alarm_level / lines) ** (1.0 / (lines - 1))
+        return amplitude >= self._parameters.oscillation_threshold and share >= critical
+
+    def _beating_orders(self) -> NDArray[np.int64]:
+        """Harmonics of a sine beyond the Nyquist frequency that fold into the slow band somewhere in the window."""
+        if self._source.kind != InputKind.SINE:
+            return np.empty(0, np.int64)
+        rate = 1.0 / self._sample_time
+        frequency = self._front_end.frequency[self._front_end.sources[self._axis]]
+        order = np.arange(2, self._parameters.beat_order + 1)
+        low, high = order * frequency.min(), order * frequency.max()
+        margin = ALIAS_MARGIN * self._parameters.slow_frequency
+        nearest = np.round(0.5 * (low + high) / rate) * rate
+        return order[(nearest > 0.0) & (low - margin <= nearest) & (nearest <= high + margin)]
+
+
+def gain(response: float, amplitude: float) -> float:
+    """Response per input; 0 without input."""
+    return response / amplitude if amplitude > 0.0 and math.isfinite(response) else 0.0

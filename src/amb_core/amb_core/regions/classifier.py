@@ -1,0 +1,336 @@
+"""The streaming classifier of regions, and the classification of a record as a whole."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.errors import RegionError
+from amb_core.records import LoopRecord
+from amb_core.regions.axis import AxisClassifier, gain
+from amb_core.regions.front_end import FrontEnd
+from amb_core.regions.history import InputHistory
+from amb_core.regions.input_signal import InputFeatures, InputKind
+from amb_core.regions.parameters import RegionParameters
+from amb_core.regions.slow_signal import PER_INTERVAL, TAPS
+from amb_core.regions.state import AxisState, Onset, Region, RegionState
+
+KIND_UPDATES = 5  # updates for which another kind of input must last to count as another excitation
+AMPLITUDE_STEP = 1.25  # ratio of amplitudes from one update to the next that counts as another excitation
+
+
+class RegionClassifier:
+    """Classifies telemetry as it comes, in blocks of any size: the states depend on the samples alone.
+
+    A state is told at every multiple of the update interval, and besides at the step at which the rotor delevitates.
+
+    Parameters
+    ----------
+    parameters : RegionParameters
+        Thresholds and times.
+    sample_time : float
+        Controller sample time (s).
+
+    Attributes
+    ----------
+    gaps : list of tuple of int
+        Missing spans of steps (first, step after the last); the classification restarted after each.
+
+    Raises
+    ------
+    RegionError
+        If an update interval has fewer than ten steps.
+    """
+
+    def __init__(self, parameters: RegionParameters, sample_time: float) -> None:
+        if not (math.isfinite(sample_time) and sample_time > 0.0):
+            raise RegionError(f"sample time {sample_time!r} s is not allowed; it must be positive and finite")
+        self.parameters = parameters
+        self.sample_time = sample_time
+        self._factor = round(parameters.update_interval / sample_time / PER_INTERVAL)
+        if self._factor < 1:
+            raise RegionError(
+                f"update_interval = {parameters.update_interval:g} s is too short for the sample time "
+                f"{sample_time:g} s; it must hold at least {PER_INTERVAL} samples"
+            )
+        self._interval = PER_INTERVAL * self._factor
+        update = self._interval * sample_time
+        self._samples = PER_INTERVAL * round(parameters.oscillation_window / update)
+        self._settling = math.ceil(parameters.settling_time / update)
+        self.gaps: list[tuple[int, int]] = []
+        self._next: int | None = None
+        self._held = np.empty((self._interval, 4))
+        self._restart(0)
+
+    def feed(self, block: LoopRecord) -> list[RegionState]:
+        """Take in a block of telemetry; the states that it completes, oldest first.
+
+        A block that does not continue the last one restarts the classification at its first step.
+
+        Raises
+        ------
+        RegionError
+            If a sample is not finite (none of the block is then taken in) or the sample time is another.
+        """
+        self._check(block)
+        if block.steps == 0:
+            return []
+        if self._next is not None and block.first_step != self._next:
+            if block.first_step > self._next:
+                self.gaps.append((self._next, block.first_step))
+            self._restart(block.first_step)
+        elif self._next is None:
+            self._restart(block.first_step)
+        signals = np.hstack([block.reference, block.position])
+        states: list[RegionState] = []
+        done = 0
+        while done < block.steps:
+            filled = (block.first_step + done) % self._interval
+            taken = min(self._interval - filled, block.steps - done)
+            self._held[filled : filled + taken] = signals[done : done + taken]
+            self._next = block.first_step + done + taken
+            states += self._watch_radius(signals[done : done + taken, 2:], self._next - taken)
+            if filled + taken == self._interval:
+                self._update()
+                states.append(self._state())
+                self._radius = 0.0
+            done += taken
+        return states
+
+    def delevitate(self) -> RegionState:
+        """Take in that the rotor delevitated at the next step, whose sample will not come."""
+        if self._delevitation is None:
+            self._begin_delevitation(0 if self._next is None else self._next)
+        return self._state()
+
+    def _check(self, block: LoopRecord) -> None:
+        if abs(block.sample_time - self.sample_time) > 1e-9 * self.sample_time:
+            raise RegionError(
+                f"telemetry: the sample time is {block.sample_time:g} s at step {block.first_step}; "
+                f"the classifier was made for {self.sample_time:g} s"
+            )
+        for name, signal in (("reference", block.reference), ("position", block.position)):
+            wrong = np.argwhere(~np.isfinite(signal))
+            if len(wrong):
+                row, axis = wrong[0]
+                raise RegionError(
+                    f"telemetry: {name} {'xy'[axis]} is {signal[row, axis]} at step {block.first_step + row}; "
+                    "samples must be finite"
+                )
+
+    def _restart(self, step: int) -> None:
+        """Forget everything: the next sample is the first."""
+        parameters = self.parameters
+        self._front_end = FrontEnd(self.sample_time, self._factor, self._samples)
+        self._history = InputHistory(self.sample_time, parameters.resonance_gain)
+        self._axes = [
+            AxisClassifier(axis, parameters, self._front_end, self._history, self.sample_time, self._interval)
+            for axis in range(2)
+        ]
+        # an interval of which the start is missing is left out
+        self._first_whole = math.ceil(step / self._interval) * self._interval
+        self._delevitation: Onset | None = None
+        self._clear = 0
+        self._radius = 0.0
+        self._judged = step
+        self._linear = [Onset(step, step * self.sample_time, math.nan, False)] * 2
+        self._kinds = [InputKind.NONE] * 2
+        self._kind_ages = [0] * 2
+        self._amplitudes = [0.0] * 2
+        self._settle()
+
+    def _settle(self) -> None:
+        """Judge nothing until the transient is over and the windows hold none of it."""
+        self._unsettled = self._settling + (self._samples + TAPS) // PER_INTERVAL + 1
+        for axis in self._axes:
+            axis.reset()
+
+    def _watch_radius(self, position: NDArray[np.float64], first_step: int) -> list[RegionState]:
+        """Region D: the rotor at the backup bearing."""
+        radius = np.hypot(position[:, 0], position[:, 1])
+        self._radius = max(self._radius, float(radius.max()))
+        beyond = radius >= self.parameters.backup_bearing_radius
+        if not beyond.any() or self._delevitation is not None:
+            return []
+        step = first_step + int(np.argmax(beyond))
+        self._begin_delevitation(step)
+        return [self._state(step)]
+
+    def _begin_delevitation(self, step: int) -> None:
+        if not self._unsettled:
+            for axis in self._axes:
+                axis.conclude(self._judged)
+        self._delevitation = self._onset(step)
+
+    def _leave_backup_bearing(self) -> None:
+        """Region D ends when the rotor has stayed clear of the backup bearing for the hold time."""
+        if self._delevitation is None:
+            return
+        self._clear = 0 if self._radius >= self.parameters.backup_bearing_radius else self._clear + 1
+        if self._clear * self._interval * self.sample_time > self.parameters.hold_time:
+            self._delevitation = None
+            self._settle()
+
+    def _onset(self, step: int) -> Onset:
+        """An onset of the rotor: told with the input of the axis that responds most, y where both are alike."""
+        onsets = [self._history.onset(step, axis) for axis in (1, 0)]
+        return max(onsets, key=lambda onset: (onset.resonance, not math.isnan(onset.input_frequency)))
+
+    def _update(self) -> None:
+        """Judge a complete interval."""
+        assert self._next is not None
+        if self._next - self._interval < self._first_whole:
+            return
+        self._leave_backup_bearing()
+        if not self._front_end.take(self._held[:, :2], self._held[:, 2:]):
+            return
+        self._note_inputs()
+        self._unsettled = max(self._unsettled - 1, 0)
+        if self._unsettled or self._delevitation is not None:
+            return
+        self._judged = self._next - 1 - self._front_end.delay
+        for axis in range(2):
+            before = self._axes[axis].drift or self._axes[axis].oscillation
+            self._axes[axis].update(self._judged)
+            if before and not (self._axes[axis].drift or self._axes[axis].oscillation):
+                self._linear[axis] = self._history.onset(self._next - 1, axis)
+
+    def _note_inputs(self) -> None:
+        """Keep the inputs for the onsets, and settle where the excitation became another."""
+        assert self._next is not None
+        steps, frequencies, gains = [], [], []
+        changed = False
+        for axis in range(2):
+            source = self._front_end.input_of(axis)
+            sine = source.kind == InputKind.SINE
+            steps.append(self._next - 1 - source.span * self._interval // 2)
+            frequencies.append(source.frequency if sine else math.nan)
+            gains.append(gain(self._front_end.response(axis), source.amplitude) if sine else 0.0)
+            changed = self._is_other(axis, self._front_end.inputs[axis]) or changed
+        self._history.add(steps, frequencies, gains)
+        self._gains = gains
+        if changed:
+            for axis in range(2):
+                if self._axes[axis].drift or self._axes[axis].oscillation:
+                    self._linear[axis] = self._history.onset(self._next - 1, axis)
+            self._settle()
+
+    def _is_other(self, axis: int, features: InputFeatures) -> bool:
+        """Whether the excitation of an axis has become another one, by kind or by amplitude of a sine."""
+        before, self._amplitudes[axis] = self._amplitudes[axis], features.amplitude
+        if features.kind != self._kinds[axis]:
+            self._kind_ages[axis] += 1
+            if self._kind_ages[axis] < KIND_UPDATES:
+                return False
+            self._kinds[axis], self._kind_ages[axis] = features.kind, 0
+            return True
+        self._kind_ages[axis] = 0
+        if features.kind != InputKind.SINE or before == 0.0:
+            return False
+        ratio = features.amplitude / before
+        return not 1.0 / AMPLITUDE_STEP < ratio < AMPLITUDE_STEP
+
+    def _state(self, step: int | None = None) -> RegionState:
+        """The state at a step, by default the last one taken in."""
+        axes = [self._axis_state(axis) for axis in range(2)]
+        region = max(axis.region for axis in axes)
+        since = min((axis.since for axis in axes if axis.region == region), key=lambda onset: onset.step)
+        step = (self._next or 1) - 1 if step is None else step
+        return RegionState(step, axes[0], axes[1], region, since, self._radius, self._unsettled == 0)
+
+    def _axis_state(self, axis: int) -> AxisState:
+        judged = self._axes[axis]
+        features = judged.features
+        region, since = Region.A, self._linear[axis]
+        for candidate, onset in (
+            (Region.B, judged.drift),
+            (Region.C, judged.oscillation),
+            (Region.D, self._delevitation),
+        ):
+            if onset is not None:
+                region, since = candidate, onset
+        source = self._front_end.input_of(axis)
+        return AxisState(
+            region=region,
+            since=since,
+            bias=features.bias,
+            trend=features.trend,
+            trend_significance=features.trend_significance,
+            oscillation_amplitude=features.oscillation_amplitude,
+            oscillation_frequency=features.oscillation_frequency,
+            input_frequency=source.frequency,
+            input_amplitude=source.amplitude,
+            response_amplitude=self._front_end.response(axis),
+            sampling_beat=features.sampling_beat,
+        )
+
+
+@dataclass(frozen=True)
+class Classification:
+    """Regions of a whole record.
+
+    Attributes
+    ----------
+    states : list of RegionState
+        One an update.
+    onsets : dict of Region to Onset
+        First onset of B, C and D of the rotor; what did not occur, or only after a higher region, is missing.
+    axis_onsets : tuple of two dicts
+        The same for the axes x and y.
+    """
+
+    states: list[RegionState]
+    onsets: dict[Region, Onset]
+    axis_onsets: tuple[dict[Region, Onset], dict[Region, Onset]]
+
+
+def classify(
+    record: LoopRecord, parameters: RegionParameters | None = None, *, delevitated: bool = False
+) -> Classification:
+    """Classify a record as the streaming classifier does.
+
+    Parameters
+    ----------
+    record : LoopRecord
+        Samples of a loop.
+    parameters : RegionParameters, optional
+        Thresholds and times.
+    delevitated : bool, optional
+        Whether the record ends because the rotor delevitated in its last step (its position there is not recorded).
+
+    Raises
+    ------
+    RegionError
+        If a sample is not finite, or the sample time too long for the update interval.
+    """
+    classifier = RegionClassifier(parameters or RegionParameters(), record.sample_time)
+    states = classifier.feed(record)
+    if delevitated:
+        states.append(classifier.delevitate())
+    axes = (_first_onsets([state.x for state in states]), _first_onsets([state.y for state in states]))
+    rotor: dict[Region, Onset] = {}
+    for region in (Region.B, Region.C, Region.D):
+        found = [onsets[region] for onsets in axes if region in onsets]
+        if found:
+            rotor[region] = min(found, key=lambda onset: onset.step)
+    return Classification(states, _in_order(rotor), axes)
+
+
+def _first_onsets(states: list[AxisState]) -> dict[Region, Onset]:
+    onsets: dict[Region, Onset] = {}
+    for state in states:
+        if state.region != Region.A and state.region not in onsets:
+            onsets[state.region] = state.since
+    return _in_order(onsets)
+
+
+def _in_order(onsets: dict[Region, Onset]) -> dict[Region, Onset]:
+    """Without onsets that come after the one of a higher region."""
+    return {
+        region: onset
+        for region, onset in sorted(onsets.items())
+        if all(onset.step <= onsets[higher].step for higher in onsets if higher > region)
+    }

@@ -1,0 +1,147 @@
+"""From samples to update intervals: the past that filters need, decimated signals, phase of the input and response to it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.regions.input_signal import HIGHEST, NO_INPUT, SPANS, InputFeatures, InputKind, InputTracker, sine_parts
+from amb_core.regions.slow_signal import PER_INTERVAL, TAPS, decimate, decimation_filter
+
+
+@numba.njit(cache=True, error_model="numpy")
+def response_moments(
+    position: NDArray[np.float64], cosine: NDArray[np.float64], sine: NDArray[np.float64], moments: NDArray[np.float64]
+) -> None:
+    """Sums of a fit of 1, cos, sin to an interval of the position, shape (9,)."""
+    moments[:] = 0.0
+    for k in range(len(position)):
+        y, c, s = position[k], cosine[k], sine[k]
+        moments[0] += 1.0
+        moments[1] += c
+        moments[2] += s
+        moments[3] += c * c
+        moments[4] += c * s
+        moments[5] += s * s
+        moments[6] += y
+        moments[7] += y * c
+        moments[8] += y * s
+
+
+class FrontEnd:
+    """Sliding windows of both axes, advanced by one update interval at a time.
+
+    Parameters
+    ----------
+    sample_time : float
+        Controller sample time (s).
+    factor : int
+        Decimation factor; an update interval has `PER_INTERVAL` times as many steps.
+    samples : int
+        Decimated samples of the windows.
+
+    Attributes
+    ----------
+    position : ndarray, shape (2, samples)
+        Decimated position, axes x and y (m); the latest sample last.
+    reference : ndarray, shape (2, samples + TAPS - 1)
+        Decimated reference less its value at the start (m).
+    phase : ndarray, shape (2, samples)
+        Phase of the input at the same steps (rad); 0 where it is no sine.
+    frequency : ndarray, shape (2, samples)
+        Frequency of the input at the same steps (Hz).
+    inputs : list of InputFeatures
+        Inputs on the axes x and y.
+    sources : list of int
+        For each axis the axis whose input it answers.
+    """
+
+    def __init__(self, sample_time: float, factor: int, samples: int) -> None:
+        self._factor = factor
+        self._interval = factor * PER_INTERVAL
+        self._sample_time = sample_time
+        self._coefficients = decimation_filter(factor)
+        self._rows = 18 * factor + 4
+        self._raw = np.zeros((self._rows, 4))
+        self._decimated = np.empty((PER_INTERVAL, 4))
+        self._trackers = [InputTracker(sample_time, self._interval) for _ in range(2)]
+        self._responses = np.zeros((2, SPANS[-1], 9))
+        self._known = 0
+        self.inputs = [NO_INPUT, NO_INPUT]
+        self.sources = [0, 1]
+        self.position = np.zeros((2, samples))
+        self.reference = np.zeros((2, samples + TAPS - 1))
+        self.phase = np.zeros((2, samples))
+        self.frequency = np.zeros((2, samples))
+
+    @property
+    def delay(self) -> int:
+        """Steps from the latest decimated sample to the latest step."""
+        return 4 * self._factor
+
+    def take(self, reference: NDArray[np.float64], position: NDArray[np.float64]) -> bool:
+        """Take in one interval of reference and position (m), each shape (interval, 2); whether there is enough past."""
+        steps = self._interval
+        self._raw[:-steps] = self._raw[steps:].copy()
+        self._raw[-steps:, :2] = reference
+        self._raw[-steps:, 2:] = position
+        self._known = min(self._known + steps, self._rows + steps)
+        if self._known <= self._rows:
+            return False
+        for axis, tracker in enumerate(self._trackers):
+            self.inputs[axis] = tracker.update(self._raw[-steps - 3 :, axis])
+        self.sources = [axis if self.inputs[axis].kind != InputKind.NONE else 1 - axis for axis in range(2)]
+        start = self._rows - 17 * self._factor - 1
+        decimate(self._raw[start:], self._coefficients, self._factor, self._decimated)
+        for axis, tracker in enumerate(self._trackers):
+            _shift(self.reference[axis], self._decimated[:, axis] - tracker.origin)
+            _shift(self.position[axis], self._decimated[:, 2 + axis])
+        self._follow_sines(start + 4 * self._factor)
+        return True
+
+    def input_of(self, axis: int) -> InputFeatures:
+        """The input that an axis answers: its own, or that of the other axis where it has none."""
+        return self.inputs[self.sources[axis]]
+
+    def response(self, axis: int) -> float:
+        """Amplitude (m) of the position of an axis at the frequency of its input; 0 where this is no sine."""
+        source = self.input_of(axis)
+        if source.kind != InputKind.SINE:
+            return 0.0
+        ones, c, s, cc, cs, ss, y, yc, ys = self._responses[axis, -source.span :].sum(axis=0)
+        normal = np.array([[ones, c, s], [c, cc, cs], [s, cs, ss]])
+        if abs(np.linalg.det(normal)) < 1e-6 * ones**3:  # at the Nyquist frequency cosine and sine are one
+            return 0.0
+        fit = np.linalg.solve(normal, np.array([y, yc, ys]))
+        return math.hypot(fit[1], fit[2])
+
+    def _follow_sines(self, first: int) -> None:
+        """Phases of the inputs, and what the position holds of them, in the interval that starts at a row of the past."""
+        steps = self._interval
+        part = slice(first, first + steps)
+        parts = np.zeros((2, 2, steps))
+        for axis, features in enumerate(self.inputs):
+            angular = 2.0 * math.pi * features.frequency * self._sample_time
+            phase = np.zeros(PER_INTERVAL)
+            if features.kind == InputKind.SINE and angular < HIGHEST * math.pi:
+                around = self._raw[first - 1 : first + steps + 1, axis]
+                amplitude = sine_parts(around, angular, parts[axis, 0], parts[axis, 1])
+                self.inputs[axis] = replace(features, amplitude=amplitude)
+                phase = np.arctan2(parts[axis, 1, :: self._factor], parts[axis, 0, :: self._factor])
+            _shift(self.phase[axis], phase)
+            _shift(self.frequency[axis], np.full(PER_INTERVAL, features.frequency))
+        for axis in range(2):
+            cosine, sine = parts[self.sources[axis]]
+            moments = self._responses[axis]
+            moments[:-1] = moments[1:].copy()
+            response_moments(self._raw[part, 2 + axis], cosine, sine, moments[-1])
+
+
+def _shift(window: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+    """Drop the oldest samples of a window for new ones."""
+    window[: -len(values)] = window[len(values) :].copy()
+    window[-len(values) :] = values

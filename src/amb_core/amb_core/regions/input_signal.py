@@ -1,0 +1,161 @@
+"""What the input is: frequency, amplitude and phase of a sine, told from the reference itself, sample by sample.
+
+Differences of the reference know nothing of its nominal value. With the first difference e and the second difference h
+of e, a sine of angular frequency w (per sample) obeys h = -q e, q = 4 sin^2(w/2), and only a sine does: q is fitted over
+one period or more, and one minus the squared correlation of h and e says how far the input is from a sine. The phase
+follows from the central differences d1 = 2 A sin(w) cos(phase) and d2 = -q A sin(phase).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+SPANS = (1, 2, 4, 8, 16)  # update intervals over which a frequency is fitted; the shortest that holds a period is taken
+NOT_A_SINE = 0.1  # one minus squared correlation above which the input is none; a sweep of 250 Hz/s has it below 20 Hz
+MEMORY = 2.0  # s for which an input is remembered after its last change: squares rest between their edges
+HIGHEST = 0.98  # of the Nyquist frequency: above, the samples of a sine no longer tell its phase
+
+
+class InputKind(IntEnum):
+    """What the reference does."""
+
+    NONE = 0
+    SINE = 1
+    OTHER = 2
+
+
+@dataclass(frozen=True)
+class InputFeatures:
+    """The input at one update.
+
+    Attributes
+    ----------
+    kind : InputKind
+        None, a sine (a sweep is one), or anything else.
+    frequency : float
+        Of the sine, else root mean square frequency (Hz); 0 without input.
+    amplitude : float
+        Peak amplitude of the sine, else square root of twice the variance (m).
+    span : int
+        Update intervals over which these were fitted.
+    """
+
+    kind: InputKind
+    frequency: float
+    amplitude: float
+    span: int
+
+
+NO_INPUT = InputFeatures(InputKind.NONE, 0.0, 0.0, 1)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def difference_moments(reference: NDArray[np.float64], origin: float, moments: NDArray[np.float64]) -> None:
+    """Sums of one interval; `reference` holds three samples of the past before it.
+
+    `moments`, shape (5,), receives the sums of h e, e^2, h^2, r - origin and its square.
+    """
+    moments[:] = 0.0
+    for k in range(3, len(reference)):
+        first = reference[k - 1] - reference[k - 2]
+        second = reference[k] - reference[k - 1] - 2.0 * first + reference[k - 2] - reference[k - 3]
+        moved = reference[k] - origin
+        moments[0] += second * first
+        moments[1] += first * first
+        moments[2] += second * second
+        moments[3] += moved
+        moments[4] += moved * moved
+
+
+@numba.njit(cache=True, error_model="numpy")
+def sine_parts(
+    reference: NDArray[np.float64], angular: float, cosine: NDArray[np.float64], sine: NDArray[np.float64]
+) -> float:
+    """Cosine and sine of the phase at each sample but the first and last; returns the root mean square amplitude.
+
+    `angular` is the angular frequency per sample (rad); `cosine` and `sine` are two samples shorter than `reference`.
+    """
+    q = 4.0 * np.sin(0.5 * angular) ** 2
+    double = 2.0 * np.sin(angular)
+    power = 0.0
+    for k in range(len(cosine)):
+        in_phase = (reference[k + 2] - reference[k]) / double
+        quadrature = -(reference[k + 2] - 2.0 * reference[k + 1] + reference[k]) / q
+        squared = in_phase * in_phase + quadrature * quadrature
+        scale = 1.0 / np.sqrt(squared) if squared > 0.0 else 0.0
+        cosine[k], sine[k] = in_phase * scale, quadrature * scale
+        power += squared
+    return np.sqrt(power / len(cosine))
+
+
+class InputTracker:
+    """Follows the reference of one axis from update to update.
+
+    Parameters
+    ----------
+    sample_time : float
+        Controller sample time (s).
+    interval : int
+        Steps of an update interval.
+    """
+
+    def __init__(self, sample_time: float, interval: int) -> None:
+        self._sample_time = sample_time
+        self._interval = interval
+        self._moments = np.zeros((SPANS[-1], 5))
+        self._known = 0
+        self._origin = math.nan
+        self._memory = round(MEMORY / (interval * sample_time))
+        self._rest = self._memory
+
+    @property
+    def origin(self) -> float:
+        """The reference at the start (m)."""
+        return self._origin
+
+    def update(self, reference: NDArray[np.float64]) -> InputFeatures:
+        """Take in an interval of the reference (m) with the three samples before it, shape (interval + 3,)."""
+        if math.isnan(self._origin):
+            self._origin = float(reference[0])
+        self._moments[:-1] = self._moments[1:]
+        difference_moments(reference, self._origin, self._moments[-1])
+        self._known = min(self._known + 1, SPANS[-1])
+        self._rest = 0 if self._moments[-1, 1] > 0.0 else min(self._rest + 1, self._memory)
+        if self._rest == self._memory:
+            return NO_INPUT
+        for span in SPANS:
+            sums = self._moments[-span:].sum(axis=0)
+            sine = self._sine(sums, reference, span) if span <= self._known else None
+            if sine is not None:
+                return sine
+        return self._other(sums)
+
+    def _sine(
+        self, sums: NDArray[np.float64], reference: NDArray[np.float64], span: int
+    ) -> InputFeatures | None:
+        """A sine, if these sums are those of one and hold a period of it."""
+        product, first, second = sums[:3]
+        if not (product < 0.0 and 1.0 - product**2 / (first * second) < NOT_A_SINE):
+            return None
+        angular = 2.0 * math.asin(min(1.0, 0.5 * math.sqrt(-product / first)))
+        frequency = angular / (2.0 * math.pi * self._sample_time)
+        if frequency * span * self._interval * self._sample_time < 1.0:
+            return None
+        # the mean square of a first difference is that of the sine times q / 2
+        amplitude = math.sqrt(2.0 * first / (span * self._interval)) / (2.0 * math.sin(0.5 * angular))
+        return InputFeatures(InputKind.SINE, frequency, amplitude, span)
+
+    def _other(self, sums: NDArray[np.float64]) -> InputFeatures:
+        steps = SPANS[-1] * self._interval
+        variance = max(float(sums[4] / steps - (sums[3] / steps) ** 2), 0.0)
+        if variance == 0.0:
+            return InputFeatures(InputKind.OTHER, 0.0, 0.0, SPANS[-1])
+        half = min(1.0, 0.5 * math.sqrt(sums[1] / steps / variance))
+        frequency = math.asin(half) / (math.pi * self._sample_time)
+        return InputFeatures(InputKind.OTHER, frequency, math.sqrt(2.0 * variance), SPANS[-1])

@@ -1,0 +1,233 @@
+"""The slow part of the position: what is left below some hundred hertz when the linear response is taken out.
+
+All signals are decimated to ten samples an update interval by a linear-phase filter. Over a window, the position is
+fitted by least squares with
+
+- 1, t, t^2: the bias,
+- the decimated reference and its past: the response of any linear loop (a filter with `TAPS` coefficients),
+- second and third harmonic of a sine, with constant and linear amplitude.
+
+The residual shows a slow oscillation as a line of its periodogram. Where a harmonic of the input folds into the slow
+band at the sample rate, its phase is known: lines that it explains are beating.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import firwin
+
+PER_INTERVAL = 10  # decimated samples of an update interval
+TAPS = 16  # decimated samples of the past that the linear response reaches back
+HARMONICS = 3  # highest harmonic taken out of the position; the first is part of the linear response
+BEATS = 3  # harmonics that may beat at the same time
+RIDGE = 1e-9  # of the mean power of the regressors: a sine leaves most of the filter's coefficients undetermined
+
+
+def decimation_filter(factor: int) -> NDArray[np.float64]:
+    """Coefficients of the low-pass, shape (8 factor + 1,): 80 dB at 0.84, flat to 0.2 of the decimated rate."""
+    return firwin(8 * factor + 1, min(1.05 / factor, 0.99), window=("kaiser", 7.9)) if factor > 1 else np.eye(9)[4]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def decimate(
+    signal: NDArray[np.float64], coefficients: NDArray[np.float64], factor: int, decimated: NDArray[np.float64]
+) -> None:
+    """Filter both columns of a signal; sample i of the result is centred on row `(len(coefficients) - 1) / 2 + i factor`."""
+    for i in range(len(decimated)):
+        for axis in range(decimated.shape[1]):
+            total = 0.0
+            for j in range(len(coefficients)):
+                total += coefficients[j] * signal[i * factor + j, axis]
+            decimated[i, axis] = total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def least_squares(
+    columns: NDArray[np.float64], values: NDArray[np.float64], solution: NDArray[np.float64]
+) -> None:
+    """Ridge-regularised least squares by Cholesky; `columns` has one regressor a row, shape (count, samples)."""
+    count, samples = columns.shape
+    normal = np.empty((count, count))
+    for i in range(count):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(samples):
+                total += columns[i, k] * columns[j, k]
+            normal[i, j] = total
+        total = 0.0
+        for k in range(samples):
+            total += columns[i, k] * values[k]
+        solution[i] = total
+    for i in range(count):
+        normal[i, i] *= 1.0 + RIDGE
+        if normal[i, i] == 0.0:
+            normal[i, i] = 1.0
+    for i in range(count):
+        for j in range(i + 1):
+            total = normal[i, j]
+            for k in range(j):
+                total -= normal[i, k] * normal[j, k]
+            normal[i, j] = np.sqrt(max(total, 1e-14 * normal[i, i])) if i == j else total / normal[j, j]
+    for i in range(count):
+        for j in range(i):
+            solution[i] -= normal[i, j] * solution[j]
+        solution[i] /= normal[i, i]
+    for i in range(count - 1, -1, -1):
+        for j in range(i + 1, count):
+            solution[i] -= normal[j, i] * solution[j]
+        solution[i] /= normal[i, i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def fit_window(
+    position: NDArray[np.float64],
+    reference: NDArray[np.float64],
+    phase: NDArray[np.float64],
+    harmonics: int,
+    linear: bool,
+    unexplained: NDArray[np.float64],
+    residual: NDArray[np.float64],
+) -> None:
+    """Take the linear response and the harmonics out of a window of n decimated samples.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n,)
+        Decimated position (m).
+    reference : ndarray, shape (n + TAPS - 1,)
+        Decimated reference less its start (m), from TAPS - 1 samples earlier on.
+    phase : ndarray, shape (n,)
+        Phase of the input sine (rad).
+    harmonics : int
+        Highest harmonic of the sine to take out; 1 for none.
+    linear : bool
+        Whether the decimated reference moves enough to be heard of in the position.
+    unexplained : ndarray, shape (n,)
+        Receives the position without linear response and harmonics: bias and slow oscillation (m).
+    residual : ndarray, shape (n,)
+        Receives the same without the bias (m).
+    """
+    samples = len(position)
+    taps = TAPS if linear else 0
+    count = 3 + taps + 4 * (harmonics - 1)
+    columns = np.empty((count, samples))
+    for k in range(samples):
+        time = 2.0 * k / (samples - 1) - 1.0
+        columns[0, k], columns[1, k], columns[2, k] = 1.0, time, time * time
+        for tap in range(taps):
+            columns[3 + tap, k] = reference[TAPS - 1 + k - tap]
+        for harmonic in range(2, harmonics + 1):
+            row = 3 + taps + 4 * (harmonic - 2)
+            columns[row, k], columns[row + 1, k] = np.cos(harmonic * phase[k]), np.sin(harmonic * phase[k])
+            columns[row + 2, k], columns[row + 3, k] = columns[row, k] * time, columns[row + 1, k] * time
+    solution = np.empty(count)
+    least_squares(columns, position, solution)
+    for k in range(samples):
+        rest = position[k]
+        for i in range(3, count):
+            rest -= solution[i] * columns[i, k]
+        unexplained[k] = rest
+        residual[k] = rest - solution[0] - solution[1] * columns[1, k] - solution[2] * columns[2, k]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def slow_line(residual: NDArray[np.float64], lowest: int, highest: int) -> tuple[float, float, float, float]:
+    """Largest line of a periodogram between two bins of the window.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        Residual of a window (m).
+    lowest, highest : int
+        Bins, counted in periods per window; lines half a bin apart are looked at.
+
+    Returns
+    -------
+    amplitude, bin, share, power
+        Amplitude of the largest line (m), its bin, its share of the power of all bins, and that power (m^2).
+    """
+    samples = len(residual)
+    best, best_bin, largest, total = 0.0, 0.0, 0.0, 0.0
+    for half in range(2 * lowest, 2 * highest + 1):
+        turn = np.pi * half / samples
+        step_cos, step_sin = np.cos(turn), np.sin(turn)
+        cosine, sine, real, imaginary = 1.0, 0.0, 0.0, 0.0
+        for k in range(samples):
+            real += residual[k] * cosine
+            imaginary += residual[k] * sine
+            cosine, sine = cosine * step_cos - sine * step_sin, sine * step_cos + cosine * step_sin
+        power = 2.0 * (real * real + imaginary * imaginary) / samples**2
+        if power > best:
+            best, best_bin = power, 0.5 * half
+        if half % 2 == 0:
+            total += power
+            largest = max(largest, power)
+    share = min(max(best, largest) / total, 1.0) if total > 0.0 else 0.0
+    return np.sqrt(2.0 * best), best_bin, share, total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def remove_beats(
+    residual: NDArray[np.float64], phase: NDArray[np.float64], orders: NDArray[np.int64], cleaned: NDArray[np.float64]
+) -> None:
+    """Take out of a residual what harmonics of the input explain that beat with the sample rate, best first.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        Residual of a window (m).
+    phase : ndarray, shape (n,)
+        Phase of the input sine at the same steps (rad); its harmonics fold at the sample rate by themselves.
+    orders : ndarray
+        Harmonics that may beat.
+    cleaned : ndarray, shape (n,)
+        Receives what is left (m).
+    """
+    samples = len(residual)
+    cleaned[:] = residual
+    columns = np.empty((6, samples))
+    solution = np.empty(6)
+    trial = np.empty(samples)
+    best_trial = np.empty(samples)
+    for _ in range(min(BEATS, len(orders))):
+        before = np.sum(cleaned**2)
+        least = before
+        for order in orders:
+            for k in range(samples):
+                time = 2.0 * k / (samples - 1) - 1.0
+                columns[0, k], columns[1, k] = np.cos(order * phase[k]), np.sin(order * phase[k])
+                for i in range(2, 6):
+                    columns[i, k] = columns[i - 2, k] * time
+            least_squares(columns, cleaned, solution)
+            left = 0.0
+            for k in range(samples):
+                trial[k] = cleaned[k]
+                for i in range(6):
+                    trial[k] -= solution[i] * columns[i, k]
+                left += trial[k] ** 2
+            if left < least:
+                least = left
+                best_trial[:] = trial
+        if least > 0.9 * before:
+            return
+        cleaned[:] = best_trial
+
+
+@numba.njit(cache=True, error_model="numpy")
+def variance_change(residual: NDArray[np.float64]) -> int:
+    """Sample at which the variance most likely changes: the maximum of the Gaussian likelihood, shape (n,) -> index."""
+    samples = len(residual)
+    total = np.sum(residual**2)
+    floor = 1e-12 * total / samples
+    before, best, best_sample = 0.0, np.inf, 0
+    for k in range(samples - 5):
+        before += residual[k] ** 2
+        if k < 4:
+            continue
+        first, second = k + 1, samples - k - 1
+        cost = first * np.log(before / first + floor) + second * np.log((total - before) / second + floor)
+        if cost < best:
+            best, best_sample = cost, k + 1
+    return best_sample

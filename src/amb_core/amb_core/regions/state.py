@@ -1,0 +1,112 @@
+"""What the classifier tells: a region per axis and for the rotor, with the features that led to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class Region(IntEnum):
+    """Regions of operation of the paper, in the order in which a rising input frequency enters them."""
+
+    A = 0
+    """Linear."""
+    B = 1
+    """The bias drifts."""
+    C = 2
+    """Oscillation much slower than the input."""
+    D = 3
+    """Delevitated."""
+
+
+@dataclass(frozen=True)
+class Onset:
+    """Where a region begins.
+
+    Attributes
+    ----------
+    step : int
+        Controller step; for B and C estimated afterwards, so before the step at which it was noticed.
+    time : float
+        Time of that step from step 0 of the run (s).
+    input_frequency : float
+        Frequency of the input at that step (Hz); NaN where the input is no sine.
+    resonance : bool
+        Whether the loop then responded to its input by more than `resonance_gain`: a D with this mark and without a B
+        or C before it is the ordinary resonance of the linear loop.
+    """
+
+    step: int
+    time: float
+    input_frequency: float
+    resonance: bool
+
+
+@dataclass(frozen=True)
+class AxisState:
+    """One axis at one update.
+
+    Attributes
+    ----------
+    region : Region
+        Region of the axis; D holds for both axes.
+    since : Onset
+        Where this region begins.
+    bias : float
+        Bias: position without input, harmonics and slow oscillation (m).
+    trend : float
+        Slope of the bias over the span of the most significant trend test (m/s).
+    trend_significance : float
+        Its t statistic divided by the critical value of the test: significant from 1 on.
+    oscillation_amplitude, oscillation_frequency : float
+        Largest line of the slow band that is no beating (m, Hz).
+    input_frequency : float
+        Instantaneous frequency of a sine, else the root mean square frequency of the input (Hz); 0 without input.
+    input_amplitude : float
+        Peak amplitude of a sine, else the square root of twice the variance (m).
+    response_amplitude : float
+        Peak amplitude of the position at the frequency of a sine (m); 0 for other inputs.
+    sampling_beat : bool
+        Whether there is a slow oscillation that a harmonic of the input, folded at the sample rate, explains.
+    """
+
+    region: Region
+    since: Onset
+    bias: float
+    trend: float
+    trend_significance: float
+    oscillation_amplitude: float
+    oscillation_frequency: float
+    input_frequency: float
+    input_amplitude: float
+    response_amplitude: float
+    sampling_beat: bool
+
+
+@dataclass(frozen=True)
+class RegionState:
+    """Axes and rotor at one update.
+
+    Attributes
+    ----------
+    step : int
+        Last controller step that was taken in.
+    x, y : AxisState
+        The axes.
+    region : Region
+        Region of the rotor: the higher of those of the axes.
+    since : Onset
+        Where the rotor's region begins.
+    radius : float
+        Largest radial position since the last update (m).
+    settled : bool
+        Whether B and C were judged; false in the settling time after a start, a gap or a change of the excitation.
+    """
+
+    step: int
+    x: AxisState
+    y: AxisState
+    region: Region
+    since: Onset
+    radius: float
+    settled: bool

@@ -1,0 +1,182 @@
+"""Region B: a test for a trend of the bias with a stated rate of false alarms, and the step at which the trend begins.
+
+Bias points (one an update interval) are averaged in pairs, pairs of pairs, and so on. On each of these `LEVELS`, the
+means of the first and of the last third of the latest points are compared. With n points in a third, m_1 and m_3 the
+means, s^2 the variance about a straight line through each third and rho the lag-one autocorrelation of what is left,
+
+    t = (m_3 - m_1) / (s sqrt(2 f / n)),  f = (1 + rho) / (1 - rho),    degrees of freedom = 2 (n - 2) / f,
+
+is tested two-sided at the level at which all tests together raise `false_alarm_rate` false alarms at most (union bound).
+Slow drift shows on a long level, a jump of the bias on a short one; lines of their own keep the thirds from taking
+the trend for noise. Source of the correction f: von Storch, Zwiers, "Statistical Analysis in Climate Research",
+Cambridge 1999, section 6.6.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+LEVELS = 6
+
+
+@dataclass(frozen=True)
+class Trend:
+    """Outcome of the latest tests.
+
+    Attributes
+    ----------
+    slope : float
+        Slope of the bias (m/s).
+    significance : float
+        Magnitude of t over its critical value.
+    change : float
+        Slope times span of the test (m).
+    span : int
+        Span of the test in bias points.
+    """
+
+    slope: float
+    significance: float
+    change: float
+    span: int
+
+
+NO_TREND = Trend(0.0, 0.0, 0.0, 0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def compare_thirds(points: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Difference of the means of last and first third, standard deviation and autocorrelation about lines in both.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n,)
+        Bias points (m).
+    """
+    third = len(points) // 3
+    centre = 0.5 * (third - 1)
+    spread = third * (third * third - 1) / 12.0
+    means = np.zeros(2)
+    power, product = 0.0, 0.0
+    for end in range(2):
+        part = points[:third] if end == 0 else points[len(points) - third :]
+        slope = 0.0
+        for k in range(third):
+            means[end] += part[k] / third
+            slope += (k - centre) * (part[k] - part[0]) / spread
+        previous = 0.0
+        for k in range(third):
+            left = part[k] - means[end] - slope * (k - centre)
+            power += left * left
+            product += left * previous
+            previous = left
+    deviation = np.sqrt(power / (2.0 * (third - 2)))
+    return means[1] - means[0], deviation, product / power if power > 0.0 else 0.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def kink(points: NDArray[np.float64]) -> int:
+    """Index at which two straight lines that meet there fit points best, by least squares."""
+    samples = len(points)
+    x_sum, xx_sum = 0.5 * samples * (samples - 1), (samples - 1) * samples * (2 * samples - 1) / 6.0
+    z_sum, xz_sum = 0.0, 0.0
+    for k in range(samples):
+        z_sum += points[k] - points[0]
+        xz_sum += k * (points[k] - points[0])
+    determinant = samples * xx_sum - x_sum * x_sum
+    best, best_index = -1.0, 0
+    tail_z, ramp_z = 0.0, 0.0
+    # the ramp of index s is max(0, k - s); what of it no straight line explains is fitted to the points
+    for s in range(samples - 2, 0, -1):
+        tail_z += points[s + 1] - points[0]
+        ramp_z += tail_z
+        length = samples - 1 - s
+        ramp = 0.5 * length * (length + 1)
+        ramp_ramp = length * (length + 1) * (2 * length + 1) / 6.0
+        ramp_x = ramp_ramp + s * ramp
+        offset = (xx_sum * ramp - x_sum * ramp_x) / determinant
+        slope = (samples * ramp_x - x_sum * ramp) / determinant
+        own = ramp_ramp - offset * ramp - slope * ramp_x
+        common = ramp_z - offset * z_sum - slope * xz_sum
+        explained = common * common / own
+        if explained > best:
+            best, best_index = explained, s
+    return best_index
+
+
+class TrendTest:
+    """Tests the bias of one axis for a trend.
+
+    Parameters
+    ----------
+    points : int
+        Bias points of the shortest test.
+    interval : float
+        Time between bias points (s).
+    false_alarm_rate : float
+        False alarms (1/s) that all tests together may raise.
+    """
+
+    def __init__(self, points: int, interval: float, false_alarm_rate: float) -> None:
+        self._points = points
+        self._interval = interval
+        level = false_alarm_rate * interval / 2.0  # at most two tests an interval
+        self._critical = student.isf(level / 2.0, np.arange(1, 2 * (points // 3) - 3))
+        self._history = np.empty(2 * points << (LEVELS - 1))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all points."""
+        self._count = 0
+        self._levels = [np.empty(0) for _ in range(LEVELS)]
+        self._pending = [math.nan] * LEVELS
+        self._latest = [NO_TREND] * LEVELS
+
+    def add(self, point: float) -> Trend:
+        """Take in a bias point (m); returns the most significant of the latest tests of all levels."""
+        self._history[:-1] = self._history[1:]
+        self._history[-1] = point
+        self._count = min(self._count + 1, len(self._history))
+        for level in range(LEVELS):
+            self._levels[level] = np.append(self._levels[level][-self._points + 1 :], point)
+            if len(self._levels[level]) == self._points:
+                self._latest[level] = self._test(level)
+            if math.isnan(self._pending[level]):
+                self._pending[level] = point
+                break
+            point = 0.5 * (point + self._pending[level])
+            self._pending[level] = math.nan
+        return max(self._latest, key=lambda trend: trend.significance)
+
+    def drifting(self, threshold: float) -> Trend | None:
+        """The shortest test that is significant and whose change reaches the threshold (m)."""
+        for trend in self._latest:
+            if trend.significance >= 1.0 and abs(trend.change) >= threshold:
+                return trend
+        return None
+
+    def beginning(self, trend: Trend) -> tuple[int, float]:
+        """How many points before the latest one a trend began, and the bias before it (m)."""
+        span = min(trend.span * 3 // 2, self._count)
+        points = self._history[-span:]
+        index = kink(points)
+        return span - 1 - index, float(np.mean(points[max(index - 10, 0) : index + 1]))
+
+    def _test(self, level: int) -> Trend:
+        difference, deviation, correlation = compare_thirds(self._levels[level])
+        third = self._points // 3
+        # what is left about a line is less correlated than the noise; first-order correction
+        correlation = min(max(correlation + (3.0 + 3.0 * correlation) / third, 0.0), 0.9)
+        inflation = (1.0 + correlation) / (1.0 - correlation)
+        freedom = max(int(2 * (third - 2) / inflation), 1)
+        error = deviation * math.sqrt(2.0 * inflation / third)
+        significance = abs(difference) / (error * self._critical[freedom - 1] + 1e-15)
+        slope = difference / ((self._points - third) * self._interval * 2**level)
+        span = self._points << level
+        return Trend(slope, float(significance), slope * span * self._interval, span)
