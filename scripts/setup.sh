@@ -7,6 +7,7 @@ cd "$root"
 venv=$root/.venv
 venv_stamp=$venv/.complete     # checkout folder and checksum of requirements.txt; exists only if the install finished
 build_stamp=$root/install/.complete    # checksum of everything that the build depends on; only if the build finished
+kernel_stamp=$root/install/.kernels    # checksum of what is compiled into numba's cache; only if that finished
 
 say() { printf '\033[1m[setup]\033[0m %s\n' "$*"; }
 fail() { printf '[setup] error: %s\n' "$*" >&2; exit 1; }
@@ -55,6 +56,12 @@ build_state() {  # Python sources count by name only: the build links to them
     cat "$venv_stamp"
 }
 
+kernel_state() {
+    { find src/amb_core/amb_core/plant/kernel -name '*.py'; grep -rl --include='*.py' njit src/amb_core/amb_core; } |
+        LC_ALL=C sort -u | xargs cat
+    cat "$venv_stamp"
+}
+
 make_venv() {
     [ "$(uname -sm)" = "Linux x86_64" ] || fail "the ROS 2 wheels exist for x86-64 Linux only, this is $(uname -sm)"
     # Interrupted, moved to another folder, or its Python removed: nothing to build upon.
@@ -93,13 +100,20 @@ build() {
         cat log/latest_build/*/stderr.log >&2
         fail "the build failed; full logs are in log/latest_build"
     fi
-    say "compiling the numerical kernels"
+    build_state | checksum > "$build_stamp"
+}
+
+# numba notices a change of the file that a compiled function stands in, not of what that function calls.
+compile_kernels() {
+    say "compiling the numerical kernels (a minute)"
+    rm -f "$kernel_stamp"
+    find src/amb_core/amb_core -name '*.nb[ic]' -delete
     (
         set +u    # the set-up files that colcon writes do without
         source scripts/env.sh
         python -m amb_core.warm_up
     )
-    build_state | checksum > "$build_stamp"
+    kernel_state | checksum > "$kernel_stamp"
 }
 
 case $root in *[[:space:]]*)
@@ -112,3 +126,4 @@ for tool in git make g++; do command -v "$tool" > /dev/null || missing+=("$tool"
 [ ${#missing[@]} -eq 0 ] || fail "not installed: ${missing[*]} (Debian or Ubuntu: apt install git make g++)"
 if [ "$(cat "$venv_stamp" 2>/dev/null)" != "$(venv_state)" ] || [ ! -x "$venv/bin/python" ]; then make_venv; fi
 if [ ! -d build ] || [ "$(cat "$build_stamp" 2>/dev/null)" != "$(build_state | checksum)" ]; then build; fi
+if [ "$(cat "$kernel_stamp" 2>/dev/null)" != "$(kernel_state | checksum)" ]; then compile_kernels; fi

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from amb_core.control import ControllerParameters, PdController
-from amb_core.plant import AmplifierParameters, IntegrationParameters, Plant, PlantParameters, layout
+from amb_core.plant import AmplifierParameters, IntegrationParameters, Plant, PlantParameters
 from amb_core.plant.averaged import AveragedPlant, coil_references
+from amb_core.plant.kernel import layout
 from amb_core.plant.network import COILS, POLE_ANGLES, POLES
 
 SAMPLES = 500

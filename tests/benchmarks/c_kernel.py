@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.control import ControllerParameters, PdController
-from amb_core.plant import Plant, kernel, layout
+from amb_core.plant import Plant
+from amb_core.plant.kernel import layout
+from amb_core.plant.kernel.advance import advance as kernel_advance
 from amb_core.plant.network import COILS, POLES
 
 SOURCE = Path(__file__).with_name("kernel.c")
@@ -62,7 +64,7 @@ def _kernel(plant: Plant) -> Advance:
     table, no_trace = plant._table, plant._no_trace
 
     def advance(references: NDArray[np.float64], steps: int) -> int:
-        return kernel.advance(table, references, steps, no_trace)
+        return kernel_advance(table, references, steps, no_trace)
 
     return advance
 

@@ -11,7 +11,7 @@ from scipy.special import ive
 
 from amb_core.errors import PlantError
 from amb_core.plant.iron import anhysteretic_field, initial_iron, pack_curve, pack_material, saturation_curve
-from amb_core.plant.iron_kernel import (
+from amb_core.plant.kernel.iron import (
     ELEMENTS,
     FIELD,
     FLUX_DENSITY,
@@ -22,7 +22,7 @@ from amb_core.plant.iron_kernel import (
     advance_hysteresis,
     advance_saturation,
 )
-from amb_core.plant.langevin import ASYMPTOTE_FROM, langevin
+from amb_core.plant.kernel.langevin import ASYMPTOTE_FROM, langevin
 from amb_core.plant.parameters import IronParameters
 
 

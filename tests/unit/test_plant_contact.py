@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from amb_core.control import ControllerParameters, PdController
-from amb_core.plant import AmplifierParameters, Plant, PlantParameters, RotorParameters, layout
+from amb_core.plant import AmplifierParameters, Plant, PlantParameters, RotorParameters
 from amb_core.plant.energy import EnergyAccount
+from amb_core.plant.kernel import layout
 from amb_core.plant.parameters import BackupBearingParameters
 
 MASS, GRAVITY = 6.25, 9.81

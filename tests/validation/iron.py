@@ -19,8 +19,8 @@ from scipy.optimize import brentq
 from scipy.special import ive
 
 from amb_core.plant.iron import anhysteretic_field, initial_iron, pack_material, saturation_curve
-from amb_core.plant.iron_kernel import ELEMENTS, FIELD, TARGET, WORK, advance_hysteresis
-from amb_core.plant.langevin import ASYMPTOTE_FROM, langevin
+from amb_core.plant.kernel.iron import ELEMENTS, FIELD, TARGET, WORK, advance_hysteresis
+from amb_core.plant.kernel.langevin import ASYMPTOTE_FROM, langevin
 from amb_core.plant.parameters import IronParameters
 
 STEEL = IronParameters(

@@ -13,7 +13,7 @@ from scipy.constants import mu_0
 
 from amb_core.plant.eddy import eddy_bandwidth, force_response
 from amb_core.plant.iron import initial_iron, pack_material, saturation_curve
-from amb_core.plant.iron_kernel import ELEMENTS, FIELD, FLUX_DENSITY, TARGET, advance_hysteresis
+from amb_core.plant.kernel.iron import ELEMENTS, FIELD, FLUX_DENSITY, TARGET, advance_hysteresis
 from amb_core.plant.network import COIL_AXES
 from amb_core.plant.operating_point import static_force
 from amb_core.plant.parameters import IronParameters, PlantParameters

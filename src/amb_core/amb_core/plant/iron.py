@@ -1,7 +1,7 @@
 """The magnetic material of poles, back iron and journal: its single-valued curve, and its constants for the kernel.
 
 The curve is the anhysteretic one of the Jiles-Atherton parameters, M = M_s L(H_e / a) with H_e = H + alpha M and the
-Langevin function L, or a user's table. Hysteresis loops run about it (`amb_core.plant.iron_kernel`).
+Langevin function L, or a user's table. Hysteresis loops run about it (`amb_core.plant.kernel.iron`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from scipy.constants import mu_0
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from amb_core.errors import PlantError
-from amb_core.plant import iron_kernel
 from amb_core.plant.bh_table import read_bh_table
-from amb_core.plant.iron_kernel import ELEMENTS, FIELD, FLUX_DENSITY, MAGNETISATION, ROWS, SLOPE, TARGET
-from amb_core.plant.langevin import langevin
+from amb_core.plant.kernel import iron as iron_kernel
+from amb_core.plant.kernel.iron import ELEMENTS, FIELD, FLUX_DENSITY, MAGNETISATION, ROWS, SLOPE, TARGET
+from amb_core.plant.kernel.langevin import langevin
 from amb_core.plant.parameters import IronParameters
 
 _INTERVALS = 4096

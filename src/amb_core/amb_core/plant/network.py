@@ -207,7 +207,7 @@ def _solve_static(
     """The same without eddy currents.
 
     Fluxes that balance, h = N_p S i - E psi, give the currents; the voltages that these leave move the flux linkages
-    by the smallest fluxes, which `amb_core.plant.quasistatic` then balances.
+    by the smallest fluxes, which `amb_core.plant.kernel.quasistatic` then balances.
     """
     solution = np.zeros((POLES + COILS, POLES + COILS))
     placed = POLES + np.array(active)

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
+from scipy.linalg import null_space
 
-from amb_core.plant import iron_paths, layout
 from amb_core.plant.closed_forms import inductance
 from amb_core.plant.eddy import solid_journal_terms
 from amb_core.plant.iron import pack_curve, pack_material
-from amb_core.plant.iron_kernel import ELEMENTS
-from amb_core.plant.kernel import Arrays
+from amb_core.plant.kernel import iron_paths, layout, quasistatic
+from amb_core.plant.kernel.advance import Arrays
+from amb_core.plant.kernel.iron import ELEMENTS
 from amb_core.plant.magnetostatics import Magnetostatics
-from amb_core.plant.network import COILS, POLE_ANGLES, POLES, MagneticNetwork
-from amb_core.plant.parameters import PlantParameters
-from amb_core.plant.quasistatic import pack_quasistatic
+from amb_core.plant.network import COILS, POLE_ANGLES, POLES, MagneticNetwork, active_coils, flux_constraints
+from amb_core.plant.parameters import MagneticCircuitParameters, PlantParameters
 from amb_core.plant.rotor import RotorModel
 
 _UNLIMITED = 1e12
@@ -55,8 +55,8 @@ def pack(
         diffusion=np.repeat(diffusion[np.newaxis], bearings if iron.solid_journal else 0, axis=0),
         quasistatic=np.zeros((0, 0))
         if iron.eddy_currents
-        else pack_quasistatic(parameters.magnetic_circuit, network, magnetostatics),
-        modes=np.zeros((0, 0)) if rotor is None else pack_modes(rotor),
+        else _pack_quasistatic(parameters.magnetic_circuit, network, magnetostatics),
+        modes=np.zeros((0, 0)) if rotor is None else _pack_modes(rotor),
         force=np.zeros(4),
     )
 
@@ -175,7 +175,25 @@ def _pack_diffusion(parameters: PlantParameters) -> NDArray[np.float64]:
     return diffusion
 
 
-def pack_modes(rotor: RotorModel) -> NDArray[np.float64]:
+def _pack_quasistatic(
+    circuit: MagneticCircuitParameters, network: MagneticNetwork, magnetostatics: Magnetostatics
+) -> NDArray[np.float64]:
+    """Directions in which fluxes settle without eddy currents."""
+    bound = np.hstack([network.winding[:, active_coils(circuit)], flux_constraints(circuit.coupling)])
+    directions = null_space(bound.T)
+    rings = magnetostatics.rings
+    free = np.zeros((quasistatic.FLUXES, directions.shape[1] + len(rings)))
+    free[:POLES, : directions.shape[1]] = directions
+    free[POLES + rings, directions.shape[1] + np.arange(len(rings))] = 1.0
+    of_poles = free[:POLES]
+    array = np.zeros((quasistatic.QUASISTATIC_SIZE, free.shape[1]))
+    array[: quasistatic.FLUXES] = free
+    array[quasistatic.DENSITIES : quasistatic.LINEAR] = magnetostatics.to_flux_density @ free
+    array[quasistatic.LINEAR : quasistatic.LINEAR + free.shape[1]] = of_poles.T @ network.iron_reluctance @ of_poles
+    return array
+
+
+def _pack_modes(rotor: RotorModel) -> NDArray[np.float64]:
     """A rotor's equation of motion, solved for the accelerations."""
     modes = np.zeros((layout.MODE_STIFFNESS + 2 * rotor.n, rotor.n))
     modes[layout.MODE_INPUTS : layout.MODE_INPUTS + 4] = np.linalg.solve(rotor.mass, rotor.bearings.T).T

@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 
 from amb_core.control import PdController
 from amb_core.errors import PlantError
-from amb_core.plant import iron_paths, kernel, layout
 from amb_core.plant.iron import initial_iron
+from amb_core.plant.kernel import iron_paths, layout
+from amb_core.plant.kernel.advance import advance
+from amb_core.plant.kernel.pointers import address_table
+from amb_core.plant.kernel.rotor import place_journals
 from amb_core.plant.magnetostatics import Magnetostatics
 from amb_core.plant.network import COILS, POLES, active_coils, build_network
 from amb_core.plant.packing import pack
 from amb_core.plant.parameters import PlantParameters
-from amb_core.plant.pointers import address_table
 from amb_core.plant.rotor import rotor_model
-from amb_core.plant.rotor_kernel import place_journals
 from amb_core.plant.sensing import Sensing, quantise
 from amb_core.plant.trace import Trace, row_size, unpack
 
@@ -236,9 +237,9 @@ class Plant:
         if self._current_resolution > 0.0:
             now[:] = quantise(now, self._current_resolution)
         late = self._late_steps
-        status = kernel.advance(self._table, before, late, rows[:late]) if late > 0 else layout.OK
+        status = advance(self._table, before, late, rows[:late]) if late > 0 else layout.OK
         if status in (layout.OK, layout.DELEVITATED) and late < self._steps:
-            status = kernel.advance(self._table, now, self._steps - late, rows[late:] if len(rows) else rows)
+            status = advance(self._table, now, self._steps - late, rows[late:] if len(rows) else rows)
         self._reference, self._next_reference = now, before
         self.samples += 1
         if status != layout.OK:

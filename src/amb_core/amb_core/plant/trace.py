@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.plant import layout
+from amb_core.plant.kernel import layout
 from amb_core.plant.network import COILS, POLES
 
 

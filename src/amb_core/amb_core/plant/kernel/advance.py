@@ -17,15 +17,15 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.plant.amplifier_kernel import (
+from amb_core.plant.kernel.amplifiers import (
     any_negative_current,
     block_negative_currents,
     set_references,
     set_shifted_voltages,
     set_voltages,
 )
-from amb_core.plant.iron_paths import add_diffusion_drops, add_iron_drops, set_energies
-from amb_core.plant.layout import (
+from amb_core.plant.kernel.iron_paths import add_diffusion_drops, add_iron_drops, set_energies
+from amb_core.plant.kernel.layout import (
     BLOCK_SIZE,
     CONTACT,
     CONTACT_FORCE,
@@ -79,16 +79,16 @@ from amb_core.plant.layout import (
     VOLTAGE,
     WORK_SIZE,
 )
+from amb_core.plant.kernel.pointers import matrix, stack, vector
+from amb_core.plant.kernel.products import accumulate
+from amb_core.plant.kernel.quasistatic import balance_fluxes
+from amb_core.plant.kernel.rotor import move_modes, move_point_mass, sense, set_contact_force, set_disturbance
+from amb_core.plant.kernel.stiff_iron import finish_iron_step
 from amb_core.plant.network import COILS, POLES
-from amb_core.plant.pointers import matrix, stack, vector
-from amb_core.plant.products import accumulate
-from amb_core.plant.quasistatic import balance_fluxes
-from amb_core.plant.rotor_kernel import move_modes, move_point_mass, sense, set_contact_force, set_disturbance
-from amb_core.plant.stiff_iron import finish_iron_step
 
 
 class Arrays(NamedTuple):
-    """The plant as arrays, made by `amb_core.plant.packing` and laid out as in `amb_core.plant.layout`.
+    """The plant as arrays, made by `amb_core.plant.packing` and laid out as in `amb_core.plant.kernel.layout`.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Arrays(NamedTuple):
     diffusion : ndarray, shape (bearings, terms + 2, 12)
         State and coefficients of the diffusion into solid journals; no bearings without.
     quasistatic : ndarray
-        Directions in which the fluxes settle without eddy currents, see `amb_core.plant.quasistatic`; empty with them.
+        Directions in which the fluxes settle without eddy currents, see `kernel.quasistatic`; empty with them.
     modes : ndarray, shape (15 + 2 n, n)
         The rotor's modes; shape (0, 0) for a point mass.
     force : ndarray, shape (4,)

@@ -35,9 +35,9 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from amb_core.plant.langevin import ASYMPTOTE_FROM, DENOMINATOR, NUMERATOR
+from amb_core.plant.kernel.langevin import ASYMPTOTE_FROM, DENOMINATOR, NUMERATOR
+from amb_core.plant.kernel.pointers import data
 from amb_core.plant.network import POLES
-from amb_core.plant.pointers import data
 
 ELEMENTS = 3 * POLES
 """Iron elements of a bearing: poles, back-iron segments, journal segments."""

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import numba
 
-from amb_core.plant.iron_kernel import ELEMENTS, RELUCTIVITY, SLOPE
-from amb_core.plant.iron_paths import (
+from amb_core.plant.kernel.iron import ELEMENTS, RELUCTIVITY, SLOPE
+from amb_core.plant.kernel.iron_paths import (
     BACK_AREA,
     BACK_LENGTH,
     CIRCULATING,
@@ -32,7 +32,7 @@ from amb_core.plant.iron_paths import (
     SEGMENTS,
     SYSTEM,
 )
-from amb_core.plant.layout import (
+from amb_core.plant.kernel.layout import (
     COSINE,
     DIFFUSING_WEIGHT,
     GAP,
@@ -59,7 +59,7 @@ def finish_iron_step(state, position, constants, matrices, iron, paths, work, sc
     Parameters
     ----------
     state, constants, matrices, work, paths, iron : ndarray
-        As in `amb_core.plant.layout` and `iron_paths`; the bearing's iron.
+        As in `amb_core.plant.kernel.layout` and `iron_paths`; the bearing's iron.
     position, scratch : int
         Where the bearing's position and its scratch begin.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numba
 
-from amb_core.plant.layout import (
+from amb_core.plant.kernel.layout import (
     APPLIED,
     BIAS,
     CARRIER_SHIFT,

@@ -11,12 +11,9 @@ from __future__ import annotations
 import math
 
 import numba
-import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import null_space
 
-from amb_core.plant.iron_kernel import ELEMENTS, FIELD, FLUX_DENSITY, RELUCTIVITY, SLOPE, TARGET
-from amb_core.plant.iron_paths import (
+from amb_core.plant.kernel.iron import ELEMENTS, FIELD, FLUX_DENSITY, RELUCTIVITY, SLOPE, TARGET
+from amb_core.plant.kernel.iron_paths import (
     CIRCULATING,
     POLE_AREA,
     POLE_LENGTH,
@@ -26,7 +23,7 @@ from amb_core.plant.iron_paths import (
     add_drops,
     set_segments,
 )
-from amb_core.plant.layout import (
+from amb_core.plant.kernel.layout import (
     COSINE,
     FLUX,
     GAP,
@@ -38,40 +35,19 @@ from amb_core.plant.layout import (
     SOLUTION,
     UNIPOLAR,
 )
-from amb_core.plant.magnetostatics import RINGS as RING_COUNT
-from amb_core.plant.magnetostatics import Magnetostatics
-from amb_core.plant.network import COILS, POLES, MagneticNetwork, active_coils, flux_constraints
-from amb_core.plant.parameters import MagneticCircuitParameters
+from amb_core.plant.network import COILS, POLES
 
 # Rows of the array: directions Q of pole fluxes and circulating fluxes (10), what they make of the flux densities of
 # the iron's elements (24), the matrix of the linear iron in them (12), and scratch: the matrix to solve (12) and its
 # right-hand side.
-_FLUXES = POLES + RING_COUNT
-_DENSITIES = _FLUXES
-_LINEAR = _DENSITIES + ELEMENTS
-_MATRIX = _LINEAR + 12
-_RIGHT = _MATRIX + 12
-_SIZE = _RIGHT + 1
+FLUXES = POLES + 2
+DENSITIES = FLUXES
+LINEAR = DENSITIES + ELEMENTS
+MATRIX = LINEAR + 12
+RIGHT = MATRIX + 12
+QUASISTATIC_SIZE = RIGHT + 1
 _MOST_SWEEPS = 60
 _CURRENT_TOLERANCE = 1e-9  # A
-
-
-def pack_quasistatic(
-    circuit: MagneticCircuitParameters, network: MagneticNetwork, magnetostatics: Magnetostatics
-) -> NDArray[np.float64]:
-    """Array for `balance_fluxes`."""
-    bound = np.hstack([network.winding[:, active_coils(circuit)], flux_constraints(circuit.coupling)])
-    directions = null_space(bound.T)
-    rings = magnetostatics.rings
-    free = np.zeros((_FLUXES, directions.shape[1] + len(rings)))
-    free[:POLES, : directions.shape[1]] = directions
-    free[POLES + rings, directions.shape[1] + np.arange(len(rings))] = 1.0
-    directions_of_poles = free[:POLES]
-    array = np.zeros((_SIZE, free.shape[1]))
-    array[:_FLUXES] = free
-    array[_DENSITIES:_LINEAR] = magnetostatics.to_flux_density @ free
-    array[_LINEAR : _LINEAR + free.shape[1]] = directions_of_poles.T @ network.iron_reluctance @ directions_of_poles
-    return array
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -81,7 +57,7 @@ def balance_fluxes(state, block, position, constants, matrices, iron, paths, qua
     Parameters
     ----------
     state, constants, matrices, work, paths : ndarray
-        As in `amb_core.plant.layout` and `iron_paths`.
+        As in `amb_core.plant.kernel.layout` and `iron_paths`.
     block, position, scratch : int
         Where the bearing's block of the state, its position and its scratch begin.
     iron : ndarray, shape (m, 24)
@@ -142,18 +118,18 @@ def _settle(state, block, position, constants, matrices, iron, paths, quasistati
     """Balance the drops by the free fluxes."""
     size = quasistatic.shape[1]
     for a in range(size):
-        quasistatic[_RIGHT, a] = 0.0
+        quasistatic[RIGHT, a] = 0.0
         for b in range(size):
-            quasistatic[_MATRIX + a, b] = quasistatic[_LINEAR + a, b]
+            quasistatic[MATRIX + a, b] = quasistatic[LINEAR + a, b]
     for j in range(POLES):
         own = _gap_reluctance(state, position, constants, matrices, j)
         drop = own * state[block + FLUX + j]
         for m in range(POLES):
             drop += matrices[RELUCTANCE + m, j] * state[block + FLUX + m]
         for a in range(size):
-            quasistatic[_RIGHT, a] -= quasistatic[j, a] * drop
+            quasistatic[RIGHT, a] -= quasistatic[j, a] * drop
             for b in range(a + 1):
-                quasistatic[_MATRIX + a, b] += quasistatic[j, a] * own * quasistatic[j, b]
+                quasistatic[MATRIX + a, b] += quasistatic[j, a] * own * quasistatic[j, b]
     if constants[NONLINEAR_IRON] != 0.0:
         set_segments(state, block, paths, work, scratch, iron)
         for element in range(ELEMENTS):
@@ -162,13 +138,13 @@ def _settle(state, block, position, constants, matrices, iron, paths, quasistati
             field = volume * _predicted_field(iron, element)
             stiff = volume * (RELUCTIVITY - iron[SLOPE, element])
             for a in range(size):
-                density = quasistatic[_DENSITIES + element, a]
-                quasistatic[_RIGHT, a] -= density * field
+                density = quasistatic[DENSITIES + element, a]
+                quasistatic[RIGHT, a] -= density * field
                 for b in range(a + 1):
-                    quasistatic[_MATRIX + a, b] += stiff * density * quasistatic[_DENSITIES + element, b]
+                    quasistatic[MATRIX + a, b] += stiff * density * quasistatic[DENSITIES + element, b]
     _solve_cholesky(quasistatic, size)
     for a in range(size):
-        change = quasistatic[_RIGHT, a]
+        change = quasistatic[RIGHT, a]
         for j in range(POLES):
             state[block + FLUX + j] += quasistatic[j, a] * change
         if constants[NONLINEAR_IRON] != 0.0:
@@ -181,18 +157,18 @@ def _solve_cholesky(quasistatic, size):
     """Solve in place for the right-hand side; of the matrix, the lower triangle is given."""
     for a in range(size):
         for b in range(a + 1):
-            total = quasistatic[_MATRIX + a, b]
+            total = quasistatic[MATRIX + a, b]
             for n in range(b):
-                total -= quasistatic[_MATRIX + a, n] * quasistatic[_MATRIX + b, n]
-            quasistatic[_MATRIX + a, b] = math.sqrt(total) if a == b else total / quasistatic[_MATRIX + b, b]
+                total -= quasistatic[MATRIX + a, n] * quasistatic[MATRIX + b, n]
+            quasistatic[MATRIX + a, b] = math.sqrt(total) if a == b else total / quasistatic[MATRIX + b, b]
     for a in range(size):
-        total = quasistatic[_RIGHT, a]
+        total = quasistatic[RIGHT, a]
         for n in range(a):
-            total -= quasistatic[_MATRIX + a, n] * quasistatic[_RIGHT, n]
-        quasistatic[_RIGHT, a] = total / quasistatic[_MATRIX + a, a]
+            total -= quasistatic[MATRIX + a, n] * quasistatic[RIGHT, n]
+        quasistatic[RIGHT, a] = total / quasistatic[MATRIX + a, a]
     for back in range(size):
         a = size - 1 - back
-        total = quasistatic[_RIGHT, a]
+        total = quasistatic[RIGHT, a]
         for n in range(a + 1, size):
-            total -= quasistatic[_MATRIX + n, a] * quasistatic[_RIGHT, n]
-        quasistatic[_RIGHT, a] = total / quasistatic[_MATRIX + a, a]
+            total -= quasistatic[MATRIX + n, a] * quasistatic[RIGHT, n]
+        quasistatic[RIGHT, a] = total / quasistatic[MATRIX + a, a]

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numba
 
-from amb_core.plant.iron_kernel import FIELD, ROWS, TARGET, WORK, advance_hysteresis, advance_saturation
-from amb_core.plant.layout import (
+from amb_core.plant.kernel.iron import FIELD, ROWS, TARGET, WORK, advance_hysteresis, advance_saturation
+from amb_core.plant.kernel.layout import (
     EXTRAPOLATED,
     FLUX,
     NONLINEAR_IRON,
@@ -23,8 +23,8 @@ from amb_core.plant.layout import (
     TRACE_DIFFUSION_ENERGY,
     TRACE_IRON_ENERGY,
 )
+from amb_core.plant.kernel.products import accumulate
 from amb_core.plant.network import POLES
-from amb_core.plant.products import accumulate
 
 # Rows of the array of the paths, 8 columns
 SEGMENTS = 0  # columns of the matrix from pole fluxes to segment fluxes (8)
@@ -43,8 +43,8 @@ CIRCULATION = 6  # rate of the flux density that circulates in a ring per mean f
 RINGS = ROWS
 CIRCULATING, CIRCULATING_RATE, CIRCULATING_DRIVE, CIRCULATING_LOSS = 0, 2, 4, 6
 RATES_BEFORE = ROWS + 1  # rates over the previous step of pole fluxes and circulating fluxes (Wb/s)
-PREDICTED = ROWS + 2  # fields, scratch of `amb_core.plant.quasistatic`
-SYSTEM = ROWS + 3  # scratch of `amb_core.plant.stiff_iron` (10)
+PREDICTED = ROWS + 2  # fields, scratch of `kernel.quasistatic`
+SYSTEM = ROWS + 3  # scratch of `kernel.stiff_iron` (10)
 IRON_SIZE = ROWS + 13
 
 # Columns of the diffusion array: 8 memories m_n of a term (Wb) and its coefficients a, b. After the rows of the terms,

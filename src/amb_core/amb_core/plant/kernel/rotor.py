@@ -6,7 +6,7 @@ import math
 
 import numba
 
-from amb_core.plant.layout import (
+from amb_core.plant.kernel.layout import (
     ACCELERATION,
     BLOCK_SIZE,
     CONTACT_DAMPING,
