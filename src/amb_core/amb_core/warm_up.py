@@ -6,13 +6,15 @@ from amb_core.control import ControllerParameters, PdController
 from amb_core.excitation import Square, generate
 from amb_core.identification import identify
 from amb_core.loop import simulate
-from amb_core.plant import Plant
+from amb_core.parameters import validate
+from amb_core.plant import Plant, PlantParameters
 
 
 def warm_up() -> None:
     """Go once through simulation, tracing and identification."""
     plant = Plant()
     plant.trace(0.0, 0.0)
+    Plant(validate(PlantParameters, {"rotor.model": "rigid"}))
     signal = generate(Square(amplitude=10e-6, duration=0.2, frequency=20.0), 10_000.0)
     record = simulate(plant, PdController(ControllerParameters()), 500 + signal.steps, signal.samples, 500)
     for method in ("n4sid", "pem"):
