@@ -15,11 +15,11 @@ from amb_core.plant import (
     PlantParameters,
     RotorParameters,
     Trace,
-    iron_paths,
     linearize,
 )
 from amb_core.plant.closed_forms import current_gain, force_constant, negative_stiffness
 from amb_core.plant.iron import saturation_curve
+from amb_core.plant.kernel import iron_paths
 from amb_core.plant.parameters import (
     BackupBearingParameters,
     ConverterParameters,

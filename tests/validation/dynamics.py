@@ -18,11 +18,11 @@ from amb_core.plant import (
     Plant,
     PlantParameters,
     RotorParameters,
-    iron_kernel,
-    iron_paths,
 )
 from amb_core.plant.closed_forms import AXIS_COSINE, force_constant
 from amb_core.plant.energy import EnergyAccount
+from amb_core.plant.kernel import iron as iron_kernel
+from amb_core.plant.kernel import iron_paths
 from amb_core.plant.network import COIL_POLES, POLES
 from amb_core.plant.parameters import BackupBearingParameters, ConverterParameters, IronParameters, SensorParameters
 
