@@ -16,10 +16,10 @@ from amb_core.plant import (
     PlantParameters,
     RotorParameters,
     Trace,
-    layout,
 )
 from amb_core.plant.closed_forms import current_gain, inductance, negative_stiffness
 from amb_core.plant.energy import EnergyAccount
+from amb_core.plant.kernel import layout
 
 
 def joined(traces: list[Trace]) -> dict[str, np.ndarray]:
