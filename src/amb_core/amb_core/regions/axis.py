@@ -12,14 +12,22 @@ from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory
 from amb_core.regions.input_signal import HIGHEST, InputKind
 from amb_core.regions.parameters import RegionParameters
-from amb_core.regions.slow_signal import HARMONICS, PER_INTERVAL, fit_window, remove_beats, slow_line, variance_change
+from amb_core.regions.slow_signal import (
+    HARMONICS,
+    PER_INTERVAL,
+    fit_window,
+    line_table,
+    remove_beats,
+    slow_line,
+    variance_change,
+)
 from amb_core.regions.state import Onset
-from amb_core.regions.trend import NO_TREND, TrendTest
+from amb_core.regions.trend import TrendTest
 
 AUDIBLE = 0.01  # of the oscillation threshold: a decimated reference that moves less needs no linear response
 HIGHEST_HARMONIC = 0.45  # of the decimated rate: harmonics above are gone with decimation
 ALIAS_MARGIN = 1.3  # of the slow band: a beat is followed from a little outside of it
-LOWEST_BIN = 2  # periods per window: slower oscillations are the trend test's
+LOWEST_BIN = 4  # periods per window: fewer cannot be told from jumps of the bias
 
 
 @dataclass
@@ -83,6 +91,7 @@ class AxisClassifier:
         self._persistence = samples // PER_INTERVAL + 3
         self._patience = samples // PER_INTERVAL // 4
         self._trend = TrendTest(round(parameters.trend_window / update), update, parameters.false_alarm_rate / 3600.0)
+        self._table = line_table(samples, int(parameters.slow_frequency * self._window_time))
         self._unexplained, self._residual, self._cleaned = np.empty((3, samples))
         self.reset()
 
@@ -108,9 +117,7 @@ class AxisClassifier:
         if self._source.kind == InputKind.SINE:
             harmonics = max(1, min(HARMONICS, int(limit / self._source.frequency)))
         linear = float(np.ptp(reference)) > AUDIBLE * self._parameters.oscillation_threshold
-        fit_window(
-            front_end.position[axis], reference, phase, harmonics, linear, self._unexplained, self._residual
-        )
+        fit_window(front_end.position[axis], reference, phase, harmonics, linear, self._unexplained, self._residual)
         self._judge_bias(step, len(self._unexplained) // PER_INTERVAL // 2)
         self._judge_oscillation(step)
 
@@ -141,27 +148,33 @@ class AxisClassifier:
             self.drift = None
 
     def _judge_oscillation(self, step: int) -> None:
-        """Region C: look for a line in the slow band that is no beating."""
+        """Region C: look for a line in the slow band that is no beating.
+
+        Where beating explains a part of it, but less than `beat_share` - the loop may answer a beat in its own way - the
+        window counts neither for nor against an oscillation: one that is real outlasts the beat.
+        """
         parameters, features = self._parameters, self.features
         features.oscillation_amplitude = features.oscillation_frequency = 0.0
-        features.sampling_beat = False
-        found = False
+        features.sampling_beat = doubtful = found = False
         residual = self._residual
         highest = self._highest_bin()
         if highest > LOWEST_BIN:
-            amplitude, line, share, power = slow_line(residual, LOWEST_BIN, highest)
-            found = self._is_oscillation(amplitude, share, highest)
+            amplitude, line, share, power = slow_line(residual, LOWEST_BIN, highest, self._table)
             loud = power >= 0.5 * parameters.oscillation_threshold**2
             orders = self._beating_orders() if loud else np.empty(0, np.int64)
             if len(orders):
                 residual = self._cleaned
                 source = self._front_end.sources[self._axis]
                 remove_beats(self._residual, self._front_end.phase[source], orders, residual)
-                amplitude, line, share, left = slow_line(residual, LOWEST_BIN, highest)
-                features.sampling_beat = left <= (1.0 - parameters.beat_share) * power
-                found = not features.sampling_beat and self._is_oscillation(amplitude, share, highest)
+                amplitude, line, share, left = slow_line(residual, LOWEST_BIN, highest, self._table)
+                explained = 1.0 - left / power
+                features.sampling_beat = explained >= parameters.beat_share
+                doubtful = explained >= 0.5 * parameters.beat_share
+            found = not doubtful and self._is_oscillation(amplitude, share, highest)
             features.oscillation_amplitude = amplitude
             features.oscillation_frequency = line / self._window_time
+        if doubtful:
+            return
         self._note_oscillation(step, found, residual)
 
     def _note_oscillation(self, step: int, found: bool, residual: NDArray[np.float64]) -> None:

@@ -208,10 +208,9 @@ class RegionClassifier:
             sine = source.kind == InputKind.SINE
             steps.append(self._next - 1 - source.span * self._interval // 2)
             frequencies.append(source.frequency if sine else math.nan)
-            gains.append(gain(self._front_end.response(axis), source.amplitude) if sine else 0.0)
+            gains.append(gain(self._front_end.response[axis], source.amplitude) if sine else 0.0)
             changed = self._is_other(axis, self._front_end.inputs[axis]) or changed
         self._history.add(steps, frequencies, gains)
-        self._gains = gains
         if changed:
             for axis in range(2):
                 if self._axes[axis].drift or self._axes[axis].oscillation:
@@ -263,7 +262,7 @@ class RegionClassifier:
             oscillation_frequency=features.oscillation_frequency,
             input_frequency=source.frequency,
             input_amplitude=source.amplitude,
-            response_amplitude=self._front_end.response(axis),
+            response_amplitude=self._front_end.response[axis],
             sampling_beat=features.sampling_beat,
         )
 

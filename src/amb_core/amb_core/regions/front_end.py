@@ -32,6 +32,23 @@ def response_moments(
         moments[8] += y * s
 
 
+@numba.njit(cache=True, error_model="numpy")
+def fitted_amplitude(moments: NDArray[np.float64], span: int) -> float:
+    """Amplitude of the sine in the latest `span` intervals; 0 where cosine and sine are one, at the Nyquist frequency."""
+    sums = np.zeros(9)
+    for row in range(len(moments) - span, len(moments)):
+        sums += moments[row]
+    ones, c, s, cc, cs, ss, y, yc, ys = sums
+    if ones == 0.0:
+        return 0.0
+    cc, cs, ss = cc - c * c / ones, cs - c * s / ones, ss - s * s / ones
+    yc, ys = yc - y * c / ones, ys - y * s / ones
+    determinant = cc * ss - cs * cs
+    if determinant < 1e-6 * ones * ones:
+        return 0.0
+    return np.hypot((ss * yc - cs * ys) / determinant, (cc * ys - cs * yc) / determinant)
+
+
 class FrontEnd:
     """Sliding windows of both axes, advanced by one update interval at a time.
 
@@ -58,6 +75,8 @@ class FrontEnd:
         Inputs on the axes x and y.
     sources : list of int
         For each axis the axis whose input it answers.
+    response : list of float
+        Amplitudes (m) of the position of both axes at the frequency of their input; 0 where this is no sine.
     """
 
     def __init__(self, sample_time: float, factor: int, samples: int) -> None:
@@ -73,6 +92,7 @@ class FrontEnd:
         self._known = 0
         self.inputs = [NO_INPUT, NO_INPUT]
         self.sources = [0, 1]
+        self.response = [0.0, 0.0]
         self.position = np.zeros((2, samples))
         self.reference = np.zeros((2, samples + TAPS - 1))
         self.phase = np.zeros((2, samples))
@@ -107,18 +127,6 @@ class FrontEnd:
         """The input that an axis answers: its own, or that of the other axis where it has none."""
         return self.inputs[self.sources[axis]]
 
-    def response(self, axis: int) -> float:
-        """Amplitude (m) of the position of an axis at the frequency of its input; 0 where this is no sine."""
-        source = self.input_of(axis)
-        if source.kind != InputKind.SINE:
-            return 0.0
-        ones, c, s, cc, cs, ss, y, yc, ys = self._responses[axis, -source.span :].sum(axis=0)
-        normal = np.array([[ones, c, s], [c, cc, cs], [s, cs, ss]])
-        if abs(np.linalg.det(normal)) < 1e-6 * ones**3:  # at the Nyquist frequency cosine and sine are one
-            return 0.0
-        fit = np.linalg.solve(normal, np.array([y, yc, ys]))
-        return math.hypot(fit[1], fit[2])
-
     def _follow_sines(self, first: int) -> None:
         """Phases of the inputs, and what the position holds of them, in the interval that starts at a row of the past."""
         steps = self._interval
@@ -139,6 +147,7 @@ class FrontEnd:
             moments = self._responses[axis]
             moments[:-1] = moments[1:].copy()
             response_moments(self._raw[part, 2 + axis], cosine, sine, moments[-1])
+            self.response[axis] = fitted_amplitude(moments, self.input_of(axis).span)
 
 
 def _shift(window: NDArray[np.float64], values: NDArray[np.float64]) -> None:

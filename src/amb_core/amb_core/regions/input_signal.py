@@ -136,9 +136,7 @@ class InputTracker:
                 return sine
         return self._other(sums)
 
-    def _sine(
-        self, sums: NDArray[np.float64], reference: NDArray[np.float64], span: int
-    ) -> InputFeatures | None:
+    def _sine(self, sums: NDArray[np.float64], reference: NDArray[np.float64], span: int) -> InputFeatures | None:
         """A sine, if these sums are those of one and hold a period of it."""
         product, first, second = sums[:3]
         if not (product < 0.0 and 1.0 - product**2 / (first * second) < NOT_A_SINE):

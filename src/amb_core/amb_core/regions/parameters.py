@@ -15,17 +15,31 @@ class RegionParameters(Parameters):
     )
     update_interval: float = quantity(0.01, "s", "time from one classification to the next", 0.002, 0.1)
     settling_time: float = quantity(
-        0.1, "s", "time for transients of a start or of another excitation to die down; nothing is judged in it", 0.0, 10.0
+        0.1,
+        "s",
+        "time for transients of a start or of another excitation to die down; nothing is judged in it",
+        0.0,
+        10.0,
     )
     false_alarm_rate: float = quantity(
         0.1, "1/h", "false alarms per hour and axis that noise alone may cause, for B and for C each", 1e-6, 1e3
     )
     drift_threshold: float = quantity(
-        2e-6, "m", "smallest change of the bias over the span of a trend test that counts as drift (region B)", 1e-9, 1e-3
+        2e-6,
+        "m",
+        "smallest change of the bias over the span of a trend test that counts as drift (region B)",
+        1e-9,
+        1e-3,
     )
-    trend_window: float = quantity(0.24, "s", "shortest span of a trend test; the others span 2, 4, ... 32 times this", 0.12, 10.0)
+    trend_window: float = quantity(
+        0.24, "s", "shortest span of a trend test; the others span 2, 4, ... 32 times this", 0.12, 10.0
+    )
     resonance_gain: float = quantity(
-        1.0, "-", "response per input from which on a changing bias is put down to the loop's resonance, not to drift", 0.1, 100.0
+        1.0,
+        "-",
+        "response per input from which on a changing bias is put down to the loop's resonance, not to drift",
+        0.1,
+        100.0,
     )
     oscillation_threshold: float = quantity(
         1e-6, "m", "smallest amplitude of a slow oscillation that counts (region C)", 1e-9, 1e-3
@@ -41,9 +55,11 @@ class RegionParameters(Parameters):
         5.0,
         5000.0,
     )
-    beat_order: int = quantity(12, "-", "highest harmonic of the input whose beating with the sample rate is sought", 2, 40)
+    beat_order: int = quantity(
+        17, "-", "highest harmonic of the input whose beating with the sample rate is sought", 2, 40
+    )
     beat_share: float = quantity(
-        0.7, "-", "share of the power of a slow oscillation that beating must explain to be blamed for it", 0.0, 1.0
+        0.5, "-", "share of the power of a slow oscillation that beating must explain to be blamed for it", 0.0, 1.0
     )
     hold_time: float = quantity(0.2, "s", "time without evidence after which a region is left", 0.0, 10.0)
 
@@ -54,10 +70,10 @@ class RegionParameters(Parameters):
             raise ValueError(
                 f"slow_frequency = {self.slow_frequency:g} Hz must not exceed 1.5 / update_interval = {highest:g} Hz"
             )
-        lowest = 4.0 / self.oscillation_window
+        lowest = 6.0 / self.oscillation_window
         if self.slow_frequency < lowest:
             raise ValueError(
                 f"slow_frequency = {self.slow_frequency:g} Hz must be at least "
-                f"4 / oscillation_window = {lowest:g} Hz, or nothing slow is resolved"
+                f"6 / oscillation_window = {lowest:g} Hz, or nothing slow is resolved"
             )
         return self

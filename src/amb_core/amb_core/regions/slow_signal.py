@@ -22,6 +22,7 @@ PER_INTERVAL = 10  # decimated samples of an update interval
 TAPS = 16  # decimated samples of the past that the linear response reaches back
 HARMONICS = 3  # highest harmonic taken out of the position; the first is part of the linear response
 BEATS = 3  # harmonics that may beat at the same time
+ENVELOPE = 4  # coefficients of the polynomial that a beat's amplitude and phase follow over the window
 RIDGE = 1e-9  # of the mean power of the regressors: a sine leaves most of the filter's coefficients undetermined
 
 
@@ -44,9 +45,7 @@ def decimate(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def least_squares(
-    columns: NDArray[np.float64], values: NDArray[np.float64], solution: NDArray[np.float64]
-) -> None:
+def least_squares(columns: NDArray[np.float64], values: NDArray[np.float64], solution: NDArray[np.float64]) -> None:
     """Ridge-regularised least squares by Cholesky; `columns` has one regressor a row, shape (count, samples)."""
     count, samples = columns.shape
     normal = np.empty((count, count))
@@ -132,8 +131,16 @@ def fit_window(
         residual[k] = rest - solution[0] - solution[1] * columns[1, k] - solution[2] * columns[2, k]
 
 
+def line_table(samples: int, highest: int) -> NDArray[np.float64]:
+    """Cosines and sines of the lines at half a bin, one, one and a half ... `highest` bins, shape (2, samples, lines)."""
+    angle = np.outer(np.arange(samples), np.pi * np.arange(2 * highest + 1) / samples)
+    return np.stack([np.cos(angle), np.sin(angle)])
+
+
 @numba.njit(cache=True, error_model="numpy")
-def slow_line(residual: NDArray[np.float64], lowest: int, highest: int) -> tuple[float, float, float, float]:
+def slow_line(
+    residual: NDArray[np.float64], lowest: int, highest: int, table: NDArray[np.float64]
+) -> tuple[float, float, float, float]:
     """Largest line of a periodogram between two bins of the window.
 
     Parameters
@@ -142,6 +149,8 @@ def slow_line(residual: NDArray[np.float64], lowest: int, highest: int) -> tuple
         Residual of a window (m).
     lowest, highest : int
         Bins, counted in periods per window; lines half a bin apart are looked at.
+    table : ndarray, shape (2, n, lines)
+        From `line_table`.
 
     Returns
     -------
@@ -149,23 +158,21 @@ def slow_line(residual: NDArray[np.float64], lowest: int, highest: int) -> tuple
         Amplitude of the largest line (m), its bin, its share of the power of all bins, and that power (m^2).
     """
     samples = len(residual)
-    best, best_bin, largest, total = 0.0, 0.0, 0.0, 0.0
-    for half in range(2 * lowest, 2 * highest + 1):
-        turn = np.pi * half / samples
-        step_cos, step_sin = np.cos(turn), np.sin(turn)
-        cosine, sine, real, imaginary = 1.0, 0.0, 0.0, 0.0
-        for k in range(samples):
-            real += residual[k] * cosine
-            imaginary += residual[k] * sine
-            cosine, sine = cosine * step_cos - sine * step_sin, sine * step_cos + cosine * step_sin
-        power = 2.0 * (real * real + imaginary * imaginary) / samples**2
+    lines = 2 * highest + 1
+    real, imaginary = np.zeros(lines), np.zeros(lines)
+    for k in range(samples):
+        for line in range(2 * lowest, lines):
+            real[line] += residual[k] * table[0, k, line]
+            imaginary[line] += residual[k] * table[1, k, line]
+    best, best_line, total = 0.0, 0, 0.0
+    for line in range(2 * lowest, lines):
+        power = 2.0 * (real[line] ** 2 + imaginary[line] ** 2) / samples**2
         if power > best:
-            best, best_bin = power, 0.5 * half
-        if half % 2 == 0:
+            best, best_line = power, line
+        if line % 2 == 0:
             total += power
-            largest = max(largest, power)
-    share = min(max(best, largest) / total, 1.0) if total > 0.0 else 0.0
-    return np.sqrt(2.0 * best), best_bin, share, total
+    share = min(best / total, 1.0) if total > 0.0 else 0.0
+    return np.sqrt(2.0 * best), 0.5 * best_line, share, total
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -187,8 +194,8 @@ def remove_beats(
     """
     samples = len(residual)
     cleaned[:] = residual
-    columns = np.empty((6, samples))
-    solution = np.empty(6)
+    columns = np.empty((2 * ENVELOPE, samples))
+    solution = np.empty(2 * ENVELOPE)
     trial = np.empty(samples)
     best_trial = np.empty(samples)
     for _ in range(min(BEATS, len(orders))):
@@ -198,13 +205,13 @@ def remove_beats(
             for k in range(samples):
                 time = 2.0 * k / (samples - 1) - 1.0
                 columns[0, k], columns[1, k] = np.cos(order * phase[k]), np.sin(order * phase[k])
-                for i in range(2, 6):
+                for i in range(2, 2 * ENVELOPE):
                     columns[i, k] = columns[i - 2, k] * time
             least_squares(columns, cleaned, solution)
             left = 0.0
             for k in range(samples):
                 trial[k] = cleaned[k]
-                for i in range(6):
+                for i in range(2 * ENVELOPE):
                     trial[k] -= solution[i] * columns[i, k]
                 left += trial[k] ** 2
             if left < least:

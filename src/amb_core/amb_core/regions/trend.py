@@ -110,6 +110,35 @@ def kink(points: NDArray[np.float64]) -> int:
     return best_index
 
 
+@numba.njit(cache=True, error_model="numpy")
+def push(
+    levels: NDArray[np.float64], counts: NDArray[np.int64], pending: NDArray[np.float64], point: float
+) -> int:
+    """Add a point to the first level, and means of pairs to the next ones; the number of levels that got one.
+
+    Parameters
+    ----------
+    levels : ndarray, shape (LEVELS, n)
+        Latest points of each level, the newest last.
+    counts : ndarray, shape (LEVELS,)
+        Points that each level has got so far.
+    pending : ndarray, shape (LEVELS,)
+        Points that wait for the other of their pair; NaN for none.
+    point : float
+        The point (m).
+    """
+    for level in range(len(levels)):
+        levels[level, :-1] = levels[level, 1:].copy()
+        levels[level, -1] = point
+        counts[level] += 1
+        if np.isnan(pending[level]):
+            pending[level] = point
+            return level + 1
+        point = 0.5 * (point + pending[level])
+        pending[level] = np.nan
+    return len(levels)
+
+
 class TrendTest:
     """Tests the bias of one axis for a trend.
 
@@ -134,24 +163,19 @@ class TrendTest:
     def reset(self) -> None:
         """Forget all points."""
         self._count = 0
-        self._levels = [np.empty(0) for _ in range(LEVELS)]
-        self._pending = [math.nan] * LEVELS
+        self._levels = np.zeros((LEVELS, self._points))
+        self._counts = np.zeros(LEVELS, np.int64)
+        self._pending = np.full(LEVELS, math.nan)
         self._latest = [NO_TREND] * LEVELS
 
     def add(self, point: float) -> Trend:
         """Take in a bias point (m); returns the most significant of the latest tests of all levels."""
-        self._history[:-1] = self._history[1:]
+        self._history[:-1] = self._history[1:].copy()
         self._history[-1] = point
         self._count = min(self._count + 1, len(self._history))
-        for level in range(LEVELS):
-            self._levels[level] = np.append(self._levels[level][-self._points + 1 :], point)
-            if len(self._levels[level]) == self._points:
+        for level in range(push(self._levels, self._counts, self._pending, point)):
+            if self._counts[level] >= self._points:
                 self._latest[level] = self._test(level)
-            if math.isnan(self._pending[level]):
-                self._pending[level] = point
-                break
-            point = 0.5 * (point + self._pending[level])
-            self._pending[level] = math.nan
         return max(self._latest, key=lambda trend: trend.significance)
 
     def drifting(self, threshold: float) -> Trend | None:
@@ -171,10 +195,12 @@ class TrendTest:
     def _test(self, level: int) -> Trend:
         difference, deviation, correlation = compare_thirds(self._levels[level])
         third = self._points // 3
-        # what is left about a line is less correlated than the noise; first-order correction
-        correlation = min(max(correlation + (3.0 + 3.0 * correlation) / third, 0.0), 0.9)
+        # what is left about a line is less correlated than the noise (first-order correction), and few points tell the
+        # correlation badly (one standard error to be safe)
+        correlation += (3.0 + 3.0 * correlation) / third + 1.0 / math.sqrt(2 * third)
+        correlation = min(max(correlation, 0.0), 0.9)
         inflation = (1.0 + correlation) / (1.0 - correlation)
-        freedom = max(int(2 * (third - 2) / inflation), 1)
+        freedom = max(int(2 * (third - 2) / inflation), 4)
         error = deviation * math.sqrt(2.0 * inflation / third)
         significance = abs(difference) / (error * self._critical[freedom - 1] + 1e-15)
         slope = difference / ((self._points - third) * self._interval * 2**level)

@@ -1,0 +1,102 @@
+"""Analytic lines of the frequency-amplitude graph, against values worked out by hand for the paper's bearing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from amb_core.control import ControllerParameters
+from amb_core.errors import RegionError
+from amb_core.regions import lines
+
+CONTROLLER = ControllerParameters()
+K_I, K_S, BIAS, INDUCTANCE = 66.0, 3.30e5, 3.0, 7.15e-3
+
+
+def test_command_gain_at_100_hz() -> None:
+    # |20000 + j 2 pi 100 * 38| = sqrt(20000^2 + 23876^2)
+    assert lines.command_gain(100.0, CONTROLLER, sampled=False) == pytest.approx(31_146.0, rel=1e-4)
+
+
+def test_sampled_law_has_a_smaller_derivative_at_high_frequency() -> None:
+    # backward difference: 2 sin(w T / 2) / T = 16180 /s instead of 18850 /s at 3 kHz, delayed by half a sample
+    gain = 20_000.0 + 38.0 * 16_180.3 * 1j * np.exp(-0.3j * math.pi)
+    assert lines.command_gain(3_000.0, CONTROLLER) == pytest.approx(abs(gain), rel=1e-5)
+
+
+def test_sampled_law_is_what_the_controller_does() -> None:
+    from amb_core.control import PdController
+
+    law = PdController(ControllerParameters(current_limit=100.0, derivative_filter=1e-4))
+    reference = 1e-6 * np.sin(2.0 * np.pi * 700.0 * np.arange(4_000) / 10_000.0)
+    current = np.array([law.update(0.0, 0.0, 0.0, r)[1] for r in reference])[1_000:]
+    gain = lines.command_gain(700.0, law.parameters)
+    assert math.sqrt(2.0) * current.std() / 1e-6 == pytest.approx(float(gain), rel=1e-3)
+
+
+def test_with_the_derivative_on_measurement_only_the_proportional_gain_counts() -> None:
+    on_measurement = ControllerParameters(derivative_on="measurement")
+    assert np.all(lines.command_gain([10.0, 5_000.0], on_measurement) == 20_000.0)
+    assert lines.bias_limit(1_000.0, on_measurement, BIAS) == pytest.approx(150e-6)
+
+
+def test_bias_limit_falls_with_frequency() -> None:
+    limits = lines.bias_limit([100.0, 1_000.0], CONTROLLER, BIAS, sampled=False)
+    np.testing.assert_allclose(limits, [96.32e-6, 12.52e-6], rtol=1e-3)
+
+
+def test_slew_limit_of_the_paper() -> None:
+    rate = lines.current_slew_rate(150.0, INDUCTANCE)
+    assert rate == pytest.approx(2.098e4, rel=1e-3)
+    # 20979 A/s / (2 pi 1000 /s * 239600 A/m)
+    assert lines.slew_limit(1_000.0, CONTROLLER, rate, sampled=False) == pytest.approx(13.94e-6, rel=1e-3)
+
+
+@pytest.mark.parametrize(("dither", "gain"), [(0.5, 1.0), (1.0, 1.0), (2.0, 1.0 / 3.0), (1.0 / math.sin(0.25), 0.5 / math.pi)])
+def test_dithered_saturation(dither: float, gain: float) -> None:
+    assert lines.dithered_saturation(1.0, dither) == pytest.approx(gain)
+
+
+def test_dithered_saturation_is_the_average_slope() -> None:
+    phase = np.linspace(0.0, 2.0 * np.pi, 200_001)[:-1]
+    inside = np.abs(0.6 + 2.3 * np.sin(phase)) < 1.0
+    assert lines.dithered_saturation(1.0, 2.3, offset=0.6) == pytest.approx(inside.mean(), abs=1e-4)
+
+
+def test_gain_loss_limit() -> None:
+    # k_s / (k_i K_P) = 0.25, so the dither is 3 A / sin(22.5 deg) = 7.839 A
+    limit = lines.gain_loss_limit(1_000.0, CONTROLLER, BIAS, K_I, K_S, sampled=False)
+    assert limit == pytest.approx(7.839 / 239_600.0, rel=1e-3)
+
+
+def test_lags_of_slow_oscillation() -> None:
+    assert lines.slow_oscillation_lag(CONTROLLER, K_I, K_S) == pytest.approx(2.533e-3, rel=1e-3)
+    assert lines.undamped_lag(CONTROLLER) == pytest.approx(1.9e-3)
+
+
+def test_loop_with_the_undamped_lag_oscillates_at_its_natural_frequency() -> None:
+    mass, lag = 6.25, lines.undamped_lag(CONTROLLER)
+    roots = np.roots([mass * lag, mass, K_I * 38.0 - K_S * lag, K_I * 20_000.0 - K_S])
+    undamped = roots[np.argmax(roots.imag)]
+    assert undamped.real == pytest.approx(0.0, abs=1e-6)
+    assert undamped.imag / (2.0 * math.pi) == pytest.approx(63.3, abs=0.1)
+
+
+def test_effective_negative_stiffness() -> None:
+    np.testing.assert_allclose(lines.effective_negative_stiffness(K_S, [0.0, 3.0], BIAS), [3.30e5, 4.95e5])
+
+
+def test_a_loop_that_cannot_levitate_has_no_lines() -> None:
+    weak = ControllerParameters(proportional_gain=4_000.0)
+    with pytest.raises(RegionError, match="must exceed the negative stiffness"):
+        lines.gain_loss_limit(1_000.0, weak, BIAS, K_I, K_S)
+    with pytest.raises(RegionError, match="does not levitate"):
+        lines.slow_oscillation_lag(weak, K_I, K_S)
+
+
+@pytest.mark.parametrize("frequency", [0.0, -1.0, math.nan, math.inf])
+def test_frequencies_must_be_positive(frequency: float) -> None:
+    with pytest.raises(RegionError, match="frequency = .* must be positive"):
+        lines.bias_limit(frequency, CONTROLLER, BIAS)
