@@ -177,7 +177,7 @@ def test_rotor_without_control_delevitates_and_says_so():
 
 def test_reference_that_is_not_finite_is_refused_before_it_reaches_the_state():
     plant = Plant()
-    with pytest.raises(PlantError, match=r"references nan A, 0\.0 A not finite at sample 1"):
+    with pytest.raises(PlantError, match=r"references nan A, 0\.0 A not finite at sample 1,"):
         plant.advance(float("nan"), 0.0)
 
 

@@ -85,3 +85,11 @@ def test_table_that_is_not_monotone_is_refused_with_file_and_line(tmp_path):
     table.write_text("H,B\n0,0\n100,0.8\n90,1.4\n20000,1.9\n")
     with pytest.raises(PlantError, match=r"steel\.csv.*line 4"):
         plant_with(**SATURATION, **{"iron.bh_table": str(table)})
+
+
+def test_iron_state_has_all_elements_of_nonlinear_iron():
+    density, field = plant_with(**HYSTERESIS).iron_state()
+    assert density.shape == field.shape == (1, 24)
+    assert np.abs(density[0, :8]).mean() == pytest.approx(0.31, abs=0.01)  # T, bias
+    assert (np.sign(density[0, :8]) == np.sign(field[0, :8])).all()
+    assert plant_with().iron_state()[0].shape == (0, 24)

@@ -63,6 +63,18 @@ def test_unknown_parameter_is_refused_and_the_nearest_name_offered():
         ({"rotor.initial_y": -300e-6}, "inside the backup bearing"),
         ({"integration.internal_step": 0.3e-6}, "whole number of internal steps"),
         ({"amplifier.bias_current": 12.0}, "must not exceed current_limit"),
+        ({"amplifier.carriers": "interleaved", "integration.internal_step": 0.2e-6}, "allowed: a multiple of four"),
+        ({"amplifier.limits": False}, "limits are off and switching is on"),
+        ({"amplifier.dead_time": 5e-6}, "must not exceed the shortest pulse"),
+        ({"iron.hysteresis": True}, "hysteresis is on and saturation off"),
+        ({"iron.bh_table": "steel.csv"}, "is given and saturation is off"),
+        ({"iron.saturation": True, "iron.hysteresis": True, "iron.bh_table": "steel.csv"}, "which is a single curve"),
+        ({"iron.solid_journal": True, "iron.eddy_currents": False}, "its lag is eddy currents"),
+        ({"rotor.model": "flexible"}, "needs flexible_rotor.modal_data"),
+        ({"rotor.model": "rigid", "magnetic_circuit.actuators": "top_coil"}, "pull along y only"),
+        ({"rotor.model": "rigid", "controller_b.sample_rate": 5e3}, "must equal integration.sample_rate"),
+        ({"rigid_rotor.bearing_a": 0.2}, "A is the side of -z"),
+        ({"rigid_rotor.polar_inertia": 1.0}, "cannot exceed twice its transverse_inertia"),
     ],
 )
 def test_parameters_that_contradict_each_other_are_refused(values, reason):

@@ -261,6 +261,11 @@ class PlantParameters(Parameters):
                     f"the period of {name} = {frequency:g} Hz must be a whole number of internal steps; "
                     f"integration.internal_step = {step:g} s goes {ratio:g} times into it"
                 )
+        if self.amplifier.carriers == "interleaved" and self.amplifier.switching and self.steps_per_period % 4 != 0:
+            raise ValueError(
+                f"amplifier.carriers = 'interleaved' shifts by a quarter of the switching period, which has "
+                f"{self.steps_per_period} internal steps; allowed: a multiple of four"
+            )
         radius, gap = self.rotor.backup_bearing_radius, self.magnetic_circuit.air_gap
         if radius >= gap:
             raise ValueError(f"rotor.backup_bearing_radius = {radius:g} m must be smaller than the air gap, {gap:g} m")

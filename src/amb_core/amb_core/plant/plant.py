@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from amb_core.errors import PlantError
 from amb_core.plant.iron import initial_iron
 from amb_core.plant.kernel import iron_paths, layout
 from amb_core.plant.kernel.advance import advance
+from amb_core.plant.kernel.iron import FIELD, FLUX_DENSITY
 from amb_core.plant.kernel.pointers import address_table
 from amb_core.plant.kernel.rotor import place_journals
 from amb_core.plant.magnetostatics import Magnetostatics
@@ -215,6 +217,14 @@ class Plant:
             | (np.hypot(position[:, 0], position[:, 1]) >= self.parameters.rotor.backup_bearing_radius),
         )
 
+    def iron_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Flux density (T) and field (A/m) of nonlinear iron, each of shape (bearings, 24).
+
+        Elements are the 8 poles, then the segments of the back iron, then those of the journal; no bearings for linear
+        iron.
+        """
+        return self._arrays.iron[:, FLUX_DENSITY].copy(), self._arrays.iron[:, FIELD].copy()
+
     def static_flux(self, coil_currents: NDArray[np.float64], x: float, y: float) -> NDArray[np.float64]:
         """Pole fluxes (Wb), shape (8,), of constant coil currents (A), shape (4,), at a rotor position (m)."""
         return self.magnetostatics.solve(coil_currents, x, y).flux
@@ -226,6 +236,11 @@ class Plant:
     def _advance(self, current_x: float, current_y: float, rows: NDArray[np.float64]) -> None:
         if self.delevitated:
             raise PlantError(f"the rotor delevitated at sample {self.samples}; reset the plant")
+        if not (isfinite(current_x) and isfinite(current_y)):
+            raise PlantError(
+                f"control current references {current_x} A, {current_y} A not finite at sample {self.samples + 1}, "
+                f"{(self.samples + 1) * self.sample_time:.6f} s"
+            )
         before, now = self._reference, self._next_reference
         now[0], now[1] = current_x, current_y
         if self.bearings == 2:
@@ -243,7 +258,7 @@ class Plant:
         self._reference, self._next_reference = now, before
         self.samples += 1
         if status != layout.OK:
-            self._stop(status, current_x, current_y)
+            self._stop(status)
         self._measured = self._sensing.measure(self._sensed) if self._sensing.real else self._sensed
 
     def _check_internal_step(self) -> None:
@@ -269,13 +284,11 @@ class Plant:
                 f"{0.1 / (np.pi * step):.3g} Hz"
             )
 
-    def _stop(self, status: int, current_x: float, current_y: float) -> None:
+    def _stop(self, status: int) -> None:
         if status == layout.DELEVITATED:
             self.delevitated = True
             return
         when = f"at sample {self.samples}, {self.samples * self.sample_time:.6f} s"
-        if status == layout.INPUT_NOT_FINITE:
-            raise PlantError(f"control current references {current_x} A, {current_y} A not finite {when}")
         state = self._arrays.state
         if status == layout.GAP_CLOSED:
             raise PlantError(

@@ -42,7 +42,6 @@ from amb_core.plant.kernel.layout import (
     GAP_CLOSED,
     GAP_RELUCTANCE,
     HEAD_SIZE,
-    INPUT_NOT_FINITE,
     LINEAR_IRON,
     MMF,
     NONLINEAR_IRON,
@@ -135,7 +134,7 @@ def advance(table: NDArray[np.int64], references: NDArray[np.float64], steps: in
     table : ndarray, shape (12, 4)
         `address_table` of the plant's `Arrays`; their state is changed in place.
     references : ndarray, shape (2 * bearings,)
-        Control current references x, y of each bearing (A).
+        Control current references x, y of each bearing (A), finite.
     steps : int
         Internal steps.
     trace : ndarray, shape (steps, m) or (0, m)
@@ -144,17 +143,14 @@ def advance(table: NDArray[np.int64], references: NDArray[np.float64], steps: in
     Returns
     -------
     int
-        OK, DELEVITATED (a journal touched its backup bearing), NOT_FINITE, GAP_CLOSED (a journal reached the poles in
-        spite of the backup bearing), or INPUT_NOT_FINITE (nothing done).
+        OK, DELEVITATED (a journal touched its backup bearing), NOT_FINITE, or GAP_CLOSED (a journal reached the poles
+        in spite of the backup bearing).
     """
     # In the order of `Arrays`
     state, constants, matrices, work = vector(table, 0), vector(table, 1), matrix(table, 2), vector(table, 3)
     iron, material, curve, paths = stack(table, 4), vector(table, 5), matrix(table, 6), matrix(table, 7)
     diffusion, quasistatic, modes, force = stack(table, 8), matrix(table, 9), matrix(table, 10), vector(table, 11)
     bearings = references.shape[0] // 2
-    for n in range(2 * bearings):
-        if not math.isfinite(references[n]):
-            return INPUT_NOT_FINITE
     period = int(constants[PERIOD])
     phase = int(state[PHASE])
     for bearing in range(bearings):

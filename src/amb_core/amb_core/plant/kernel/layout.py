@@ -73,4 +73,4 @@ MODE_SENSORS = 11  # displacement at the sensors (4)
 MODE_STIFFNESS = 15  # columns of the acceleration per coordinate (n), then those per rate (n)
 
 # Status
-OK, DELEVITATED, NOT_FINITE, INPUT_NOT_FINITE, GAP_CLOSED = range(5)
+OK, DELEVITATED, NOT_FINITE, GAP_CLOSED = range(4)
