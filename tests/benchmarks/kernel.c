@@ -96,8 +96,6 @@ static void block_negative_currents(const Matrices *m, double *voltage, double *
 int advance(State *restrict s, const double *restrict c, const Matrices *restrict m, const double *restrict control,
             long steps)
 {
-    if (!isfinite(control[0]) || !isfinite(control[1]))
-        return INPUT_NOT_FINITE;
     const double h = c[STEP];
     const int period = (int)c[PERIOD];
     int phase = (int)s->phase;
