@@ -24,7 +24,9 @@ class DiagnosticsReporter:
         self._timer = node.create_timer(period, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def publish(self) -> None:
-        """Publish the present state now."""
+        """Publish the present state now; nothing once the node is being shut down."""
+        if not self._node.context.ok():
+            return
         level, summary, values = self._report()
         status = DiagnosticStatus(
             level=level,
