@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from amb_bringup.cli import app
 from amb_core.control import ControllerParameters
 from amb_core.errors import ParameterError, PlantError
-from amb_core.parameters import validate
+from amb_core.parameters import load_parameters, validate
 from amb_core.plant import (
     IntegrationParameters,
     MagneticCircuitParameters,
@@ -117,6 +117,13 @@ def effects_that_are_on(**values) -> set[str]:
 )  # fmt: skip
 def test_every_effect_is_switched_by_name(values, switched):
     assert effects_that_are_on(**values) == PAPER_EFFECTS ^ switched
+
+
+def test_the_rig_is_the_paper_s_bearing_twice_under_a_rotor_of_twice_the_mass():
+    rig = describe(load_parameters(PlantParameters, PAPER_FILE.with_name("rig.yaml"), "simulator"))
+    assert {"two_bearings", "hysteresis", "contact"} < {entry.name for entry in rig.effects.entries if entry.value}
+    assert rig.sag == pytest.approx(66e-6, abs=2e-6)
+    assert rig.natural_frequency_y == pytest.approx(62.0, abs=2.0)
 
 
 def test_without_gravity_the_rotor_does_not_sag():
