@@ -1,21 +1,25 @@
 """Onsets that are planted in synthetic telemetry are found, and none where there is none.
 
 A case is a sweep (or another excitation) through a linear loop with random natural frequency and damping, with white
-sensor noise and white force noise, to which at most one thing is added: a drift of the bias, a slow oscillation, contact
-with the backup bearing, or a harmonic of the input that folds at the sample rate.
+sensor noise and white force noise, to which at most one thing is added: a drift of the bias, a slow oscillation,
+contact with the backup bearing, or a harmonic of the input that folds at the sample rate.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
 from amb_core.excitation import excitation_from_request, generate
 from amb_core.records import LoopRecord
 from amb_core.regions import Region, classify
+from amb_core.regions.slow_signal import variance_change
+from amb_core.regions.trend import TrendTest, kink
 
 RATE = 10_000.0
 FAMILIES = ("drift", "oscillation", "contact", "resonance", "beat", "noise")
@@ -148,3 +152,42 @@ def outcomes(seed: int, cases: int) -> Counter[tuple[str, str]]:
         case = draw(FAMILIES[number % len(FAMILIES)], np.random.default_rng([seed, number]))
         counts[case.family, judge(case)] += 1
     return counts
+
+
+def assert_told_apart(counts: Counter[tuple[str, str]]) -> None:
+    """At least 95 % of the planted onsets are found within 2 % in frequency; at most 2 % of the rest have one."""
+    planted = {key: count for key, count in counts.items() if key[0] in PLANTED}
+    found = sum(count for key, count in planted.items() if key[1] == "found")
+    assert found >= 0.95 * sum(planted.values()), counts
+    false = sum(count for key, count in counts.items() if key[1].startswith("false"))
+    assert false <= 0.02 * sum(counts.values()), counts
+
+
+def test_planted_onsets_are_found() -> None:
+    assert_told_apart(outcomes(seed=1, cases=12))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_planted_onsets_are_found_in_200_cases() -> None:
+    assert_told_apart(outcomes(seed=7, cases=200))
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.3])
+def test_noise_raises_no_more_alarms_than_stated(correlation: float) -> None:
+    noise = lfilter([1.0], [1.0, -correlation], np.random.default_rng(5).normal(scale=1e-6, size=20_000))
+    interval, rate = 0.01, 1.0
+    test = TrendTest(24, interval, rate)
+    alarmed = np.array([test.add(point).significance >= 1.0 for point in noise])
+    alarms = np.count_nonzero(alarmed[1:] & ~alarmed[:-1])
+    assert alarms <= rate * interval * len(noise)
+
+
+def test_a_kink_is_found_where_it_is() -> None:
+    points = 1e-6 * np.concatenate([np.full(60, 3.0), 3.0 - 0.5 * np.arange(1, 31)])
+    assert kink(points) == 59
+
+
+def test_a_change_of_variance_is_found_where_it_is() -> None:
+    noise = np.random.default_rng(2).normal(size=200) * np.where(np.arange(200) < 130, 1.0, 6.0)
+    assert variance_change(noise) == pytest.approx(130, abs=2)

@@ -14,7 +14,9 @@ from amb_core.regions.input_signal import HIGHEST, InputKind
 from amb_core.regions.parameters import RegionParameters
 from amb_core.regions.slow_signal import (
     HARMONICS,
+    INAUDIBLE,
     PER_INTERVAL,
+    TAPS,
     fit_window,
     line_table,
     remove_beats,
@@ -24,7 +26,7 @@ from amb_core.regions.slow_signal import (
 from amb_core.regions.state import Onset
 from amb_core.regions.trend import TrendTest
 
-AUDIBLE = 0.01  # of the oscillation threshold: a decimated reference that moves less needs no linear response
+MOTION = 1e-6  # m: a decimated reference that moves more shows the static gain of the loop
 HIGHEST_HARMONIC = 0.45  # of the decimated rate: harmonics above are gone with decimation
 ALIAS_MARGIN = 1.3  # of the slow band: a beat is followed from a little outside of it
 LOWEST_BIN = 4  # periods per window: fewer cannot be told from jumps of the bias
@@ -98,6 +100,7 @@ class AxisClassifier:
     def reset(self) -> None:
         """Forget evidence and regions: the loop is about to settle."""
         self._trend.reset()
+        self._static_gain = 0.0
         self.features = Features()
         self.drift: Onset | None = None
         self.oscillation: Onset | None = None
@@ -111,18 +114,36 @@ class AxisClassifier:
         front_end, axis = self._front_end, self._axis
         source = front_end.sources[axis]
         self._source = front_end.inputs[source]
-        reference, phase = front_end.reference[source], front_end.phase[source]
+        reference = front_end.reference[source] - front_end.origin[source]
+        phase = front_end.phase[source]
         harmonics = 1
         limit = min(0.5 / self._sample_time, HIGHEST_HARMONIC * PER_INTERVAL / (self._interval * self._sample_time))
         if self._source.kind == InputKind.SINE:
             harmonics = max(1, min(HARMONICS, int(limit / self._source.frequency)))
-        linear = float(np.ptp(reference)) > AUDIBLE * self._parameters.oscillation_threshold
-        fit_window(front_end.position[axis], reference, phase, harmonics, linear, self._unexplained, self._residual)
+        linear = float(np.ptp(reference)) > INAUDIBLE
+        gain = fit_window(
+            front_end.position[axis], reference, phase, harmonics, linear, self._unexplained, self._residual
+        )
+        if self._source.kind == InputKind.OTHER:
+            self._take_out_static_response(reference, gain)
         self._judge_bias(step, len(self._unexplained) // PER_INTERVAL // 2)
         self._judge_oscillation(step)
 
+    def _take_out_static_response(self, reference: NDArray[np.float64], gain: float) -> None:
+        """Between the edges of a slow square, only the static gain tells what of the position is no bias."""
+        middle = len(self._unexplained) // PER_INTERVAL // 2 * PER_INTERVAL
+        past = reference[middle - 1 : middle + PER_INTERVAL + TAPS - 1]
+        if np.ptp(past) > MOTION:
+            if self._static_gain == 0.0:
+                self._trend.reset()  # bias points so far hold the response to a constant reference
+            self._static_gain = gain
+        elif np.ptp(past) <= INAUDIBLE:
+            part = slice(middle, middle + PER_INTERVAL)
+            position = self._front_end.position[self._axis, part]
+            self._unexplained[part] = position - self._static_gain * reference[middle + TAPS - 1]
+
     def conclude(self, step: int) -> None:
-        """The rotor delevitated: take in the bias of the later half of the window too, so that no drift is overlooked."""
+        """The rotor delevitated: take in the bias of the later half of the window too, for a drift that led there."""
         for part in range(len(self._unexplained) // PER_INTERVAL // 2 + 1, len(self._unexplained) // PER_INTERVAL):
             self._judge_bias(step, part)
 
@@ -150,8 +171,8 @@ class AxisClassifier:
     def _judge_oscillation(self, step: int) -> None:
         """Region C: look for a line in the slow band that is no beating.
 
-        Where beating explains a part of it, but less than `beat_share` - the loop may answer a beat in its own way - the
-        window counts neither for nor against an oscillation: one that is real outlasts the beat.
+        Where beating explains a part of it, but less than `beat_share` - the loop may answer a beat in its own way -
+        the window counts neither for nor against an oscillation: one that is real outlasts the beat.
         """
         parameters, features = self._parameters, self.features
         features.oscillation_amplitude = features.oscillation_frequency = 0.0

@@ -151,13 +151,15 @@ class RegionClassifier:
     def _watch_radius(self, position: NDArray[np.float64], first_step: int) -> list[RegionState]:
         """Region D: the rotor at the backup bearing."""
         radius = np.hypot(position[:, 0], position[:, 1])
-        self._radius = max(self._radius, float(radius.max()))
         beyond = radius >= self.parameters.backup_bearing_radius
-        if not beyond.any() or self._delevitation is not None:
-            return []
-        step = first_step + int(np.argmax(beyond))
-        self._begin_delevitation(step)
-        return [self._state(step)]
+        states: list[RegionState] = []
+        if self._delevitation is None and beyond.any():
+            at = int(np.argmax(beyond))
+            self._radius = max(self._radius, float(radius[: at + 1].max()))
+            self._begin_delevitation(first_step + at)
+            states.append(self._state(first_step + at))
+        self._radius = max(self._radius, float(radius.max()))
+        return states
 
     def _begin_delevitation(self, step: int) -> None:
         if not self._unsettled:
@@ -236,7 +238,8 @@ class RegionClassifier:
         """The state at a step, by default the last one taken in."""
         axes = [self._axis_state(axis) for axis in range(2)]
         region = max(axis.region for axis in axes)
-        since = min((axis.since for axis in axes if axis.region == region), key=lambda onset: onset.step)
+        onsets = sorted((axis.since for axis in axes if axis.region == region), key=lambda onset: onset.step)
+        since = onsets[-1] if region is Region.A else onsets[0]
         step = (self._next or 1) - 1 if step is None else step
         return RegionState(step, axes[0], axes[1], region, since, self._radius, self._unsettled == 0)
 

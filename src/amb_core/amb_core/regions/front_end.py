@@ -1,4 +1,4 @@
-"""From samples to update intervals: the past that filters need, decimated signals, phase of the input and response to it."""
+"""From samples to update intervals: the past that filters need, decimated signals, phase of the input and response."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def response_moments(
 
 @numba.njit(cache=True, error_model="numpy")
 def fitted_amplitude(moments: NDArray[np.float64], span: int) -> float:
-    """Amplitude of the sine in the latest `span` intervals; 0 where cosine and sine are one, at the Nyquist frequency."""
+    """Amplitude of the sine in the latest `span` intervals; 0 at the Nyquist frequency, where it is undetermined."""
     sums = np.zeros(9)
     for row in range(len(moments) - span, len(moments)):
         sums += moments[row]
@@ -66,7 +66,9 @@ class FrontEnd:
     position : ndarray, shape (2, samples)
         Decimated position, axes x and y (m); the latest sample last.
     reference : ndarray, shape (2, samples + TAPS - 1)
-        Decimated reference less its value at the start (m).
+        Decimated reference (m).
+    origin : list of float
+        References at rest (m).
     phase : ndarray, shape (2, samples)
         Phase of the input at the same steps (rad); 0 where it is no sine.
     frequency : ndarray, shape (2, samples)
@@ -90,6 +92,7 @@ class FrontEnd:
         self._trackers = [InputTracker(sample_time, self._interval) for _ in range(2)]
         self._responses = np.zeros((2, SPANS[-1], 9))
         self._known = 0
+        self.origin = [0.0, 0.0]
         self.inputs = [NO_INPUT, NO_INPUT]
         self.sources = [0, 1]
         self.response = [0.0, 0.0]
@@ -104,7 +107,7 @@ class FrontEnd:
         return 4 * self._factor
 
     def take(self, reference: NDArray[np.float64], position: NDArray[np.float64]) -> bool:
-        """Take in one interval of reference and position (m), each shape (interval, 2); whether there is enough past."""
+        """Take in an interval of reference and position (m), shape (interval, 2) each; true with enough past."""
         steps = self._interval
         self._raw[:-steps] = self._raw[steps:].copy()
         self._raw[-steps:, :2] = reference
@@ -118,7 +121,8 @@ class FrontEnd:
         start = self._rows - 17 * self._factor - 1
         decimate(self._raw[start:], self._coefficients, self._factor, self._decimated)
         for axis, tracker in enumerate(self._trackers):
-            _shift(self.reference[axis], self._decimated[:, axis] - tracker.origin)
+            _shift(self.reference[axis], self._decimated[:, axis])
+            self.origin[axis] = tracker.origin
             _shift(self.position[axis], self._decimated[:, 2 + axis])
         self._follow_sines(start + 4 * self._factor)
         return True
@@ -128,7 +132,7 @@ class FrontEnd:
         return self.inputs[self.sources[axis]]
 
     def _follow_sines(self, first: int) -> None:
-        """Phases of the inputs, and what the position holds of them, in the interval that starts at a row of the past."""
+        """Phases of the inputs and response to them in the interval that starts at a row of the past."""
         steps = self._interval
         part = slice(first, first + steps)
         parts = np.zeros((2, 2, steps))

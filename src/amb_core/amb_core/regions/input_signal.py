@@ -1,9 +1,9 @@
 """What the input is: frequency, amplitude and phase of a sine, told from the reference itself, sample by sample.
 
 Differences of the reference know nothing of its nominal value. With the first difference e and the second difference h
-of e, a sine of angular frequency w (per sample) obeys h = -q e, q = 4 sin^2(w/2), and only a sine does: q is fitted over
-one period or more, and one minus the squared correlation of h and e says how far the input is from a sine. The phase
-follows from the central differences d1 = 2 A sin(w) cos(phase) and d2 = -q A sin(phase).
+of e, a sine of angular frequency w (per sample) obeys h = -q e, q = 4 sin^2(w/2), and only a sine does: q is fitted
+over one period or more, and one minus the squared correlation of h and e says how far the input is from a sine. The
+phase follows from the central differences d1 = 2 A sin(w) cos(phase) and d2 = -q A sin(phase).
 """
 
 from __future__ import annotations
@@ -56,16 +56,16 @@ NO_INPUT = InputFeatures(InputKind.NONE, 0.0, 0.0, 1)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def difference_moments(reference: NDArray[np.float64], origin: float, moments: NDArray[np.float64]) -> None:
+def difference_moments(reference: NDArray[np.float64], base: float, moments: NDArray[np.float64]) -> None:
     """Sums of one interval; `reference` holds three samples of the past before it.
 
-    `moments`, shape (5,), receives the sums of h e, e^2, h^2, r - origin and its square.
+    `moments`, shape (5,), receives the sums of h e, e^2, h^2, r - base and its square.
     """
     moments[:] = 0.0
     for k in range(3, len(reference)):
         first = reference[k - 1] - reference[k - 2]
         second = reference[k] - reference[k - 1] - 2.0 * first + reference[k - 2] - reference[k - 3]
-        moved = reference[k] - origin
+        moved = reference[k] - base
         moments[0] += second * first
         moments[1] += first * first
         moments[2] += second * second
@@ -103,6 +103,11 @@ class InputTracker:
         Controller sample time (s).
     interval : int
         Steps of an update interval.
+
+    Attributes
+    ----------
+    origin : float
+        Reference at rest, or its mean over the first intervals where it moves from the start (m).
     """
 
     def __init__(self, sample_time: float, interval: int) -> None:
@@ -110,25 +115,29 @@ class InputTracker:
         self._interval = interval
         self._moments = np.zeros((SPANS[-1], 5))
         self._known = 0
-        self._origin = math.nan
+        self._base = math.nan
+        self.origin = 0.0
         self._memory = round(MEMORY / (interval * sample_time))
         self._rest = self._memory
-
-    @property
-    def origin(self) -> float:
-        """The reference at the start (m)."""
-        return self._origin
+        self._from_start = True
 
     def update(self, reference: NDArray[np.float64]) -> InputFeatures:
         """Take in an interval of the reference (m) with the three samples before it, shape (interval + 3,)."""
-        if math.isnan(self._origin):
-            self._origin = float(reference[0])
-        self._moments[:-1] = self._moments[1:]
-        difference_moments(reference, self._origin, self._moments[-1])
-        self._known = min(self._known + 1, SPANS[-1])
-        self._rest = 0 if self._moments[-1, 1] > 0.0 else min(self._rest + 1, self._memory)
+        if math.isnan(self._base):
+            self._base = self.origin = float(reference[0])
+        self._moments[:-1] = self._moments[1:].copy()
+        difference_moments(reference, self._base, self._moments[-1])
+        moves = self._moments[-1, 1] > 0.0
+        self._rest = 0 if moves else min(self._rest + 1, self._memory)
         if self._rest == self._memory:
+            self._from_start = False
+            self.origin = float(reference[-1])
             return NO_INPUT
+        if self._from_start:
+            count = self._known + 1
+            self.origin = self._base + float(self._moments[-count:, 3].sum()) / (count * self._interval)
+            self._from_start = count < SPANS[-1]
+        self._known = min(self._known + 1, SPANS[-1])
         for span in SPANS:
             sums = self._moments[-span:].sum(axis=0)
             sine = self._sine(sums, reference, span) if span <= self._known else None

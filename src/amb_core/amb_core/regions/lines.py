@@ -1,7 +1,7 @@
 """Analytic lines of the frequency-amplitude graph: where limits of amplifier and controller end linear operation.
 
-All lines hold for a sine of amplitude a in the reference position, at frequencies where the rotor no longer follows: the
-control current then has the amplitude |G| a, G being the control law from reference to control current.
+All lines hold for a sine of amplitude a in the reference position, at frequencies where the rotor no longer follows:
+the control current then has the amplitude |G| a, G being the control law from reference to control current.
 
 Sources: control law and limits of the paper's table 1; describing functions: Gelb, Vander Velde, "Multiple-Input
 Describing Functions and Nonlinear System Design", McGraw-Hill 1968, section 6.2 (dither); force and stiffness:
@@ -154,8 +154,8 @@ def gain_loss_limit(
 def slow_oscillation_lag(controller: ControllerParameters, current_gain: float, negative_stiffness: float) -> float:
     """Lag of the current loop from which on the loop oscillates slowly, k_i K_D / (k_i K_P - k_s) (s).
 
-    Routh's condition of m tau s^3 + m s^2 + k_i K_D s + k_i K_P - k_s: the lag tau is taken to delay the whole restoring
-    force. The negative stiffness acts without lag, which makes the limit stricter, see `undamped_lag`.
+    Routh's condition of m tau s^3 + m s^2 + k_i K_D s + k_i K_P - k_s: the lag tau is taken to delay the whole
+    restoring force. The negative stiffness acts without lag, which makes the limit stricter, see `undamped_lag`.
 
     Parameters
     ----------
@@ -178,8 +178,8 @@ def slow_oscillation_lag(controller: ControllerParameters, current_gain: float, 
 def undamped_lag(controller: ControllerParameters) -> float:
     """Lag of the current alone at which the loop loses its damping, K_D / K_P (s).
 
-    Routh's condition of (m s^2 - k_s)(tau s + 1) + k_i (K_P + K_D s): at tau = K_D / K_P the lag cancels the derivative,
-    and the loop oscillates at sqrt((k_i K_P - k_s) / m), its natural frequency without lag.
+    Routh's condition of (m s^2 - k_s)(tau s + 1) + k_i (K_P + K_D s): at tau = K_D / K_P the lag cancels the
+    derivative, and the loop oscillates at sqrt((k_i K_P - k_s) / m), its natural frequency without lag.
     """
     return controller.derivative_gain / float(_positive("proportional_gain", controller.proportional_gain))
 
@@ -202,7 +202,9 @@ def effective_negative_stiffness(
     """
     ratio = np.asarray(current_amplitude, dtype=np.float64) / _positive("bias_current", bias_current)
     if np.any(ratio < 0.0):
-        raise RegionError(f"current_amplitude = {np.min(current_amplitude):g} A is not allowed; it must not be negative")
+        raise RegionError(
+            f"current_amplitude = {np.min(current_amplitude):g} A is not allowed; it must be zero or more"
+        )
     return _positive("negative_stiffness", negative_stiffness) * (1.0 + 0.5 * ratio**2)
 
 

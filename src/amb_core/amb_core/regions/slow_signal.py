@@ -23,7 +23,8 @@ TAPS = 16  # decimated samples of the past that the linear response reaches back
 HARMONICS = 3  # highest harmonic taken out of the position; the first is part of the linear response
 BEATS = 3  # harmonics that may beat at the same time
 ENVELOPE = 4  # coefficients of the polynomial that a beat's amplitude and phase follow over the window
-RIDGE = 1e-9  # of the mean power of the regressors: a sine leaves most of the filter's coefficients undetermined
+INAUDIBLE = 1e-8  # m: a decimated reference that moves less is not heard of in the position
+RIDGE = 1e-9  # of the power of a regressor that may be like another
 
 
 def decimation_filter(factor: int) -> NDArray[np.float64]:
@@ -35,7 +36,7 @@ def decimation_filter(factor: int) -> NDArray[np.float64]:
 def decimate(
     signal: NDArray[np.float64], coefficients: NDArray[np.float64], factor: int, decimated: NDArray[np.float64]
 ) -> None:
-    """Filter both columns of a signal; sample i of the result is centred on row `(len(coefficients) - 1) / 2 + i factor`."""
+    """Filter the columns of a signal; row i of the result takes in rows from i factor on."""
     for i in range(len(decimated)):
         for axis in range(decimated.shape[1]):
             total = 0.0
@@ -45,8 +46,10 @@ def decimate(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def least_squares(columns: NDArray[np.float64], values: NDArray[np.float64], solution: NDArray[np.float64]) -> None:
-    """Ridge-regularised least squares by Cholesky; `columns` has one regressor a row, shape (count, samples)."""
+def least_squares(
+    columns: NDArray[np.float64], values: NDArray[np.float64], ridge: NDArray[np.float64], solution: NDArray[np.float64]
+) -> None:
+    """Least squares by Cholesky; `columns` has one regressor a row, `ridge` is added to the squares of each."""
     count, samples = columns.shape
     normal = np.empty((count, count))
     for i in range(count):
@@ -60,9 +63,7 @@ def least_squares(columns: NDArray[np.float64], values: NDArray[np.float64], sol
             total += columns[i, k] * values[k]
         solution[i] = total
     for i in range(count):
-        normal[i, i] *= 1.0 + RIDGE
-        if normal[i, i] == 0.0:
-            normal[i, i] = 1.0
+        normal[i, i] += ridge[i]
     for i in range(count):
         for j in range(i + 1):
             total = normal[i, j]
@@ -88,15 +89,15 @@ def fit_window(
     linear: bool,
     unexplained: NDArray[np.float64],
     residual: NDArray[np.float64],
-) -> None:
-    """Take the linear response and the harmonics out of a window of n decimated samples.
+) -> float:
+    """Take the linear response and the harmonics out of a window of n decimated samples; returns the static gain.
 
     Parameters
     ----------
     position : ndarray, shape (n,)
         Decimated position (m).
     reference : ndarray, shape (n + TAPS - 1,)
-        Decimated reference less its start (m), from TAPS - 1 samples earlier on.
+        Decimated reference less its origin (m), from TAPS - 1 samples earlier on.
     phase : ndarray, shape (n,)
         Phase of the input sine (rad).
     harmonics : int
@@ -122,17 +123,22 @@ def fit_window(
             columns[row, k], columns[row + 1, k] = np.cos(harmonic * phase[k]), np.sin(harmonic * phase[k])
             columns[row + 2, k], columns[row + 3, k] = columns[row, k] * time, columns[row + 1, k] * time
     solution = np.empty(count)
-    least_squares(columns, position, solution)
+    ridge = np.full(count, RIDGE * samples)
+    ridge[:3] = 0.0  # what might be bias or response to a constant reference is bias
+    # a sine leaves most coefficients of the filter undetermined: they are kept small
+    ridge[3 : 3 + taps] = samples * INAUDIBLE**2
+    least_squares(columns, position, ridge, solution)
     for k in range(samples):
         rest = position[k]
         for i in range(3, count):
             rest -= solution[i] * columns[i, k]
         unexplained[k] = rest
         residual[k] = rest - solution[0] - solution[1] * columns[1, k] - solution[2] * columns[2, k]
+    return np.sum(solution[3 : 3 + taps])
 
 
 def line_table(samples: int, highest: int) -> NDArray[np.float64]:
-    """Cosines and sines of the lines at half a bin, one, one and a half ... `highest` bins, shape (2, samples, lines)."""
+    """Cosines and sines of lines at 0, 1/2, 1, 3/2 ... `highest` bins, shape (2, samples, lines)."""
     angle = np.outer(np.arange(samples), np.pi * np.arange(2 * highest + 1) / samples)
     return np.stack([np.cos(angle), np.sin(angle)])
 
@@ -196,10 +202,11 @@ def remove_beats(
     cleaned[:] = residual
     columns = np.empty((2 * ENVELOPE, samples))
     solution = np.empty(2 * ENVELOPE)
+    ridge = np.full(2 * ENVELOPE, RIDGE * samples)
     trial = np.empty(samples)
     best_trial = np.empty(samples)
     for _ in range(min(BEATS, len(orders))):
-        before = np.sum(cleaned**2)
+        before = float(np.sum(cleaned**2))
         least = before
         for order in orders:
             for k in range(samples):
@@ -207,7 +214,7 @@ def remove_beats(
                 columns[0, k], columns[1, k] = np.cos(order * phase[k]), np.sin(order * phase[k])
                 for i in range(2, 2 * ENVELOPE):
                     columns[i, k] = columns[i - 2, k] * time
-            least_squares(columns, cleaned, solution)
+            least_squares(columns, cleaned, ridge, solution)
             left = 0.0
             for k in range(samples):
                 trial[k] = cleaned[k]

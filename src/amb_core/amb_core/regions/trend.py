@@ -4,12 +4,14 @@ Bias points (one an update interval) are averaged in pairs, pairs of pairs, and 
 means of the first and of the last third of the latest points are compared. With n points in a third, m_1 and m_3 the
 means, s^2 the variance about a straight line through each third and rho the lag-one autocorrelation of what is left,
 
-    t = (m_3 - m_1) / (s sqrt(2 f / n)),  f = (1 + rho) / (1 - rho),    degrees of freedom = 2 (n - 2) / f,
+    t = (m_3 - m_1) / (s sqrt(2 f / n)),  f = (1 + rho) / (1 - rho),    degrees of freedom = 2 (n - 2) / f >= 4,
 
-is tested two-sided at the level at which all tests together raise `false_alarm_rate` false alarms at most (union bound).
-Slow drift shows on a long level, a jump of the bias on a short one; lines of their own keep the thirds from taking
-the trend for noise. Source of the correction f: von Storch, Zwiers, "Statistical Analysis in Climate Research",
-Cambridge 1999, section 6.6.
+is tested two-sided at the level at which all tests together raise `false_alarm_rate` false alarms at most (union
+bound). Slow drift shows on a long level, a jump of the bias on a short one; lines of their own keep the thirds from
+taking the trend for noise. The statement holds for noise whose correlation from one update interval to the next is 0.3
+at most, as in a loop that settles within an interval.
+
+Source of the correction f: von Storch, Zwiers, "Statistical Analysis in Climate Research", Cambridge 1999, section 6.6.
 """
 
 from __future__ import annotations
@@ -111,9 +113,7 @@ def kink(points: NDArray[np.float64]) -> int:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def push(
-    levels: NDArray[np.float64], counts: NDArray[np.int64], pending: NDArray[np.float64], point: float
-) -> int:
+def push(levels: NDArray[np.float64], counts: NDArray[np.int64], pending: NDArray[np.float64], point: float) -> int:
     """Add a point to the first level, and means of pairs to the next ones; the number of levels that got one.
 
     Parameters
