@@ -282,6 +282,20 @@ def test_100_um_delevitates_by_ordinary_resonance() -> None:
     assert onsets[Region.D].input_frequency == pytest.approx(39.0, abs=5.0)
 
 
+def test_150_um_delevitates_before_the_sweep_is_told_to_be_one() -> None:
+    record = sweep_of_bearing(150e-6)
+    frequency = np.clip(10.0 + 249.5 * (record.time - 1.0), 0.0, None)
+    onsets = classify(record, delevitated=True, frequency=frequency).onsets
+    assert set(onsets) == {Region.D}
+    assert onsets[Region.D].resonance
+    assert onsets[Region.D].input_frequency == pytest.approx(21.0, abs=3.0)
+
+
+def test_known_frequencies_must_fit_the_record(eventful: LoopRecord) -> None:
+    with pytest.raises(RegionError, match=r"frequency has shape \(3,\); the record has 35000 samples"):
+        classify(eventful, frequency=np.zeros(3))
+
+
 def test_50_um_drifts_and_delevitates() -> None:
     onsets = classify(sweep_of_bearing(50e-6), delevitated=True).onsets
     assert set(onsets) == {Region.B, Region.D}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,7 +179,16 @@ class RegionClassifier:
     def _onset(self, step: int) -> Onset:
         """An onset of the rotor: told with the input of the axis that responds most, y where both are alike."""
         onsets = [self._history.onset(step, axis) for axis in (1, 0)]
-        return max(onsets, key=lambda onset: (onset.resonance, not math.isnan(onset.input_frequency)))
+        onset = max(onsets, key=lambda onset: (onset.resonance, not math.isnan(onset.input_frequency)))
+        return replace(onset, resonance=onset.resonance or any(self._follows(axis) for axis in range(2)))
+
+    def _follows(self, axis: int) -> bool:
+        """Whether an axis moves with an input that is no sine (yet), as at the slow start of a sweep."""
+        front_end = self._front_end
+        if front_end.input_of(axis).kind != InputKind.OTHER:
+            return False
+        moved, asked = np.ptp(front_end.position[axis]), np.ptp(front_end.reference[front_end.sources[axis]])
+        return bool(moved >= self.parameters.resonance_gain * asked > 0.0)
 
     def _update(self) -> None:
         """Judge a complete interval."""
@@ -290,7 +299,11 @@ class Classification:
 
 
 def classify(
-    record: LoopRecord, parameters: RegionParameters | None = None, *, delevitated: bool = False
+    record: LoopRecord,
+    parameters: RegionParameters | None = None,
+    *,
+    delevitated: bool = False,
+    frequency: NDArray[np.float64] | None = None,
 ) -> Classification:
     """Classify a record as the streaming classifier does.
 
@@ -302,17 +315,27 @@ def classify(
         Thresholds and times.
     delevitated : bool, optional
         Whether the record ends because the rotor delevitated in its last step (its position there is not recorded).
+    frequency : ndarray, shape (steps,), optional
+        Frequency of the input at each sample (Hz), where it is known; else the onsets have the one told from the
+        reference, which a sweep has from some 25 Hz on.
 
     Raises
     ------
     RegionError
-        If a sample is not finite, or the sample time too long for the update interval.
+        If `frequency` has another length, a sample is not finite, or the sample time too long for the update interval.
     """
+    if frequency is not None and frequency.shape != (record.steps,):
+        raise RegionError(f"frequency has shape {frequency.shape}; the record has {record.steps} samples")
     classifier = RegionClassifier(parameters or RegionParameters(), record.sample_time)
     states = classifier.feed(record)
     if delevitated:
         states.append(classifier.delevitate())
     axes = (_first_onsets([state.x for state in states]), _first_onsets([state.y for state in states]))
+    if frequency is not None:
+        for onsets in axes:
+            for region, onset in onsets.items():
+                row = min(onset.step - record.first_step, record.steps - 1)
+                onsets[region] = replace(onset, input_frequency=float(frequency[row]))
     rotor: dict[Region, Onset] = {}
     for region in (Region.B, Region.C, Region.D):
         found = [onsets[region] for onsets in axes if region in onsets]

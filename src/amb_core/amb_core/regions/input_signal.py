@@ -140,12 +140,12 @@ class InputTracker:
         self._known = min(self._known + 1, SPANS[-1])
         for span in SPANS:
             sums = self._moments[-span:].sum(axis=0)
-            sine = self._sine(sums, reference, span) if span <= self._known else None
+            sine = self._sine(sums, span) if span <= self._known else None
             if sine is not None:
                 return sine
         return self._other(sums)
 
-    def _sine(self, sums: NDArray[np.float64], reference: NDArray[np.float64], span: int) -> InputFeatures | None:
+    def _sine(self, sums: NDArray[np.float64], span: int) -> InputFeatures | None:
         """A sine, if these sums are those of one and hold a period of it."""
         product, first, second = sums[:3]
         if not (product < 0.0 and 1.0 - product**2 / (first * second) < NOT_A_SINE):

@@ -32,8 +32,8 @@ class Onset:
     input_frequency : float
         Frequency of the input at that step (Hz); NaN where the input is no sine.
     resonance : bool
-        Whether the loop then responded to its input by more than `resonance_gain`: a D with this mark and without a B
-        or C before it is the ordinary resonance of the linear loop.
+        Whether the loop then responded to its input by `resonance_gain` or more: a D with this mark and without a B or
+        C before it is the ordinary resonance of the linear loop.
     """
 
     step: int
