@@ -89,7 +89,7 @@ def draw(family: str, random: np.random.Generator) -> Case:
         drive = np.sin(order * rate_of_change + random.uniform(0.0, 2.0 * np.pi)) * (time > lead / RATE)
         position[:, 1] += random.uniform(2e-6, 50e-6) * loop.pushed(drive)
     elif family in PLANTED:
-        lowest = {"drift": 150.0, "oscillation": 150.0, "contact": 40.0}[family]
+        lowest = {"drift": 200.0, "oscillation": 150.0, "contact": 40.0}[family]
         target = random.uniform(lowest, 4000.0)
         onset = int(np.searchsorted(np.nan_to_num(whole), target))
         since = np.maximum(time - onset / RATE, 0.0)

@@ -13,13 +13,10 @@ from amb_core.records import LoopRecord
 from amb_core.regions.axis import AxisClassifier, gain
 from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory
-from amb_core.regions.input_signal import InputFeatures, InputKind
+from amb_core.regions.input_signal import ExcitationChange, InputKind
 from amb_core.regions.parameters import RegionParameters
 from amb_core.regions.slow_signal import PER_INTERVAL, TAPS
 from amb_core.regions.state import AxisState, Onset, Region, RegionState
-
-KIND_UPDATES = 5  # updates for which another kind of input must last to count as another excitation
-AMPLITUDE_STEP = 1.25  # ratio of amplitudes from one update to the next that counts as another excitation
 
 
 class RegionClassifier:
@@ -137,9 +134,7 @@ class RegionClassifier:
         self._radius = 0.0
         self._judged = step
         self._linear = [Onset(step, step * self.sample_time, math.nan, False)] * 2
-        self._kinds = [InputKind.NONE] * 2
-        self._kind_ages = [0] * 2
-        self._amplitudes = [0.0] * 2
+        self._changes = [ExcitationChange(self._interval * self.sample_time) for _ in range(2)]
         self._settle()
 
     def _settle(self) -> None:
@@ -220,28 +215,13 @@ class RegionClassifier:
             steps.append(self._next - 1 - source.span * self._interval // 2)
             frequencies.append(source.frequency if sine else math.nan)
             gains.append(gain(self._front_end.response[axis], source.amplitude) if sine else 0.0)
-            changed = self._is_other(axis, self._front_end.inputs[axis]) or changed
+            changed = self._changes[axis].update(self._front_end.inputs[axis]) or changed
         self._history.add(steps, frequencies, gains)
         if changed:
             for axis in range(2):
                 if self._axes[axis].drift or self._axes[axis].oscillation:
                     self._linear[axis] = self._history.onset(self._next - 1, axis)
             self._settle()
-
-    def _is_other(self, axis: int, features: InputFeatures) -> bool:
-        """Whether the excitation of an axis has become another one, by kind or by amplitude of a sine."""
-        before, self._amplitudes[axis] = self._amplitudes[axis], features.amplitude
-        if features.kind != self._kinds[axis]:
-            self._kind_ages[axis] += 1
-            if self._kind_ages[axis] < KIND_UPDATES:
-                return False
-            self._kinds[axis], self._kind_ages[axis] = features.kind, 0
-            return True
-        self._kind_ages[axis] = 0
-        if features.kind != InputKind.SINE or before == 0.0:
-            return False
-        ratio = features.amplitude / before
-        return not 1.0 / AMPLITUDE_STEP < ratio < AMPLITUDE_STEP
 
     def _state(self, step: int | None = None) -> RegionState:
         """The state at a step, by default the last one taken in."""

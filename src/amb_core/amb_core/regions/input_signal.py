@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 SPANS = (1, 2, 4, 8, 16)  # update intervals over which a frequency is fitted; the shortest that holds a period is taken
-NOT_A_SINE = 0.1  # one minus squared correlation above which the input is none; a sweep of 250 Hz/s has it below 20 Hz
+NOT_A_SINE = 0.05  # one minus squared correlation: white noise has 0.1, a sweep of 250 Hz/s less from some 25 Hz on
 MEMORY = 2.0  # s for which an input is remembered after its last change: squares rest between their edges
+KIND_UPDATES = 5  # updates for which another kind of input must last to count as another excitation
+AMPLITUDE_STEP = 1.25  # ratio of amplitudes of a sine from one update to the next that counts as another excitation
 HIGHEST = 0.98  # of the Nyquist frequency: above, the samples of a sine no longer tell its phase
 
 
@@ -166,3 +168,43 @@ class InputTracker:
         half = min(1.0, 0.5 * math.sqrt(sums[1] / steps / variance))
         frequency = math.asin(half) / (math.pi * self._sample_time)
         return InputFeatures(InputKind.OTHER, frequency, math.sqrt(2.0 * variance), SPANS[-1])
+
+
+class ExcitationChange:
+    """Tells when an axis gets another excitation, by its kind or by the amplitude of a sine.
+
+    Mixed tones and noise look like a sine now and then: what changes again within `MEMORY` is one excitation.
+
+    Parameters
+    ----------
+    update_time : float
+        Time from one update to the next (s).
+    """
+
+    def __init__(self, update_time: float) -> None:
+        self._memory = round(MEMORY / update_time)
+        self._kind = InputKind.NONE
+        self._amplitude = 0.0
+        self._other_kind = 0
+        self._age = self._memory
+
+    def update(self, features: InputFeatures) -> bool:
+        """Take in the input at an update; whether it is another excitation than before."""
+        self._age += 1
+        before, self._amplitude = self._amplitude, features.amplitude
+        if features.kind != self._kind:
+            self._other_kind += 1
+            if self._other_kind < KIND_UPDATES:
+                return False
+            starts = InputKind.NONE in (features.kind, self._kind)
+            self._kind = features.kind
+        else:
+            self._other_kind = 0
+            if features.kind != InputKind.SINE or before == 0.0:
+                return False
+            if 1.0 / AMPLITUDE_STEP < features.amplitude / before < AMPLITUDE_STEP:
+                return False
+            starts = False
+        self._other_kind = 0
+        lasted, self._age = self._age > self._memory, 0
+        return starts or lasted

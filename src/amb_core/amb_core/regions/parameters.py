@@ -35,9 +35,10 @@ class RegionParameters(Parameters):
         0.24, "s", "shortest span of a trend test; the others span 2, 4, ... 32 times this", 0.12, 10.0
     )
     resonance_gain: float = quantity(
-        1.0,
+        0.7,
         "-",
-        "response per input from which on a changing bias is put down to the loop's resonance, not to drift",
+        "response per input from which on a changing bias is put down to the loop's resonance, not to drift (region B); "
+        "0.7 is the edge of the loop's bandwidth",
         0.1,
         100.0,
     )
