@@ -128,6 +128,18 @@ def test_slow_band_must_fit_interval_and_window(values: dict[str, float]) -> Non
         validate(RegionParameters, values)
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"update_interval": 0.03, "slow_frequency": 50.0},
+        {"update_interval": 0.03, "slow_frequency": 50.0, "trend_window": 0.5},
+    ],
+)
+def test_windows_must_hold_enough_updates(values: dict[str, float]) -> None:
+    with pytest.raises(ParameterError, match=r"window = .* must be at least"):
+        validate(RegionParameters, values)
+
+
 def test_other_sample_rates() -> None:
     time = np.arange(6_000) / 2_000.0
     reference = np.zeros((6_000, 2))

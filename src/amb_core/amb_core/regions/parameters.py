@@ -37,7 +37,7 @@ class RegionParameters(Parameters):
     resonance_gain: float = quantity(
         0.7,
         "-",
-        "response per input from which on a changing bias is put down to the loop's resonance, not to drift (region B); "
+        "response per input from which on a changing bias is put down to the resonance of the loop, not to drift; "
         "0.7 is the edge of the loop's bandwidth",
         0.1,
         100.0,
@@ -77,4 +77,10 @@ class RegionParameters(Parameters):
                 f"slow_frequency = {self.slow_frequency:g} Hz must be at least "
                 f"6 / oscillation_window = {lowest:g} Hz, or nothing slow is resolved"
             )
+        for name, updates in (("trend_window", 12), ("oscillation_window", 10)):
+            if getattr(self, name) < (updates - 1e-9) * self.update_interval:
+                raise ValueError(
+                    f"{name} = {getattr(self, name):g} s must be at least {updates} update intervals, "
+                    f"{updates * self.update_interval:g} s"
+                )
         return self

@@ -8,8 +8,8 @@ means, s^2 the variance about a straight line through each third and rho the lag
 
 is tested two-sided at the level at which all tests together raise `false_alarm_rate` false alarms at most (union
 bound). Slow drift shows on a long level, a jump of the bias on a short one; lines of their own keep the thirds from
-taking the trend for noise. The statement holds for noise whose correlation from one update interval to the next is 0.3
-at most, as in a loop that settles within an interval.
+taking the trend for noise. White noise raises a tenth to a third of the stated alarms; noise whose correlation from
+one update interval to the next is 0.3, up to twice as many.
 
 Source of the correction f: von Storch, Zwiers, "Statistical Analysis in Climate Research", Cambridge 1999, section 6.6.
 """
