@@ -19,7 +19,7 @@ print(hashlib.sha256(record.position.tobytes() + record.current.tobytes()).hexdi
 """
 
 
-@pytest.mark.slow
+@pytest.mark.slow  # compiles all kernels twice
 def test_vectorised_and_plain_code_give_the_same_bits(tmp_path: Path) -> None:
     hashes = {
         subprocess.run(

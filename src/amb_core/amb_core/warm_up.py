@@ -8,15 +8,17 @@ from amb_core.identification import identify
 from amb_core.loop import simulate
 from amb_core.parameters import validate
 from amb_core.plant import Plant, PlantParameters
+from amb_core.regions import classify
 
 
 def warm_up() -> None:
-    """Go once through simulation, tracing and identification."""
+    """Go once through simulation, tracing, classification of regions and identification."""
     plant = Plant()
     plant.trace(0.0, 0.0)
     Plant(validate(PlantParameters, {"rotor.model": "rigid"}))
     signal = generate(Square(amplitude=10e-6, duration=0.2, frequency=20.0), 10_000.0)
     record = simulate(plant, PdController(ControllerParameters()), 500 + signal.steps, signal.samples, 500)
+    classify(record)
     for method in ("n4sid", "pem"):
         identify(record.window(500, signal.steps), order=4, method=method)
 
