@@ -173,9 +173,13 @@ def test_loops_lose_energy_whatever_the_material(saturation, a, feedback, pinnin
         pinning_field=pinning,
         reversibility=reversibility,
     )
-    path = cycles(part * mu_0 * saturation, 1000, number=2)
-    fields, _ = follow(parameters, path)
-    assert area(fields[:, 0], path, 1000) >= -1e-6 * np.ptp(path) * np.ptp(fields[:, 0])
+    coarse, fine = (
+        area(follow(parameters, path)[0][:, 0], path, steps)
+        for steps in (1000, 2000)
+        for path in [cycles(part * mu_0 * saturation, steps, number=2)]
+    )
+    # Fully reversible iron loses nothing; then the area is the error of the step, four thirds of the difference.
+    assert coarse >= -2.0 * abs(coarse - fine) - 1e-9 * saturation * mu_0 * parameters.anhysteretic_field
 
 
 @settings(max_examples=30, deadline=None)
