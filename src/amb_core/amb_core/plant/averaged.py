@@ -63,7 +63,7 @@ class AveragedPlant:
         parameters, network = plant.parameters, plant.network
         self._solution = network.averaged_solution
         self._circulation = network.circulation
-        nonlinear = plant.magnetostatics.nonlinear
+        self._rings = RINGS if plant.magnetostatics.nonlinear else 0
         journal = solid_journal_terms(parameters) if parameters.iron.solid_journal else None
         self._terms = (journal.weights, journal.rates) if journal else (np.zeros(0), np.zeros(0))
         terms = len(self._terms[0])
@@ -76,7 +76,7 @@ class AveragedPlant:
             suffix = "" if plant.bearings == 1 else f"_{_BEARINGS[bearing]}"
             for slices, block in (
                 (flux, [f"flux_{pole}{suffix}" for pole in range(POLES)]),
-                (circulating, [f"circulating_{ring}{suffix}" for ring in range(RINGS if nonlinear else 0)]),
+                (circulating, [f"circulating_{ring}{suffix}" for ring in range(self._rings)]),
                 (memory, [f"memory_{term}_{pole}{suffix}" for term in range(terms) for pole in range(POLES)]),
                 (integral, [f"integral_{coil}{suffix}" for coil in _COIL_NAMES]),
             ):
@@ -112,8 +112,7 @@ class AveragedPlant:
             duty = 0.5 + amplifier.proportional_gain * error + state[self.integral[bearing]]
             low, high = _duty_limits(self.plant)
             derivative[self.flux[bearing]] = rates
-            circulating = self.circulating[bearing]
-            derivative[circulating] = (-self._circulation * drops[POLES:])[: circulating.stop - circulating.start]
+            derivative[self.circulating[bearing]] = (-self._circulation * drops[POLES:])[: self._rings]
             weights, decay = self._terms
             memory = state[self.memory[bearing]].reshape(-1, POLES)
             derivative[self.memory[bearing]] = (np.outer(weights, rates) - decay[:, np.newaxis] * memory).ravel()
@@ -140,9 +139,7 @@ class AveragedPlant:
         """Magnetomotive force drops (A), shape (10,): along each pole, around back iron and journal."""
         x, y = self.journals(state)[2 * bearing : 2 * bearing + 2]
         flux, circulating = state[self.flux[bearing]], np.zeros(RINGS)
-        circulating[: self.circulating[bearing].stop - self.circulating[bearing].start] = state[
-            self.circulating[bearing]
-        ]
+        circulating[: self._rings] = state[self.circulating[bearing]]
         drops = self.plant.magnetostatics.drops(flux, circulating, x, y)
         memory = state[self.memory[bearing]].reshape(-1, POLES).sum(axis=0)
         drops[:POLES] += self.plant.network.journal_reluctance @ memory
@@ -177,11 +174,7 @@ class AveragedPlant:
                 current = (
                     np.maximum(current * gain - offset, 0.0) / (gain + resistance) if gain > 0.0 else 0.0 * current
                 )
-            x, y = journals[2 * bearing : 2 * bearing + 2]
-            magnetised = self.plant.magnetostatics.solve(current, x, y)
-            state[self.flux[bearing]] = magnetised.flux
-            circulating = self.circulating[bearing]
-            state[circulating] = magnetised.circulating[: circulating.stop - circulating.start]
+            self._magnetise(state, bearing, current, journals)
         return state
 
     def initial_state(self) -> NDArray[np.float64]:
@@ -192,11 +185,20 @@ class AveragedPlant:
         state = np.zeros(self.size)
         state[self.coordinates] = coordinates
         for bearing in range(self.plant.bearings):
-            magnetised = self.plant.magnetostatics.solve(self.plant.bias_currents(), x, y)
-            state[self.flux[bearing]] = magnetised.flux
-            circulating = self.circulating[bearing]
-            state[circulating] = magnetised.circulating[: circulating.stop - circulating.start]
+            self._magnetise(state, bearing, self.plant.bias_currents(), self.journals(state))
         return state
+
+    def _magnetise(
+        self,
+        state: NDArray[np.float64],
+        bearing: int,
+        coil_currents: NDArray[np.float64],
+        journals: NDArray[np.float64],
+    ) -> None:
+        """Set the fluxes of constant coil currents (A)."""
+        magnetised = self.plant.magnetostatics.solve(coil_currents, *journals[2 * bearing : 2 * bearing + 2])
+        state[self.flux[bearing]] = magnetised.flux
+        state[self.circulating[bearing]] = magnetised.circulating[: self._rings]
 
     def unbalanced(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Generalised force on the rotor that nothing balances: of a point mass along x, y (N)."""

@@ -5,7 +5,7 @@ enter with their exact mean over the step, so the volt-seconds of every switchin
 step it falls. No fast-math: the same samples come out wherever the kernel is called from.
 
 What the paper's table leaves out (nonlinear iron, solid journals, modes of the rotor, contact) stands in modules of its
-own and costs one comparison per step while it is off.
+own; the paper's plant has a loop without it.
 """
 
 from __future__ import annotations
@@ -93,15 +93,15 @@ class Arrays(NamedTuple):
     ----------
     state : ndarray, shape (n,)
         State vector, changed by every step.
-    constants, matrices : ndarray, shapes (40,), (22, 12)
+    constants, matrices : ndarray, shapes (41,), (22, 12)
         Scalars of the plant, constant matrices of the magnetic network.
-    work : ndarray, shape (bearings * 44,)
+    work : ndarray, shape (bearings * 48,)
         Scratch; keeps the last currents and forces.
     iron : ndarray, shape (bearings, m, 24)
         State of the nonlinear iron; no bearings for linear iron.
     material, curve, paths : ndarray
         Constants of the nonlinear iron, see `amb_core.plant.iron` and `iron_paths`.
-    diffusion : ndarray, shape (bearings, terms + 2, 12)
+    diffusion : ndarray, shape (bearings, terms + 2, 10)
         State and coefficients of the diffusion into solid journals; no bearings without.
     quasistatic : ndarray
         Directions in which the fluxes settle without eddy currents, see `kernel.quasistatic`; empty with them.
