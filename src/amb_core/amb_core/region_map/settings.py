@@ -1,0 +1,58 @@
+"""Settings of a region map: which sweeps, between which amplitudes, and how finely its boundaries are resolved."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import model_validator
+
+from amb_core.excitation import Sweep
+from amb_core.parameters import Parameters, choice, quantity
+
+
+class MapSettings(Parameters):
+    """Settings of a region map; the defaults are the paper's sweep on y."""
+
+    amplitude_low: float = quantity(5e-6, "m", "smallest amplitude", 1e-9, 1e-3)
+    amplitude_high: float = quantity(100e-6, "m", "largest amplitude", 1e-9, 1e-3)
+    frequency_start: float = quantity(10.0, "Hz", "frequency at which every sweep starts", 1e-3, 50e3)
+    frequency_end: float = quantity(5000.0, "Hz", "frequency at which it ends unless the rotor delevitates", 1e-3, 50e3)
+    spacing: Literal["linear", "logarithmic"] = choice("linear", "how the frequency runs over time")
+    duration: float = quantity(20.0, "s", "duration of a sweep", 0.1, 600.0)
+    rest: float = quantity(1.0, "s", "time at rest before it, in which the rotor settles", 0.0, 60.0)
+    axes: Literal["x", "y", "both"] = choice("y", "axes that are excited; both: with the same signal")
+    initial_sweeps: int = quantity(8, "-", "sweeps at amplitudes with equal ratios, before refinement", 2, 1000)
+    max_sweeps: int = quantity(24, "-", "largest number of sweeps, refinement included", 2, 1000)
+    resolution: float = quantity(
+        0.03,
+        "-",
+        "relative error in frequency, or in amplitude where a boundary ends, down to which it is refined",
+        1e-3,
+        1.0,
+    )
+
+    @model_validator(mode="after")
+    def _ranges_ascend(self) -> MapSettings:
+        for quantity_, low, high, unit in (
+            ("amplitude", self.amplitude_low, self.amplitude_high, "m"),
+            ("frequency", self.frequency_start, self.frequency_end, "Hz"),
+        ):
+            if low >= high:
+                ends = ("low", "high") if quantity_ == "amplitude" else ("start", "end")
+                raise ValueError(
+                    f"{quantity_}_{ends[0]} = {low:g} {unit} must be below {quantity_}_{ends[1]} = {high:g} {unit}"
+                )
+        if self.initial_sweeps > self.max_sweeps:
+            raise ValueError(f"initial_sweeps = {self.initial_sweeps} must not exceed max_sweeps = {self.max_sweeps}")
+        return self
+
+    def sweep(self, amplitude: float) -> Sweep:
+        """The sweep of one amplitude (m)."""
+        return Sweep(
+            amplitude=amplitude,
+            duration=self.duration,
+            axes=self.axes,
+            frequency_start=self.frequency_start,
+            frequency_end=self.frequency_end,
+            spacing=self.spacing,
+        )
