@@ -1,4 +1,4 @@
-"""The region map (the paper's frequency-amplitude graph): where regions B, C and D begin in sweeps of many amplitudes."""
+"""The region map (the paper's frequency-amplitude graph): where regions B, C and D begin, amplitude by amplitude."""
 
 from __future__ import annotations
 
