@@ -1,0 +1,143 @@
+"""One sweep of a region map: simulated, classified, reduced to its boundaries. The unit of work, and of the cache."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+import amb_core
+from amb_core.control import ControllerParameters, PdController
+from amb_core.errors import RegionError
+from amb_core.excitation import Sweep, generate
+from amb_core.loop import simulate
+from amb_core.parameters import Parameters
+from amb_core.plant import Plant, PlantParameters
+from amb_core.region_map.region_map import Boundary, MapSweep
+from amb_core.regions import Classification, RegionParameters, classify
+
+SOURCES = (
+    "control.py", "errors.py", "loop.py", "parameters.py", "records.py",
+    "excitation", "plant", "regions", "region_map/region_map.py", "region_map/settings.py", "region_map/sweep_run.py",
+)  # fmt: skip
+"""Modules and packages of amb_core that a sweep runs through: a change in one of them outdates results."""
+LIBRARIES = ("llvmlite", "numba", "numpy", "scipy")
+
+P = TypeVar("P", bound=Parameters)
+
+
+@dataclass(frozen=True)
+class SweepTask:
+    """All that decides the result of one sweep.
+
+    Attributes
+    ----------
+    sweep : Sweep
+        The excitation.
+    rest : float
+        Time without excitation before it (s).
+    plant, controller, regions : PlantParameters, ControllerParameters, RegionParameters
+        The loop, and how it is judged. Subclasses (parameters of nodes) are reduced to these.
+    """
+
+    sweep: Sweep
+    rest: float
+    plant: PlantParameters
+    controller: ControllerParameters
+    regions: RegionParameters
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "controller", _reduced(ControllerParameters, self.controller))
+        # What happens after touch-down has no part in a region map, so the run may end there.
+        plant = _reduced(PlantParameters, self.plant)
+        no_contact = plant.backup_bearing.model_copy(update={"contact": False})
+        object.__setattr__(self, "plant", plant.model_copy(update={"backup_bearing": no_contact}))
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that decides the result as plain JSON values: parameters, files they name, version of the code."""
+        files = {
+            path: hashlib.sha256(Path(path).read_bytes()).hexdigest()
+            for path in (self.plant.iron.bh_table, self.plant.flexible_rotor.modal_data)
+            if path
+        }
+        return {
+            "sweep": self.sweep.model_dump(),
+            "rest": self.rest,
+            "plant": self.plant.model_dump(),
+            "controller": self.controller.model_dump(),
+            "regions": self.regions.model_dump(),
+            "files": files,
+            "code": code_version(),
+        }
+
+    def key(self) -> str:
+        """Checksum of `describe`: tasks with the same key have the same result."""
+        return hashlib.sha256(json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()
+
+
+@cache
+def code_version() -> str:
+    """Checksum of the sources that the result of a sweep depends on, and of the versions of Python and libraries."""
+    root = Path(amb_core.__file__).parent
+    digest = hashlib.sha256(sys.version.encode())
+    for library in LIBRARIES:
+        digest.update(f"{library}=={version(library)}".encode())
+    for source in SOURCES:
+        for path in [root / source] if source.endswith(".py") else sorted((root / source).rglob("*.py")):
+            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def run_sweep(task: SweepTask) -> MapSweep:
+    """Simulate a sweep from rest until it ends or the rotor delevitates, and find where its regions begin.
+
+    Raises
+    ------
+    RegionError
+        If the rotor does not stay levitated before the sweep begins.
+    PlantError, ExcitationError
+        If the plant or the sweep cannot be made.
+    """
+    sample_rate = task.controller.sample_rate
+    signal = generate(task.sweep, sample_rate)
+    rest = round(task.rest * sample_rate)
+    plant = Plant(task.plant)
+    record = simulate(plant, PdController(task.controller), rest + signal.steps, signal.samples, rest)
+    if record.steps <= rest and plant.delevitated:
+        raise RegionError(
+            f"the rotor delevitates {record.steps / sample_rate:.3g} s after it is released, before the sweep begins "
+            f"at {task.rest:g} s; the loop does not hold it"
+        )
+    assert signal.frequency is not None
+    frequency = np.concatenate([np.full(rest, task.sweep.frequency_start), signal.frequency])[: record.steps]
+    found = classify(record, task.regions, delevitated=plant.delevitated, frequency=frequency)
+    return MapSweep(
+        amplitude=task.sweep.amplitude,
+        boundaries={region: Boundary(onset.input_frequency, onset.resonance) for region, onset in found.onsets.items()},
+        beats=_beats(found, frequency),
+        highest_frequency=float(frequency[-1]),
+        steps=record.steps,
+    )
+
+
+def _beats(found: Classification, frequency: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+    """Spans of the input frequency (Hz) over which an axis beat with the sample rate."""
+    beating = [state.x.sampling_beat or state.y.sampling_beat for state in found.states]
+    edges = np.flatnonzero(np.diff([False, *beating, False]))
+    steps = [min(state.step, len(frequency) - 1) for state in found.states]
+    return tuple(
+        (float(frequency[steps[first]]), float(frequency[steps[last - 1]]))
+        for first, last in zip(edges[::2], edges[1::2], strict=True)
+    )
+
+
+def _reduced(model: type[P], parameters: P) -> P:
+    return model.model_validate({name: getattr(parameters, name) for name in model.model_fields})
