@@ -5,6 +5,7 @@
 """
 
 from amb_core.identification.closed_loop import closed_loop_poles, simulate_closed_loop
+from amb_core.identification.data import IdentificationData
 from amb_core.identification.identify import METHODS, Identification, identify
 from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.pem import pem
@@ -15,6 +16,7 @@ from amb_core.identification.validation import nrmse_fit
 __all__ = [
     "METHODS",
     "Identification",
+    "IdentificationData",
     "StateSpaceModel",
     "closed_loop_poles",
     "identify",

@@ -1,0 +1,205 @@
+"""Data made fit for estimation: trends taken away and kept, fewer samples, invalid samples left out, inputs advanced.
+
+Every function leaves its argument as it is and answers with new data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.data.dataset import Experiment, IdentificationData, line
+
+_PASS_BAND = 0.8  # share of the new Nyquist frequency that decimation passes
+_ATTENUATION = 80.0  # dB from the new Nyquist frequency on
+HIGHEST_FACTOR = 1_000
+
+
+def detrend(
+    data: IdentificationData, kind: Literal["mean", "linear"] = "mean", *, common: bool = False
+) -> IdentificationData:
+    """Take means or straight lines away from inputs, outputs and reference; they are kept in the experiments.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        The data.
+    kind : str
+        `mean`, or `linear` for the least-squares line over the time of the run.
+    common : bool
+        Take the same away from all experiments, as it should be for parts of one run at one operating point; by
+        default each experiment has its own.
+
+    Raises
+    ------
+    IdentificationError
+        If `kind` is another word or a value is not finite.
+    """
+    if kind not in ("mean", "linear"):
+        raise IdentificationError(f"detrending by {kind!r} is not allowed; allowed: mean, linear")
+    if not all(np.isfinite(item.signals).all() for item in data.experiments):
+        raise IdentificationError("data with values that are not finite have no trend; use split_at_invalid first")
+    groups = [data.experiments] if common else [(item,) for item in data.experiments]
+    experiments: list[Experiment] = []
+    for group in groups:
+        times = [item.time(data.sample_time) for item in group]
+        for name in ("input", "output", "reference"):
+            signals = [_signal(item, name) for item in group]
+            if signals[0] is None or any(signal is None for signal in signals):
+                continue
+            trend = _trend(np.concatenate(times), np.concatenate([s for s in signals if s is not None]), kind)
+            group = tuple(_less(item, name, trend, time) for item, time in zip(group, times, strict=True))
+        experiments += group
+    return replace(data, experiments=tuple(experiments))
+
+
+def restore(data: IdentificationData) -> IdentificationData:
+    """Add again what detrending took away (to rounding)."""
+    experiments = []
+    for item in data.experiments:
+        time = item.time(data.sample_time)
+        for name in ("input", "output", "reference"):
+            item = _less(item, name, -getattr(item, f"{name}_trend"), time)
+        experiments.append(item)
+    return replace(data, experiments=tuple(experiments))
+
+
+def decimate(data: IdentificationData, factor: int) -> IdentificationData:
+    """Keep every `factor`-th sample of the low-passed data; no phase is added.
+
+    A symmetric FIR filter (Kaiser window, 80 dB) passes up to 0.8 of the new Nyquist frequency. It runs over all
+    signals alike, so a linear relation between them stays what it is. Only samples that it reaches without invented values are
+    kept, so each experiment loses about 25 new samples at either end. The kept steps are multiples of `factor`, and
+    the first step counts new samples.
+
+    An input that was held over each old sample is not held over the new ones: trust a model of decimated data up to a
+    third of the new Nyquist frequency.
+
+    Raises
+    ------
+    IdentificationError
+        If the factor is not an integer from 2 to 1000, a value is not finite or an experiment is too short.
+
+    References
+    ----------
+    A. V. Oppenheim and R. W. Schafer, Discrete-Time Signal Processing, 3rd edition, 2010, sections 4.6 and 7.5.
+    """
+    from scipy import signal  # takes most of a second to import, which programs that do not need it should not wait
+
+    if factor != int(factor) or not 2 <= factor <= HIGHEST_FACTOR:
+        raise IdentificationError(f"factor {factor} is not allowed; allowed: integers from 2 to {HIGHEST_FACTOR}")
+    factor = int(factor)
+    length, beta = signal.kaiserord(_ATTENUATION, (1.0 - _PASS_BAND) / factor)
+    length |= 1  # odd, so that the delay is a number of samples
+    taps = signal.firwin(length, 0.5 * (1.0 + _PASS_BAND) / factor, window=("kaiser", beta))
+    experiments = []
+    for index, item in enumerate(data.experiments):
+        if not np.isfinite(item.signals).all():
+            raise IdentificationError("data with values that are not finite cannot be filtered; use split_at_invalid")
+        centre = item.first_step + length // 2  # step of the first filtered sample
+        skipped = -centre % factor
+        if item.steps < length + skipped:
+            raise IdentificationError(
+                f"experiment {index} has {item.steps} samples; decimation by {factor} needs {length + skipped} or more"
+            )
+
+        def kept(samples: NDArray[np.float64], start: int = skipped) -> NDArray[np.float64]:
+            return np.asarray(signal.oaconvolve(samples, taps[:, np.newaxis], mode="valid", axes=0)[start::factor])
+
+        experiments.append(
+            replace(
+                item,
+                inputs=kept(item.inputs),
+                outputs=kept(item.outputs),
+                reference=None if item.reference is None else kept(item.reference),
+                first_step=(centre + skipped) // factor,
+            )
+        )
+    return replace(data, experiments=tuple(experiments), sample_time=data.sample_time * factor)
+
+
+def split_at_invalid(data: IdentificationData, shortest: int = 1) -> IdentificationData:
+    """Leave samples that are not finite out: what lies between them becomes experiments of their own.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        The data.
+    shortest : int
+        Fewest samples of an experiment that is kept; the others are left out as well.
+
+    Raises
+    ------
+    IdentificationError
+        If nothing is left.
+    """
+    experiments = []
+    for item in data.experiments:
+        valid = np.isfinite(item.signals).all(axis=1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], valid.astype(np.int8), [0]]))) + item.first_step
+        experiments += [
+            item.window(int(start), int(stop))
+            for start, stop in edges.reshape(-1, 2)
+            if stop - start >= max(shortest, 1)
+        ]
+    if not experiments:
+        raise IdentificationError(f"no stretch of {max(shortest, 1)} finite samples is left")
+    return replace(data, experiments=tuple(experiments))
+
+
+def advance_inputs(data: IdentificationData, steps: Sequence[int]) -> IdentificationData:
+    """Pair each output with an input of `steps` samples earlier (negative: later), one number for each input.
+
+    Takes dead time out of the data, so that a model need not spend a state on each sample of it. With -1, outputs that
+    answer within the sample (D not 0) answer one sample later, so that methods with D = 0 apply.
+
+    Raises
+    ------
+    IdentificationError
+        If there are not as many numbers as inputs, or an experiment has no sample left.
+    """
+    if len(steps) != len(data.input_names):
+        raise IdentificationError(f"{len(data.input_names)} inputs need as many numbers of steps, not {len(steps)}")
+    back, ahead = max(0, *steps), max(0, *(-step for step in steps))
+    experiments = []
+    for index, item in enumerate(data.experiments):
+        if item.steps <= back + ahead:
+            raise IdentificationError(
+                f"experiment {index} has {item.steps} samples; more than {back + ahead} are needed to move its inputs"
+            )
+        kept = item.window(item.first_step + back, item.stop - ahead)
+        columns = [item.inputs[back - step : back - step + kept.steps, column] for column, step in enumerate(steps)]
+        trend = item.input_trend.copy()
+        trend[0] -= trend[1] * np.asarray(steps) * data.sample_time
+        experiments.append(replace(kept, inputs=np.column_stack(columns), input_trend=trend))
+    return replace(data, experiments=tuple(experiments))
+
+
+def _signal(item: Experiment, name: str) -> NDArray[np.float64] | None:
+    signal: NDArray[np.float64] | None = item.reference if name == "reference" else getattr(item, f"{name}s")
+    return signal
+
+
+def _trend(time: NDArray[np.float64], signal: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
+    """Offset and slope of the least-squares line, or the mean and no slope; shape (2, channels)."""
+    mean = signal.mean(axis=0)
+    if kind == "mean" or len(time) < 2:
+        return np.vstack([mean, np.zeros_like(mean)])
+    centred = time - time.mean()
+    slope = centred @ (signal - mean) / (centred @ centred)
+    return np.vstack([mean - slope * time.mean(), slope])
+
+
+def _less(item: Experiment, name: str, trend: NDArray[np.float64], time: NDArray[np.float64]) -> Experiment:
+    """An experiment of which a trend has been taken away."""
+    signal = _signal(item, name)
+    if signal is None:
+        return item
+    field = "reference" if name == "reference" else f"{name}s"
+    removed = getattr(item, f"{name}_trend") + trend
+    return replace(item, **{field: signal - line(trend, time), f"{name}_trend": removed})  # type: ignore[arg-type]

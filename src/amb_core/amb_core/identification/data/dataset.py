@@ -1,0 +1,426 @@
+"""Data for identification: one or several experiments with the same signals at one sample time.
+
+An experiment is a stretch of consecutive samples without a gap. Each has its own initial state, so a record with gaps,
+several runs and several bags all become one data set without pretending that they are one signal.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from amb_core.errors import IdentificationError
+from amb_core.records import LoopRecord
+
+
+def _no_trend() -> NDArray[np.float64]:
+    """Stands for a trend of zero, whatever the number of signals."""
+    return np.zeros((2, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """Consecutive samples of m inputs and p outputs; arrays are read-only.
+
+    Attributes
+    ----------
+    inputs, outputs : ndarray, shapes (steps, m), (steps, p)
+        The samples.
+    reference : ndarray, shape (steps, p), or None
+        What the outputs were asked to follow, in their units.
+    first_step : int
+        Number of the first sample; sample k is taken at the time k * sample_time of the run.
+    source : str
+        Run that the samples come from. Experiments of one source are parts of one run, with gaps between them.
+    input_trend, output_trend, reference_trend : ndarray, shapes (2, m), (2, p), (2, p)
+        What detrending has taken away: offset (row 0) + slope (row 1, per second) * time of the run.
+
+    Raises
+    ------
+    IdentificationError
+        If the shapes do not fit together or there is no sample.
+    """
+
+    inputs: NDArray[np.float64]
+    outputs: NDArray[np.float64]
+    reference: NDArray[np.float64] | None = None
+    first_step: int = 0
+    source: str = ""
+    input_trend: NDArray[np.float64] = field(default_factory=_no_trend)
+    output_trend: NDArray[np.float64] = field(default_factory=_no_trend)
+    reference_trend: NDArray[np.float64] = field(default_factory=_no_trend)
+
+    def __post_init__(self) -> None:
+        self._freeze("inputs", self.inputs)
+        self._freeze("outputs", self.outputs)
+        if self.reference is not None:
+            self._freeze("reference", self.reference)
+        for name, signals in (("input", self.inputs), ("output", self.outputs), ("reference", self.outputs)):
+            trend = getattr(self, f"{name}_trend")
+            self._freeze(f"{name}_trend", np.zeros((2, signals.shape[-1])) if np.shape(trend) == (2, 0) else trend)
+        self._check()
+
+    @property
+    def steps(self) -> int:
+        """Number of samples."""
+        return len(self.inputs)
+
+    @property
+    def stop(self) -> int:
+        """Number of the sample after the last."""
+        return self.first_step + self.steps
+
+    @property
+    def signals(self) -> NDArray[np.float64]:
+        """Inputs, outputs and, where it is known, the reference, side by side."""
+        known = [self.inputs, self.outputs] + ([] if self.reference is None else [self.reference])
+        return np.hstack(known)
+
+    def time(self, sample_time: float) -> NDArray[np.float64]:
+        """Time of each sample from step 0 of the run (s), shape (steps,)."""
+        return np.arange(self.first_step, self.stop, dtype=np.float64) * sample_time
+
+    def window(self, first_step: int, stop: int) -> Experiment:
+        """The samples from `first_step` up to, not including, `stop`, of which at least one must be there."""
+        part = slice(max(first_step - self.first_step, 0), max(stop - self.first_step, 0))
+        return replace(
+            self,
+            inputs=self.inputs[part],
+            outputs=self.outputs[part],
+            reference=None if self.reference is None else self.reference[part],
+            first_step=max(first_step, self.first_step),
+        )
+
+    def _freeze(self, name: str, values: ArrayLike) -> None:
+        array = np.array(values, dtype=np.float64, order="C")
+        array.flags.writeable = False
+        object.__setattr__(self, name, array)
+
+    def _check(self) -> None:
+        if self.inputs.ndim != 2 or self.outputs.ndim != 2 or len(self.inputs) != len(self.outputs):
+            raise IdentificationError(
+                f"inputs {self.inputs.shape} and outputs {self.outputs.shape} must have shapes (steps, m), (steps, p)"
+            )
+        if self.reference is not None and self.reference.shape != self.outputs.shape:
+            raise IdentificationError(
+                f"reference {self.reference.shape} must have the shape of the outputs, {self.outputs.shape}"
+            )
+        if 0 in self.inputs.shape or 0 in self.outputs.shape:
+            raise IdentificationError("an experiment needs at least one sample, one input and one output")
+        for name, signals in (("input", self.inputs), ("output", self.outputs), ("reference", self.outputs)):
+            trend = getattr(self, f"{name}_trend")
+            if trend.shape != (2, signals.shape[1]):
+                raise IdentificationError(f"{name}_trend has shape {trend.shape}; (2, {signals.shape[1]}) is needed")
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Samples that are missing between two experiments of one source, from `first_step` up to, not including, `stop`.
+
+    Attributes
+    ----------
+    source : str
+        The run in which they are missing.
+    first_step, stop : int
+        First missing sample, and the one after the last.
+    """
+
+    source: str
+    first_step: int
+    stop: int
+
+    @property
+    def steps(self) -> int:
+        """Number of missing samples."""
+        return self.stop - self.first_step
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationData:
+    """Experiments with the same signals at one sample time.
+
+    Values may be anything, NaN included: `check_data` judges them, `split_at_invalid` leaves the invalid ones out.
+
+    Attributes
+    ----------
+    experiments : tuple of Experiment
+        At least one.
+    sample_time : float
+        Sample time (s).
+    input_names, output_names : tuple of str
+        Names of the m inputs and p outputs, all different.
+    input_units, output_units : tuple of str
+        Their units; empty where unknown.
+
+    Raises
+    ------
+    IdentificationError
+        If names, units and experiments do not fit together or the sample time is not positive.
+    """
+
+    experiments: tuple[Experiment, ...]
+    sample_time: float
+    input_names: tuple[str, ...] = ("i_x", "i_y")
+    output_names: tuple[str, ...] = ("x", "y")
+    input_units: tuple[str, ...] = ("A", "A")
+    output_units: tuple[str, ...] = ("m", "m")
+
+    def __post_init__(self) -> None:
+        for name in ("experiments", "input_names", "output_names", "input_units", "output_units"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        object.__setattr__(self, "sample_time", float(self.sample_time))
+        self._check()
+
+    @classmethod
+    def from_arrays(
+        cls,
+        inputs: ArrayLike,
+        outputs: ArrayLike,
+        sample_time: float,
+        *,
+        reference: ArrayLike | None = None,
+        first_step: int = 0,
+        source: str = "",
+        input_names: Sequence[str] | None = None,
+        output_names: Sequence[str] | None = None,
+        input_units: Sequence[str] | None = None,
+        output_units: Sequence[str] | None = None,
+    ) -> IdentificationData:
+        """One experiment from arrays of shapes (steps, m), (steps, p) and (steps, p) or, for one signal, (steps,).
+
+        By default inputs are named u1, u2 ..., outputs y1, y2 ..., and have no units.
+        """
+        u, y = _columns(inputs), _columns(outputs)
+        experiment = Experiment(u, y, None if reference is None else _columns(reference), first_step, source)
+        m, p = u.shape[1], y.shape[1]
+        return cls(
+            (experiment,),
+            sample_time,
+            tuple(input_names or [f"u{number}" for number in range(1, m + 1)]),
+            tuple(output_names or [f"y{number}" for number in range(1, p + 1)]),
+            tuple(input_units or [""] * m),
+            tuple(output_units or [""] * p),
+        )
+
+    @classmethod
+    def from_record(cls, record: LoopRecord, source: str = "") -> IdentificationData:
+        """One experiment from a record of the loop: control current references (A) to positions (m)."""
+        experiment = Experiment(record.current, record.position, record.reference, record.first_step, source)
+        return cls((experiment,), record.sample_time)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of all experiments."""
+        return sum(experiment.steps for experiment in self.experiments)
+
+    @property
+    def input_offset(self) -> NDArray[np.float64]:
+        """Operating point of the inputs: mean of what detrending took away, shape (m,)."""
+        return self._mean_trend("input")
+
+    @property
+    def output_offset(self) -> NDArray[np.float64]:
+        """Operating point of the outputs: mean of what detrending took away, shape (p,)."""
+        return self._mean_trend("output")
+
+    @property
+    def gaps(self) -> list[Gap]:
+        """What is missing between experiments of one source, in order."""
+        ordered = sorted(self.experiments, key=lambda experiment: (experiment.source, experiment.first_step))
+        return [
+            Gap(before.source, before.stop, after.first_step)
+            for before, after in itertools.pairwise(ordered)
+            if before.source == after.source and before.stop < after.first_step
+        ]
+
+    def time(self, index: int = 0) -> NDArray[np.float64]:
+        """Time of each sample of an experiment from step 0 of its run (s), shape (steps,)."""
+        return self.experiments[index].time(self.sample_time)
+
+    def subset(self, indices: Iterable[int]) -> IdentificationData:
+        """The experiments with these indices, in this order."""
+        return replace(self, experiments=tuple(self.experiments[index] for index in indices))
+
+    def window(self, first_step: int, stop: int) -> IdentificationData:
+        """The samples of all experiments from step `first_step` up to, not including, `stop`.
+
+        Raises
+        ------
+        IdentificationError
+            If no sample is left.
+        """
+        kept = [item for item in self.experiments if first_step < item.stop and item.first_step < stop > first_step]
+        if not kept:
+            spans = ", ".join(f"{item.first_step} to {item.stop - 1}" for item in self.experiments[:5])
+            raise IdentificationError(f"no samples from step {first_step} to {stop - 1}; the experiments have {spans}")
+        return replace(self, experiments=tuple(item.window(first_step, stop) for item in kept))
+
+    def between(self, start: float, end: float) -> IdentificationData:
+        """The samples of all experiments from time `start` up to, not including, `end` (s of their runs).
+
+        Raises
+        ------
+        IdentificationError
+            If no sample is left.
+        """
+        if not (math.isfinite(start) and math.isfinite(end)):
+            raise IdentificationError(f"times from {start} s to {end} s are not allowed; they must be finite")
+        # a time that is a step but for rounding is that step
+        return self.window(*(math.ceil(time / self.sample_time - 1e-6) for time in (start, end)))
+
+    def split(self, share: float = 0.5) -> tuple[IdentificationData, IdentificationData]:
+        """The first share of the samples and the rest, for identification and validation.
+
+        Raises
+        ------
+        IdentificationError
+            If either part would be empty.
+        """
+        before = round(share * self.samples)
+        if not 0 < before < self.samples:
+            raise IdentificationError(f"a share of {share} of {self.samples} samples leaves a part without samples")
+        first, second = [], []
+        for item in self.experiments:
+            cut = item.first_step + min(max(before, 0), item.steps)
+            if cut > item.first_step:
+                first.append(item.window(item.first_step, cut))
+            if cut < item.stop:
+                second.append(item.window(cut, item.stop))
+            before -= item.steps
+        return replace(self, experiments=tuple(first)), replace(self, experiments=tuple(second))
+
+    def select(self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> IdentificationData:
+        """Only the named inputs and outputs, in this order; all by default.
+
+        Raises
+        ------
+        IdentificationError
+            If a name is unknown.
+        """
+        ins = [_position(name, self.input_names, "input") for name in inputs or self.input_names]
+        outs = [_position(name, self.output_names, "output") for name in outputs or self.output_names]
+        experiments = tuple(
+            replace(
+                item,
+                inputs=item.inputs[:, ins],
+                outputs=item.outputs[:, outs],
+                reference=None if item.reference is None else item.reference[:, outs],
+                input_trend=item.input_trend[:, ins],
+                output_trend=item.output_trend[:, outs],
+                reference_trend=item.reference_trend[:, outs],
+            )
+            for item in self.experiments
+        )
+        return IdentificationData(
+            experiments,
+            self.sample_time,
+            tuple(self.input_names[index] for index in ins),
+            tuple(self.output_names[index] for index in outs),
+            tuple(self.input_units[index] for index in ins),
+            tuple(self.output_units[index] for index in outs),
+        )
+
+    def record(self, index: int = 0) -> LoopRecord:
+        """An experiment as a record of the loop, with what detrending took away.
+
+        Raises
+        ------
+        IdentificationError
+            If it has no reference, or not two inputs in A and two outputs in m.
+        """
+        item = self.experiments[index]
+        if item.reference is None:
+            raise IdentificationError("a record of the loop needs the reference, which these data lack")
+        if self.input_units != ("A", "A") or self.output_units != ("m", "m"):
+            raise IdentificationError(
+                "a record of the loop has two inputs in A and two outputs in m; "
+                f"these data have {', '.join(map(_label, self.input_names, self.input_units))} "
+                f"and {', '.join(map(_label, self.output_names, self.output_units))}"
+            )
+        time = item.time(self.sample_time)
+        return LoopRecord(
+            item.first_step,
+            self.sample_time,
+            item.reference + line(item.reference_trend, time),
+            item.outputs + line(item.output_trend, time),
+            item.inputs + line(item.input_trend, time),
+        )
+
+    def _mean_trend(self, name: str) -> NDArray[np.float64]:
+        weights = [item.steps / self.samples for item in self.experiments]
+        means = [
+            line(getattr(item, f"{name}_trend"), np.array([item.time(self.sample_time).mean()]))[0]
+            for item in self.experiments
+        ]
+        return np.asarray(np.tensordot(weights, means, axes=1))
+
+    def _check(self) -> None:
+        if not (math.isfinite(self.sample_time) and self.sample_time > 0.0):
+            raise IdentificationError(f"'sample_time' = {self.sample_time!r} s is not allowed; it must be positive")
+        if not self.experiments:
+            raise IdentificationError("data need at least one experiment")
+        names = (*self.input_names, *self.output_names)
+        if len(set(names)) < len(names):
+            raise IdentificationError(f"the names {', '.join(names)} must all be different")
+        for kind in ("input", "output"):
+            names, units = getattr(self, f"{kind}_names"), getattr(self, f"{kind}_units")
+            if len(units) != len(names):
+                raise IdentificationError(f"{len(names)} {kind}s need as many units, not {len(units)}")
+            for index, item in enumerate(self.experiments):
+                found = getattr(item, f"{kind}s").shape[1]
+                if found != len(names):
+                    raise IdentificationError(f"experiment {index} has {found} {kind}s; {len(names)} are named")
+
+
+def merge(datasets: Iterable[IdentificationData]) -> IdentificationData:
+    """The experiments of several data sets in one, each with its own initial state.
+
+    Raises
+    ------
+    IdentificationError
+        If there is none, or if sample time, names or units differ.
+    """
+    merged = list(datasets)
+    if not merged:
+        raise IdentificationError("there are no data to merge")
+    first = merged[0]
+    for number, other in enumerate(merged[1:], start=2):
+        if abs(other.sample_time - first.sample_time) > 1e-9 * first.sample_time:
+            raise IdentificationError(
+                f"data set {number} has the sample time {other.sample_time:g} s, the first {first.sample_time:g} s; "
+                "only data of one sample time can be merged: decimate the faster one"
+            )
+        for what in ("input_names", "output_names", "input_units", "output_units"):
+            mine, theirs = getattr(first, what), getattr(other, what)
+            if mine != theirs:
+                raise IdentificationError(
+                    f"data set {number} has the {what.replace('_', ' ')} {', '.join(theirs)}, "
+                    f"the first {', '.join(mine)}; they must be the same"
+                )
+    return replace(first, experiments=tuple(item for data in merged for item in data.experiments))
+
+
+def line(trend: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of a trend (see `Experiment`) at times (s), shape (steps, channels)."""
+    offset, slope = trend
+    return np.asarray(offset + np.outer(time, slope))
+
+
+def _columns(values: ArrayLike) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    return array[:, np.newaxis] if array.ndim == 1 else array
+
+
+def _position(name: str, names: tuple[str, ...], kind: str) -> int:
+    if name not in names:
+        raise IdentificationError(f"there is no {kind} {name!r}; there are {', '.join(names)}")
+    return names.index(name)
+
+
+def _label(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
