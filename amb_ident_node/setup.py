@@ -23,6 +23,7 @@ setup(
         "console_scripts": [
             "recorder=amb_ident_node.recorder:main",
             "identifier=amb_ident_node.identifier:main",
+            "region_monitor=amb_ident_node.region_monitor:main",
         ]
     },
 )

@@ -17,7 +17,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from amb_core.bags import read_bag
 from amb_core.control import ControllerParameters
 from amb_core.errors import BagError, IdentificationError, ParameterError
-from amb_core.experiments import ExperimentBuffer, controller_of, select_window
+from amb_core.experiments import ExperimentBuffer, select_window
 from amb_core.identification import Identification, identify
 from amb_core.messages import block_from_message, excitation_from_message
 from amb_core.parameters import Parameters, choice, quantity
@@ -155,14 +155,13 @@ class IdentifierNode(Node):
                     return
 
     def _live_controller(self) -> ControllerParameters | None:
-        name = self._settings.controller
-        remote = name if name.startswith("/") else f"{self.get_namespace().rstrip('/')}/{name}"
         try:
-            values = self._remote_parameters.read(remote, self._settings.parameter_timeout)
+            return self._remote_parameters.read_set(
+                ControllerParameters, self._settings.controller, self._settings.parameter_timeout
+            )
         except ParameterError as problem:
             self.get_logger().warning(f"{problem}; {ASSUMED_CONTROLLER}")
             return None
-        return controller_of(values)
 
     # -- health
 

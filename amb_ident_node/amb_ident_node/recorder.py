@@ -25,7 +25,16 @@ from amb_core.errors import AmbError, BagError, ParameterError
 from amb_core.messages import ParameterValue
 from amb_core.parameters import Parameters, choice, quantity, switch
 from amb_ident_node.recording import Recording
-from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, PlantState, SimulatorState, StateSpaceModel
+from amb_msgs.msg import (
+    Excitation,
+    ExcitationStatus,
+    LoopSamples,
+    PlantState,
+    RegionMap,
+    RegionState,
+    SimulatorState,
+    StateSpaceModel,
+)
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros import diagnostics, topics
 from amb_ros.definitions import message_definition
@@ -83,6 +92,8 @@ RECORDED = (
     RecordedTopic(topics.PLANT_STATE, PlantState, stream=HISTORY),
     RecordedTopic(topics.EXCITATION, Excitation, latched=True),
     RecordedTopic(topics.EXCITATION_STATUS, ExcitationStatus, latched=True),
+    RecordedTopic(topics.REGION, RegionState, stream=HISTORY),
+    RecordedTopic(topics.REGION_MAP, RegionMap, latched=True),
     RecordedTopic(topics.MODEL, StateSpaceModel, latched=True),
     RecordedTopic(topics.SIMULATOR_STATE, SimulatorState, latched=True),
     RecordedTopic(PARAMETER_EVENTS, ParameterEvent),

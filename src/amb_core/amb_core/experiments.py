@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from amb_core.errors import IdentificationError
-from amb_core.parameters import declarations, validate
+from amb_core.parameters import part_of
 from amb_core.records import LoopRecord
 from amb_core.telemetry import merge_blocks
 
@@ -111,8 +111,7 @@ def controller_of(values: Mapping[str, object]) -> ControllerParameters:
     """
     from amb_core.control import ControllerParameters  # loads a compiler, which a recorder does not need
 
-    names = {declaration.name for declaration in declarations(ControllerParameters)}
-    return validate(ControllerParameters, {name: value for name, value in values.items() if name in names})
+    return part_of(ControllerParameters, values)
 
 
 class ExperimentBuffer:

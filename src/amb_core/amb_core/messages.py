@@ -5,18 +5,23 @@ Fields are taken by name, so that a message may come from ROS or be decoded from
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from amb_core.errors import BagError
+from amb_core.errors import BagError, RegionError
 from amb_core.experiments import AppliedExcitation
+from amb_core.parameters import validate
 from amb_core.records import LoopRecord, PlantRecord
 
 if TYPE_CHECKING:
     from amb_core.identification import StateSpaceModel
+    from amb_core.region_map import MapSettings, RegionMap
+    from amb_core.regions import AxisState, Onset, RegionState
 
 ParameterValue = bool | int | float | str | list[Any] | None
 
@@ -119,6 +124,82 @@ def model_from_message(message: Any) -> StateSpaceModel:
     )
 
 
+def region_state_from_message(message: Any) -> RegionState:
+    """The state of a RegionState message; which run it belongs to stays in the message."""
+    from amb_core.regions import Region, RegionState  # loads a compiler, which a recorder does not need
+
+    return RegionState(
+        step=int(message.step),
+        x=_axis_state(message.x),
+        y=_axis_state(message.y),
+        region=Region(message.region),
+        since=_onset(message.since),
+        radius=float(message.radius),
+        settled=bool(message.settled),
+    )
+
+
+def region_map_from_message(message: Any) -> RegionMap:
+    """The map of a RegionMap message.
+
+    Raises
+    ------
+    RegionError
+        If it holds no sweep, or its arrays or texts are not those of a map.
+    """
+    from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap
+    from amb_core.region_map.region_map import BOUNDARIES
+
+    try:
+        beats: list[list[tuple[float, float]]] = [[] for _ in message.amplitude]
+        for sweep, start, end in zip(message.beat_sweep, message.beat_start, message.beat_end, strict=True):
+            beats[sweep].append((float(start), float(end)))
+        onsets = {
+            region: list(
+                zip(
+                    getattr(message, f"frequency_{region.name.lower()}"),
+                    getattr(message, f"resonance_{region.name.lower()}"),
+                    strict=True,
+                )
+            )
+            for region in BOUNDARIES
+        }
+        sweeps = [
+            MapSweep(
+                amplitude=float(amplitude),
+                boundaries={
+                    region: Boundary(float(found[number][0]), bool(found[number][1]))
+                    for region, found in onsets.items()
+                    if not math.isnan(found[number][0])
+                },
+                beats=tuple(beats[number]),
+                highest_frequency=float(message.highest_frequency[number]),
+                steps=int(message.steps[number]),
+            )
+            for number, amplitude in enumerate(message.amplitude)
+        ]
+        settings = MapSettings.model_validate_json(message.settings)
+        provenance = json.loads(message.provenance)
+    except (ValueError, IndexError) as problem:
+        raise RegionError(f"region map of {len(message.amplitude)} sweeps: the message is none ({problem})") from None
+    return RegionMap(settings, tuple(sweeps), provenance, bool(message.complete))
+
+
+def map_settings_from_message(message: Any) -> MapSettings:
+    """Settings of a map from the goal of a BuildMap action, in which 0, empty and a negative rest ask for the default.
+
+    Raises
+    ------
+    RegionError
+        If a value is not allowed; the message says what is.
+    """
+    from amb_core.region_map import MapSettings
+
+    given = {name: getattr(message, name) for name in MapSettings.model_fields}
+    asked = {name: value for name, value in given.items() if (value >= 0.0 if name == "rest" else value)}
+    return validate(MapSettings, asked, RegionError)
+
+
 def parameters_from_messages(messages: Iterable[Any]) -> dict[str, ParameterValue]:
     """Names and values of rcl_interfaces/Parameter messages; None for a parameter that is not set."""
     return {message.name: _parameter_value(message.value) for message in messages}
@@ -141,6 +222,19 @@ def _parameter_value(value: Any) -> ParameterValue:
         return None
     content = getattr(value, fields[value.type - 1])
     return list(content) if fields[value.type - 1].endswith("array_value") else content
+
+
+def _axis_state(message: Any) -> AxisState:
+    from amb_core.regions import AxisState, Region
+
+    features = {name: getattr(message, name) for name in AxisState.__dataclass_fields__}
+    return AxisState(**features | {"region": Region(message.region), "since": _onset(message.since)})
+
+
+def _onset(message: Any) -> Onset:
+    from amb_core.regions import Onset
+
+    return Onset(int(message.step), float(message.time), float(message.input_frequency), bool(message.resonance))
 
 
 def _rows(messages: Sequence[Any], name: str) -> NDArray[np.float64]:

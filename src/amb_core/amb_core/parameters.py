@@ -139,10 +139,23 @@ def validate(model: type[P], values: Mapping[str, Any], error: type[Exception] =
         raise error(f"parameter set '{name}': {reason}" if name else reason) from None
 
 
-def load_parameters(model: type[P], path: str | Path, node: str) -> P:
+def part_of(model: type[P], values: Mapping[str, Any]) -> P:
+    """A parameter set among all parameters of a node, by name: what the set does not declare is left out.
+
+    Raises
+    ------
+    ParameterError
+        If one of them is out of its range.
+    """
+    names = {declaration.name for declaration in declarations(model)}
+    return validate(model, {name: value for name, value in flatten(values).items() if name in names})
+
+
+def load_parameters(model: type[P], path: str | Path, node: str, *, part: bool = False) -> P:
     """Parameters of one node from a ROS parameter file, so that scripts without ROS use the same files as the nodes.
 
     Sections count whose node name (last part of the key) is `node`, or `**`; a later section overrides an earlier one.
+    With `part` the set is only a part of the node's parameters: others in the file are left to the node.
 
     Raises
     ------
@@ -163,7 +176,7 @@ def load_parameters(model: type[P], path: str | Path, node: str) -> P:
         if str(key).rsplit("/", 1)[-1] in (node, "**"):
             values.update(flatten(section["ros__parameters"]))
     try:
-        return validate(model, values)
+        return part_of(model, values) if part else validate(model, values)
     except ParameterError as problem:
         raise ParameterError(f"parameter file {path}, node {node}: {problem}") from None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import GetParameters, ListParameters
@@ -13,6 +13,9 @@ from rclpy.node import Node
 
 from amb_core.errors import ParameterError
 from amb_core.messages import ParameterValue, parameters_from_messages
+from amb_core.parameters import Parameters, part_of
+
+P = TypeVar("P", bound=Parameters)
 
 POLL_PERIOD = 0.005  # s; `Client.wait_for_service` looks only four times a second
 
@@ -56,6 +59,27 @@ class RemoteParameters:
         return parameters_from_messages(
             Parameter(name=name, value=value) for name, value in zip(names, values, strict=True)
         )
+
+    def read_set(self, model: type[P], remote: str, timeout: float) -> P:
+        """A parameter set among the parameters of a node, such as those of the plant among the simulator's.
+
+        Parameters
+        ----------
+        model : type[Parameters]
+            The set.
+        remote : str
+            Name of the node, full or relative to the namespace of this one.
+        timeout : float
+            Longest wait for each answer (s).
+
+        Raises
+        ------
+        ParameterError
+            If the node does not answer in time, or a value is out of its range.
+        """
+        if not remote.startswith("/"):
+            remote = f"{self._node.get_namespace().rstrip('/')}/{remote}"
+        return part_of(model, self.read(remote, timeout))
 
     def _call(self, client: Client, request: Any, remote: str, timeout: float) -> Any:
         deadline = time.monotonic() + timeout

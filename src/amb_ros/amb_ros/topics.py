@@ -6,6 +6,8 @@ EXCITATION = "excitation"
 EXCITATION_STATUS = "excitation_status"
 TELEMETRY = "telemetry"
 MODEL = "model"
+REGION = "region"
+REGION_MAP = "region_map"
 PLANT_STATE = "plant_state"
 SIMULATOR_STATE = "simulator/state"
 

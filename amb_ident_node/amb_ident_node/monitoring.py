@@ -1,0 +1,125 @@
+"""Regions of a loop that is watched: runs, gaps, delevitation, and which states are worth telling. Free of ROS."""
+
+from __future__ import annotations
+
+import math
+
+from amb_core.errors import RegionError
+from amb_core.records import LoopRecord
+from amb_core.regions import RegionClassifier, RegionParameters, RegionState
+from amb_core.telemetry import describe_gaps
+
+
+class RegionWatch:
+    """Classifies the telemetry of one run after the other.
+
+    What it returns depends on the samples alone, not on the blocks in which they come.
+
+    Parameters
+    ----------
+    parameters : RegionParameters
+        Thresholds and times of the classifier.
+    publish_period : float
+        Run time (s) after which a state is told that says nothing new.
+
+    Attributes
+    ----------
+    run : int or None
+        The run of the last telemetry; None before the first.
+    sample_time : float
+        Controller sample time of that run (s).
+    state : RegionState or None
+        Latest state of that run; None before its first.
+    restarts : int
+        How often the classification restarted within a run.
+    refused : int
+        Blocks that were not classified.
+    problem : str
+        What was last missing from the telemetry of this run or wrong with it; empty if nothing.
+    """
+
+    def __init__(self, parameters: RegionParameters, publish_period: float) -> None:
+        self._parameters = parameters
+        self._period = publish_period
+        self.run: int | None = None
+        self.sample_time = 0.0
+        self.state: RegionState | None = None
+        self.restarts = 0
+        self.refused = 0
+        self.problem = ""
+        self._classifier: RegionClassifier | None = None
+        self._next = 0  # step that continues the telemetry
+        self._delevitated: tuple[int, int] | None = None  # run, and the step before which the rotor delevitated
+        self._told_periods = -1
+
+    def add_block(self, run: int, block: LoopRecord) -> list[RegionState]:
+        """Take in a block of telemetry; the states to tell, oldest first.
+
+        A block of another run starts afresh. One that does not continue the last restarts the classification.
+
+        Raises
+        ------
+        RegionError
+            If the block cannot be classified, such as for a sample that is not finite; it is left out.
+        """
+        try:
+            if run != self.run or block.sample_time != self.sample_time or self._classifier is None:
+                self._start(run, block)
+            assert self._classifier is not None
+            states = self._classifier.feed(block)
+        except RegionError as problem:
+            self.refused += 1
+            self.problem = str(problem)
+            raise
+        if block.first_step != self._next:
+            self._note_restart(block.first_step)
+        self._next = block.first_step + block.steps
+        return self._worth_telling(states) + self._end_of_run()
+
+    def delevitate(self, run: int, step: int) -> list[RegionState]:
+        """Take in that the rotor of a run delevitated before a step; the states to tell.
+
+        Its position there is not in the telemetry, which may come later than this.
+        """
+        self._delevitated = (run, step)
+        return self._end_of_run()
+
+    def _start(self, run: int, block: LoopRecord) -> None:
+        self.run, self.sample_time = run, block.sample_time
+        self.state, self.problem = None, ""
+        self._classifier = None
+        self._classifier = RegionClassifier(self._parameters, block.sample_time)
+        self._next = block.first_step
+        self._told_periods = -1
+
+    def _note_restart(self, first_step: int) -> None:
+        self.restarts += 1
+        self._told_periods = -1
+        if first_step > self._next:
+            self.problem = f"telemetry lacks {describe_gaps([(self._next, first_step)])}"
+        else:
+            self.problem = f"telemetry goes back from step {self._next - 1} to step {first_step}"
+        self.problem += f" of run {self.run}; the classification restarted"
+
+    def _end_of_run(self) -> list[RegionState]:
+        if self._classifier is None or self._delevitated != (self.run, self._next):
+            return []
+        self._delevitated = None
+        return self._worth_telling([self._classifier.delevitate()])
+
+    def _worth_telling(self, states: list[RegionState]) -> list[RegionState]:
+        """Those in which something changed, and one a period."""
+        chosen = []
+        for state in states:
+            periods = math.floor((state.step + 1) * self.sample_time / self._period + 1e-6)
+            if periods > self._told_periods or self.state is None or _marks(state) != _marks(self.state):
+                chosen.append(state)
+            self._told_periods = periods
+            self.state = state
+        return chosen
+
+
+def _marks(state: RegionState) -> tuple[object, ...]:
+    """What is told at once when it changes."""
+    axes = [(axis.region, axis.since.step, axis.sampling_beat) for axis in (state.x, state.y)]
+    return (state.region, state.since.step, state.settled, *axes)

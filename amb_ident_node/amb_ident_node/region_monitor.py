@@ -1,0 +1,245 @@
+"""Node `region_monitor`: in which region the bearing runs, live, and region maps as an action.
+
+The classifier takes telemetry in the node's own thread; a map is built in a worker, so that the regions go on.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from amb_core.control import ControllerParameters
+from amb_core.errors import BagError, RegionError
+from amb_core.messages import block_from_message, map_settings_from_message
+from amb_core.parameters import choice, load_parameters, part_of, quantity
+from amb_core.plant import PlantParameters
+from amb_core.records import LoopRecord
+from amb_core.regions import Region, RegionParameters, RegionState
+from amb_ident_node.monitoring import RegionWatch
+from amb_msgs.action import BuildMap
+from amb_msgs.msg import LoopSamples, RegionMap, SimulatorState
+from amb_msgs.msg import RegionState as RegionStateMessage
+from amb_ros import diagnostics, topics
+from amb_ros.actions import create_action
+from amb_ros.parameters import declare
+from amb_ros.process import run_node
+from amb_ros.qos import HISTORY, LATCHED
+from amb_ros.regions import region_state_to_message
+from amb_ros.remote_parameters import RemoteParameters
+
+if TYPE_CHECKING:
+    from amb_core.region_map import MapProgress
+
+MEANINGS = {
+    Region.A: "A, linear",
+    Region.B: "B, the bias drifts",
+    Region.C: "C, slow oscillation",
+    Region.D: "D, delevitated",
+}
+
+
+class RegionMonitorParameters(RegionParameters):
+    """Parameters of the node: those of the classifier, and how it appears in the graph."""
+
+    publish_period: float = quantity(0.05, "s", "run time between messages on region while nothing changes", 0.002, 0.1)
+    simulator: str = choice("simulator", "node whose parameters describe the plant of a map, relative or full name")
+    controller: str = choice(
+        "pd_controller", "node whose parameters describe the controller of a map, relative or full name"
+    )
+    parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of either", 0.05, 10.0)
+
+
+class RegionMonitorNode(Node):
+    """The region monitor. Topics, actions and parameters: see the package's README."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "region_monitor", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True
+        )
+        self._settings = declare(self, RegionMonitorParameters)
+        self._regions = part_of(RegionParameters, self._settings.model_dump())
+        _compile(self._regions)
+        self._watch = RegionWatch(self._regions, self._settings.publish_period)
+        self._malformed = 0
+        self._building = ""  # how far the map under way is
+        self._ending = threading.Event()
+        self._remote_parameters = RemoteParameters(self)
+        self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="region_monitor")
+        self._region_publisher = self.create_publisher(RegionStateMessage, topics.REGION, HISTORY)
+        self._map_publisher = self.create_publisher(RegionMap, topics.REGION_MAP, LATCHED)
+        self._telemetry_subscription = self.create_subscription(
+            LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
+        )
+        self._state_subscription = self.create_subscription(
+            SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, LATCHED
+        )
+        self._build_map = create_action(self, BuildMap, "~/build_map", self._on_build_map, self._worker)
+        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
+
+    def destroy_node(self) -> None:
+        """Cancel the map under way, whose finished sweeps stay in the cache, then end the node."""
+        self._ending.set()
+        self._worker.shutdown(cancel_futures=True)
+        self._build_map.destroy()
+        super().destroy_node()
+
+    # -- topics
+
+    def _on_telemetry(self, message: LoopSamples) -> None:
+        restarts = self._watch.restarts
+        try:
+            states = self._watch.add_block(message.run, block_from_message(message))
+        except BagError as problem:
+            self._malformed += 1
+            self.get_logger().error(str(problem), throttle_duration_sec=5.0)
+            return
+        except RegionError as problem:
+            self.get_logger().error(str(problem), throttle_duration_sec=5.0)
+            return
+        if self._watch.restarts > restarts:
+            self.get_logger().warning(self._watch.problem, throttle_duration_sec=5.0)
+        self._publish(states)
+
+    def _on_simulator_state(self, message: SimulatorState) -> None:
+        if message.mode == SimulatorState.DELEVITATED:
+            self._publish(self._watch.delevitate(message.run, message.step))
+
+    def _publish(self, states: list[RegionState]) -> None:
+        assert self._watch.run is not None or not states
+        for state in states:
+            self._region_publisher.publish(region_state_to_message(state, self._watch.run, self._watch.sample_time))
+
+    # -- the action, in the worker
+
+    def _on_build_map(
+        self, goal: BuildMap.Goal, feedback: Callable[[BuildMap.Feedback], None], cancelled: Callable[[], bool]
+    ) -> BuildMap.Result:
+        # Loads the library of the cluster: half a second that a monitor without a map need not spend.
+        from amb_core.region_map import build_map
+        from amb_ros.region_maps import region_map_to_message
+
+        settings = map_settings_from_message(goal)
+        plant, controller = self._loop_parameters(goal.parameter_file)
+        radius = plant.rotor.backup_bearing_radius
+        path = _new_file(goal.path)
+
+        def report(progress: MapProgress) -> None:
+            message = BuildMap.Feedback(done=progress.done, total=progress.total, reused=progress.reused)
+            if progress.map is not None:
+                message.map = region_map_to_message(progress.map, self._wall_clock.now().to_msg())
+            self._building = f"{progress.done} of {progress.total} sweeps"
+            feedback(message)
+
+        def ended() -> bool:
+            return cancelled() or self._ending.is_set()
+
+        try:
+            region_map = build_map(
+                settings,
+                plant,
+                controller,
+                self._regions.model_copy(update={"backup_bearing_radius": radius}),
+                scheduler=goal.scheduler or None,
+                progress=report,
+                cancelled=ended,
+            )
+        finally:
+            self._building = ""
+        result = BuildMap.Result(map=region_map_to_message(region_map, self._wall_clock.now().to_msg()))
+        sweeps = f"{len(region_map.sweeps)} sweeps"
+        if ended():
+            result.message = f"cancelled after {sweeps}, which stay in the cache"
+            return result
+        self._map_publisher.publish(result.map)
+        if path is not None:
+            try:
+                region_map.save(path)
+            except OSError as problem:
+                raise RegionError(
+                    f"region map {path}: cannot be written: {problem.strerror}; the map is on {topics.REGION_MAP}"
+                ) from None
+            result.path = str(path)
+        resolved = "resolved" if region_map.complete else f"not resolved, max_sweeps = {settings.max_sweeps} are done"
+        result.success = True
+        result.message = f"{sweeps}, boundaries {resolved}"
+        self.get_logger().info(f"region map: {result.message}")
+        return result
+
+    def _loop_parameters(self, path: str) -> tuple[PlantParameters, ControllerParameters]:
+        """The loop that a map is asked for: of a parameter file, or the one that runs."""
+        names = self._settings.simulator, self._settings.controller
+        if path:
+            plant_node, controller_node = (name.rsplit("/", 1)[-1] for name in names)
+            return (
+                load_parameters(PlantParameters, path, plant_node, part=True),
+                load_parameters(ControllerParameters, path, controller_node, part=True),
+            )
+        timeout = self._settings.parameter_timeout
+        return (
+            self._remote_parameters.read_set(PlantParameters, names[0], timeout),
+            self._remote_parameters.read_set(ControllerParameters, names[1], timeout),
+        )
+
+    # -- health
+
+    def _report(self) -> diagnostics.Report:
+        watch = self._watch
+        values: dict[str, object] = {
+            "run": watch.run,
+            "restarts": watch.restarts,
+            "refused blocks": watch.refused,
+            "malformed blocks": self._malformed,
+            "region map": self._building or "none under way",
+        }
+        if watch.state is None:
+            level, summary = diagnostics.OK, "no region yet"
+        else:
+            state = watch.state
+            level = {Region.A: diagnostics.OK, Region.D: diagnostics.ERROR}.get(state.region, diagnostics.WARN)
+            summary = f"region {MEANINGS[state.region]}"
+            values |= {
+                "step": state.step,
+                "region": state.region.name,
+                "since": f"{state.since.time:.3f} s",
+                "input frequency at its start": f"{state.since.input_frequency:.1f} Hz",
+                "region x": state.x.region.name,
+                "region y": state.y.region.name,
+                "beats with the sample rate": state.x.sampling_beat or state.y.sampling_beat,
+            }
+        problem = watch.problem or (f"{self._malformed} malformed blocks of telemetry" if self._malformed else "")
+        if problem:
+            return max(level, diagnostics.WARN), f"{summary}; {problem}", values
+        return level, summary, values
+
+
+def _new_file(path: str) -> Path | None:
+    """The file asked for, absolute; refused before the work where its folder does not exist."""
+    if not path:
+        return None
+    file = Path(path).expanduser().absolute()
+    if not file.parent.is_dir() or file.is_dir():
+        raise RegionError(f"path = {path!r} is not allowed; allowed: a file in a folder that exists")
+    return file
+
+
+def _compile(parameters: RegionParameters) -> None:
+    """Classify a second of silence, so that the first telemetry need not wait for the compiler."""
+    silence = np.zeros((10_000, 2))
+    RegionWatch(parameters, 0.1).add_block(0, LoopRecord(0, 1e-4, silence, silence, silence))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM."""
+    return run_node(RegionMonitorNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,82 @@
+"""Actions that always end with a result: an error becomes an aborted goal with its reason, and long work runs aside."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from concurrent.futures import Executor
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.task import Future
+
+from amb_core.errors import AmbError
+
+Callback = Callable[[Any, Callable[[Any], None], Callable[[], bool]], Any]
+
+
+def create_action(node: Node, action_type: Any, name: str, callback: Callback, worker: Executor) -> ActionServer:
+    """Offer an action whose result has the fields `success` and `message`.
+
+    Every goal is accepted, every request to cancel as well. Goals are worked off as the worker takes them.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    action_type, name
+        As for `rclpy.action.ActionServer`.
+    callback : callable
+        Called in the worker with the goal, a function that publishes a feedback message, and one that tells whether
+        the goal was cancelled; returns the result. A result without `success` is told as cancelled if that was asked
+        for, else as aborted. What the callback raises becomes such a result with a message: the text of an `AmbError`
+        as it is, anything else as an internal error, with its traceback in the log.
+    worker : concurrent.futures.Executor
+        Runs the callback, which may block.
+    """
+
+    def outcome(goal: ServerGoalHandle) -> Any:
+        try:
+            result = callback(goal.request, goal.publish_feedback, lambda: goal.is_cancel_requested)
+        except AmbError as problem:
+            result = action_type.Result(message=str(problem))
+        except Exception as problem:  # whatever happens, the caller gets a result and the node lives
+            node.get_logger().error(traceback.format_exc())
+            result = action_type.Result(
+                message=f"internal error in {node.get_fully_qualified_name()}: {problem!r}; see its log"
+            )
+        if result.success:
+            goal.succeed()
+        elif goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        return result
+
+    def work(goal: ServerGoalHandle, finished: Future) -> None:
+        executor = node.executor
+        try:
+            finished.set_result(outcome(goal))
+        except Exception:
+            if node.context.ok():
+                raise
+            return  # the node was shut down meanwhile, and nobody waits any more
+        # EventsExecutor resumes a coroutine only after another event: here is one.
+        if executor is not None:
+            executor.create_task(lambda: None)
+
+    async def execute(goal: ServerGoalHandle) -> Any:
+        finished: Future = Future(executor=node.executor)
+        worker.submit(work, goal, finished)
+        return await finished
+
+    return ActionServer(
+        node,
+        action_type,
+        name,
+        execute,
+        goal_callback=lambda _goal: GoalResponse.ACCEPT,
+        cancel_callback=lambda _goal: CancelResponse.ACCEPT,
+    )
