@@ -1,21 +1,17 @@
-"""Builds a region map: sweeps as tasks on a cluster, finished ones from disk, amplitudes as the results ask for."""
+"""Builds region maps: sweeps as tasks on a cluster, finished ones from disk, amplitudes as the results ask for."""
 
 from __future__ import annotations
 
 import math
-import queue
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from distributed import Client, Future
-
 from amb_core.control import ControllerParameters
 from amb_core.errors import RegionError
-from amb_core.plant import PlantParameters
-from amb_core.region_map.cache import SweepCache, compute, default_folder
-from amb_core.region_map.cluster import open_cluster
+from amb_core.plant import Plant, PlantParameters
+from amb_core.region_map.cache import SweepCache, default_folder
 from amb_core.region_map.refinement import Refinement
 from amb_core.region_map.region_map import MapSweep, RegionMap
 from amb_core.region_map.settings import MapSettings
@@ -27,7 +23,7 @@ POLL = 0.1  # s, how often `cancelled` is asked
 
 @dataclass(frozen=True)
 class MapProgress:
-    """How far a map is.
+    """How far a map, or a grid of maps, is.
 
     Attributes
     ----------
@@ -38,7 +34,7 @@ class MapProgress:
     reused : int
         Of those done, how many were finished earlier and only read.
     map : RegionMap or None
-        Map of the sweeps so far; None before the first.
+        The sweeps so far of the map that the last finished sweep belongs to; None before the first.
     """
 
     done: int
@@ -80,9 +76,9 @@ def build_map(
     workers : int, optional
         Number of these processes, by default one for each core.
     progress : callable, optional
-        Called in the calling thread at the start and whenever sweeps have finished.
+        Called in the calling thread at the start and whenever a sweep has finished.
     cancelled : callable, optional
-        Asked ten times a second; once it is true, no more sweeps are run.
+        Asked ten times a second; once it is true, the map ends with the sweeps that have finished.
 
     Returns
     -------
@@ -92,26 +88,162 @@ def build_map(
     Raises
     ------
     RegionError
-        If the settings do not fit the loop, the scheduler does not answer, a worker fails again and again, the loop
-        does not hold the rotor, or the map is cancelled before the first sweep has finished.
+        If the settings do not fit the loop, the scheduler does not answer or is lost, a worker dies again and again,
+        the loop does not hold the rotor, or the map is cancelled before the first sweep has finished.
+    PlantError
+        If the plant cannot be built.
     """
-    regions = regions or RegionParameters(backup_bearing_radius=plant.rotor.backup_bearing_radius)
-    check(settings, plant, controller)
-    with open_cluster(scheduler, workers) as client:
-        work = _MapWork(settings, plant, controller, regions, SweepCache(cache or default_folder()))
-        work.run(client, progress or (lambda _: None), cancelled or (lambda: False))
-        return work.map()
+    job = MapJob(settings, plant, controller, regions)
+    run_jobs([job], cache, scheduler, workers, progress, cancelled)
+    if job.problem is not None:
+        raise job.problem
+    if not job.refinement.sweeps:
+        raise RegionError("the region map was cancelled before its first sweep had finished")
+    return job.map()
 
 
-def check(settings: MapSettings, plant: PlantParameters, controller: ControllerParameters) -> None:
-    """Refuse settings that do not fit the loop.
+class MapJob:
+    """One map: what is asked for, and the sweeps so far.
+
+    Parameters
+    ----------
+    settings, plant, controller, regions
+        As for `build_map`.
+
+    Attributes
+    ----------
+    refinement : Refinement
+        Amplitudes asked for, and the sweeps so far.
+    problem : RegionError or None
+        Why there is no map; its remaining sweeps are then not run.
 
     Raises
     ------
     RegionError
-        If the sweep reaches above the Nyquist frequency or beyond the backup bearing, excites an axis along which the
-        rotor cannot move, or plant and controller are sampled at different rates.
+        If the settings do not fit the loop.
+    PlantError
+        If the plant cannot be built.
     """
+
+    def __init__(
+        self,
+        settings: MapSettings,
+        plant: PlantParameters,
+        controller: ControllerParameters,
+        regions: RegionParameters | None = None,
+    ) -> None:
+        _check(settings, plant, controller)
+        regions = regions or RegionParameters(backup_bearing_radius=plant.rotor.backup_bearing_radius)
+        self._settings, self._plant, self._controller, self._regions = settings, plant, controller, regions
+        self.refinement = Refinement(settings)
+        self.problem: RegionError | None = None
+
+    def task(self, amplitude: float) -> SweepTask:
+        """The sweep of an amplitude (m)."""
+        return SweepTask(
+            self._settings.sweep(amplitude), self._settings.rest, self._plant, self._controller, self._regions
+        )
+
+    @property
+    def total(self) -> int:
+        """Number of sweeps that the results so far ask for."""
+        return min(len(self.refinement.amplitudes) + len(self.refinement.open), self._settings.max_sweeps)
+
+    def map(self) -> RegionMap:
+        """The map of the sweeps so far, of which there must be one."""
+        described = self.task(self._settings.amplitude_low).describe()
+        provenance = {name: described[name] for name in ("plant", "controller", "regions", "files", "code")}
+        return RegionMap(self._settings, self.refinement.sweeps, provenance, self.refinement.resolved)
+
+
+def run_jobs(
+    jobs: Sequence[MapJob],
+    cache: Path | None,
+    scheduler: str | None,
+    workers: int | None,
+    progress: Callable[[MapProgress], None] | None,
+    cancelled: Callable[[], bool] | None,
+) -> None:
+    """Run maps together on one cluster, those that come first with priority; parameters as for `build_map`.
+
+    A map with a sweep that fails has this as its `problem`; the others go on.
+    """
+    from amb_core.region_map.pool import SweepPool  # dask takes half a second to import
+
+    with SweepPool(scheduler, workers) as pool:
+        run = _Run(jobs, pool, SweepCache(cache or default_folder()), progress or (lambda _: None))
+        run.start()
+        while run.waiting and not (cancelled is not None and cancelled()):
+            finished = pool.next_finished(POLL)
+            if finished is not None:
+                run.take(*finished)
+
+
+class _Run:
+    """Maps on their way."""
+
+    def __init__(
+        self, jobs: Sequence[MapJob], pool: Any, cache: SweepCache, progress: Callable[[MapProgress], None]
+    ) -> None:
+        self._jobs, self._pool, self._cache, self._progress = jobs, pool, cache, progress
+        self.waiting: dict[str, list[tuple[MapJob, SweepTask]]] = {}
+        self._reused = 0
+
+    def start(self) -> None:
+        self._report(None)
+        for job in self._jobs:
+            self._ask(job, job.refinement.amplitudes)
+
+    def take(self, key: str, result: MapSweep | RegionError) -> None:
+        """Take in the result of a sweep, and get under way what it asks for."""
+        for job, task in self.waiting.pop(key):
+            if isinstance(result, RegionError):
+                self._give_up(job, RegionError(f"sweep of {task.sweep.amplitude:g} m: {result}"))
+                continue
+            self._cache.ensure(key, task, result)
+            amplitudes = job.refinement.add(result)
+            self._report(job)
+            self._ask(job, amplitudes)
+
+    def _ask(self, job: MapJob, amplitudes: Sequence[float]) -> None:
+        """Get sweeps under way; those that are on disk are finished at once, and may ask for more."""
+        asked = list(amplitudes)
+        while asked and job.problem is None:
+            task = job.task(asked.pop(0))
+            key = task.key()
+            if key in self.waiting:  # two maps of a grid may be the same
+                self.waiting[key].append((job, task))
+                continue
+            sweep = self._cache.load(key)
+            if sweep is None:
+                self._pool.submit(task, key, self._cache.folder, -self._jobs.index(job))
+                self.waiting[key] = [(job, task)]
+            else:
+                self._reused += 1
+                asked += job.refinement.add(sweep)
+                self._report(job)
+
+    def _give_up(self, job: MapJob, problem: RegionError) -> None:
+        job.problem = problem
+        for key, owners in list(self.waiting.items()):
+            owners[:] = [(owner, task) for owner, task in owners if owner is not job]
+            if not owners:
+                del self.waiting[key]
+                self._pool.cancel(key)
+
+    def _report(self, job: MapJob | None) -> None:
+        jobs = [one for one in self._jobs if one.problem is None]
+        self._progress(
+            MapProgress(
+                sum(len(one.refinement.sweeps) for one in jobs),
+                sum(one.total for one in jobs),
+                self._reused,
+                None if job is None else job.map(),
+            )
+        )
+
+
+def _check(settings: MapSettings, plant: PlantParameters, controller: ControllerParameters) -> None:
     rate = controller.sample_rate
     if abs(rate - plant.integration.sample_rate) > 1e-9 * rate:
         raise RegionError(
@@ -134,88 +266,7 @@ def check(settings: MapSettings, plant: PlantParameters, controller: ControllerP
     if settings.amplitude_high >= allowed:
         both = ", at 45 degrees with both axes" if settings.axes == "both" else ""
         raise RegionError(
-            f"amplitude_high = {settings.amplitude_high:g} m reaches beyond the clearance of "
-            f"{clearance:g} m to the backup bearing{both}; allowed: below {allowed:.6g} m"
+            f"amplitude_high = {settings.amplitude_high:g} m reaches beyond the clearance of {clearance:g} m to the "
+            f"backup bearing{both}; allowed: below {allowed:.6g} m"
         )
-
-
-class _MapWork:
-    """A map on its way."""
-
-    def __init__(
-        self,
-        settings: MapSettings,
-        plant: PlantParameters,
-        controller: ControllerParameters,
-        regions: RegionParameters,
-        cache: SweepCache,
-    ) -> None:
-        self._settings, self._plant, self._controller, self._regions = settings, plant, controller, regions
-        self._cache = cache
-        self._refinement = Refinement(settings)
-        self._reused = 0
-
-    def run(self, client: Client, progress: Callable[[MapProgress], None], cancelled: Callable[[], bool]) -> None:
-        finished: queue.Queue[Future] = queue.Queue()
-        tasks: dict[str, tuple[SweepTask, Future]] = {}
-        self._start(self._refinement.amplitudes, client, tasks, finished)
-        progress(self.progress())
-        while not self._refinement.finished and not cancelled():
-            try:
-                future = finished.get(timeout=POLL)
-            except queue.Empty:
-                continue
-            task, _ = tasks.pop(future.key)
-            sweep = self._result(future, task)
-            self._start(self._refinement.add(sweep), client, tasks, finished)
-            progress(self.progress())
-        client.cancel([future for _, future in tasks.values()])
-
-    def _start(
-        self,
-        amplitudes: list[float],
-        client: Client,
-        tasks: dict[str, tuple[SweepTask, Future]],
-        finished: queue.Queue[Future],
-    ) -> None:
-        """Get the sweeps of some amplitudes under way; those that are on disk are finished at once."""
-        waiting = list(amplitudes)
-        while waiting:
-            task = self._task(waiting.pop(0))
-            key = task.key()
-            sweep = self._cache.load(key)
-            if sweep is not None:
-                self._reused += 1
-                waiting += self._refinement.add(sweep)
-                continue
-            future = client.submit(compute, task, key, self._cache.folder, key=f"amb-sweep-{key}")
-            tasks[future.key] = task, future
-            future.add_done_callback(finished.put)
-
-    def _result(self, future: Future, task: SweepTask) -> MapSweep:
-        try:
-            return future.result()
-        except RegionError as problem:
-            raise RegionError(f"sweep of {task.sweep.amplitude:g} m: {problem}") from None
-
-    def _task(self, amplitude: float) -> SweepTask:
-        return SweepTask(
-            self._settings.sweep(amplitude), self._settings.rest, self._plant, self._controller, self._regions
-        )
-
-    def progress(self) -> MapProgress:
-        refinement = self._refinement
-        done = len(refinement.sweeps)
-        total = min(len(refinement.amplitudes) + len(refinement.open), self._settings.max_sweeps)
-        return MapProgress(done, total, self._reused, self.map() if done else None)
-
-    def map(self) -> RegionMap:
-        """The map so far."""
-        sweeps = self._refinement.sweeps
-        if not sweeps:
-            raise RegionError("the region map was cancelled before its first sweep had finished")
-        return RegionMap(self._settings, sweeps, self._provenance(), self._refinement.resolved)
-
-    def _provenance(self) -> dict[str, Any]:
-        described = self._task(self._settings.amplitude_low).describe()
-        return {name: described[name] for name in ("plant", "controller", "regions", "files", "code")}
+    Plant(plant)  # refuses what it cannot be built of here, not on every worker

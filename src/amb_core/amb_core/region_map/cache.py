@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import logging
@@ -10,6 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from amb_core.errors import PlantError, RegionError
 from amb_core.region_map.region_map import MapSweep, sweep_from_json, sweep_to_json
 from amb_core.region_map.sweep_run import SweepTask, run_sweep
 
@@ -24,7 +26,7 @@ def default_folder() -> Path:
 class SweepCache:
     """Finished sweeps in a folder; any number of processes may use it at once.
 
-    Nothing that goes wrong with the folder stops a map: what cannot be read is computed again, what cannot be written
+    What goes wrong with the folder does not stop a map: what cannot be read is computed again, what cannot be written
     is not kept, and a warning in the log says so.
 
     Parameters
@@ -35,6 +37,7 @@ class SweepCache:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._failed = False
 
     def path(self, key: str) -> Path:
         """File of a sweep."""
@@ -57,26 +60,51 @@ class SweepCache:
         return None
 
     def store(self, key: str, task: SweepTask, sweep: MapSweep) -> None:
-        """Write a sweep; readers see all of it or nothing."""
+        """Write a sweep; readers see all of it or nothing.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
         content = sweep_to_json(sweep)
         entry = {"checksum": _checksum(content), "sweep": content, "task": task.describe()}
-        temporary = None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=self.folder, suffix=".part", delete=False) as file:
+            temporary = Path(file.name)
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile("w", dir=self.folder, suffix=".part", delete=False) as file:
-                temporary = Path(file.name)
-                json.dump(entry, file, indent=1)
+            temporary.write_text(json.dumps(entry, indent=1))
             temporary.replace(self.path(key))
+        except OSError:
+            temporary.unlink(missing_ok=True)
+            raise
+
+    def ensure(self, key: str, task: SweepTask, sweep: MapSweep) -> None:
+        """Write a sweep that is not there yet, as a worker on another machine leaves it; a failure is but a warning."""
+        if self._failed or self.path(key).exists():
+            return
+        try:
+            self.store(key, task, sweep)
         except OSError as problem:
-            logger.warning("sweep of %g m is not kept in %s: %s", sweep.amplitude, self.folder, problem.strerror)
-            if temporary is not None:
-                temporary.unlink(missing_ok=True)
+            self._failed = True
+            logger.warning("finished sweeps cannot be kept in %s: %s", self.folder, problem.strerror)
 
 
-def compute(task: SweepTask, key: str, folder: Path | None) -> MapSweep:
-    """Run a sweep in the process of a worker, and keep the result at once if there is a folder for it."""
-    sweep = run_sweep(task)
-    if folder is not None:
+def compute(task: SweepTask, key: str, folder: Path) -> MapSweep:
+    """Run a sweep in the process of a worker, and keep the result at once; if that fails, the driver will try.
+
+    Raises
+    ------
+    RegionError
+        If the worker has another version of the code or of a file than the driver, or the sweep fails.
+    """
+    try:
+        if task.key() != key:
+            raise RegionError("a worker has another version of amb_core, its libraries or the plant's data files")
+        sweep = run_sweep(task)
+    except (PlantError, OSError) as problem:
+        raise RegionError(str(problem)) from None
+    with contextlib.suppress(OSError):
         SweepCache(folder).store(key, task, sweep)
     return sweep
 

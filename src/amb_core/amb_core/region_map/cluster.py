@@ -1,4 +1,4 @@
-"""Where the sweeps run: a `dask.distributed` cluster of processes of our own, or one that is already there."""
+"""Where simulations run: on a `dask.distributed` cluster of processes of our own, or on one that is already there."""
 
 from __future__ import annotations
 
@@ -17,19 +17,7 @@ from amb_core.errors import RegionError
 
 CONNECT_TIMEOUT = 3.0  # s, within which a scheduler answers on any network
 
-
-class DetachedWorker(SubprocessWorker):
-    """A worker as a fresh interpreter, which does not import the program that asks for the map.
-
-    The processes of `LocalCluster` do, so that programs without a guard around their main part start themselves over
-    and over. A session of its own keeps Ctrl-C in a terminal from the worker: the driver ends it.
-    """
-
-    async def _start(self) -> None:
-        specification = json.dumps({"cls": self.worker_class, "opts": self.worker_kwargs})
-        self.process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "dask", "spec", self.scheduler, "--spec", specification, start_new_session=True
-        )
+logger = logging.getLogger(__name__)
 
 
 @contextlib.contextmanager
@@ -39,40 +27,70 @@ def open_cluster(scheduler: str | None = None, workers: int | None = None) -> It
     Parameters
     ----------
     scheduler : str, optional
-        Address of a running scheduler, tcp://host:port.
+        Address of a running scheduler, tcp://host:port; by default processes on this machine.
     workers : int, optional
-        Processes of a cluster of our own, by default one for each core that this process may use.
+        Number of these processes, by default one for each core that this process may use.
 
     Raises
     ------
     RegionError
-        If the scheduler does not answer.
+        If the scheduler does not answer, or the number of workers makes no sense.
     """
-    with contextlib.ExitStack() as stack:
+    if workers is not None and workers < 1:
+        raise RegionError(f"workers = {workers} is not allowed; allowed: 1 or more")
+    if workers is not None and scheduler is not None:
+        raise RegionError(f"workers = {workers} is given with scheduler {scheduler}, which has workers of its own")
+    with contextlib.ExitStack() as resources:
         if scheduler is None:
-            client = stack.enter_context(Client(stack.enter_context(_local_cluster(workers)), set_as_default=False))
+            cluster = resources.enter_context(_local_cluster(workers))
+            yield resources.enter_context(Client(cluster, set_as_default=False))
         else:
-            client = stack.enter_context(_connect(scheduler))
-        yield client
+            yield resources.enter_context(_connect(scheduler))
 
 
-def _connect(scheduler: str) -> Client:
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    try:
-        return Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError) as problem:
-        raise RegionError(
-            f"scheduler {scheduler}: does not answer ({type(problem).__name__}); allowed: the address of a running "
-            "dask scheduler, as tcp://host:8786"
-        ) from None
+class DetachedWorker(SubprocessWorker):
+    """A worker as a fresh interpreter, which does not import the program that asks for the map.
+
+    The processes of `LocalCluster` do, so that programs without a guard around their main part start themselves over
+    and over. A session of its own keeps Ctrl-C in a terminal from the worker; it is the driver that ends it. When the
+    driver is killed, the worker finishes its sweep, keeps it, and ends.
+    """
+
+    async def _start(self) -> None:
+        specification = json.dumps({"cls": self.worker_class, "opts": self.worker_kwargs})
+        self.process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "dask", "spec", self.scheduler, "--spec", specification,
+            start_new_session=True, env={**os.environ, "DASK_LOGGING__DISTRIBUTED": "critical"},
+        )  # fmt: skip
 
 
 def _local_cluster(workers: int | None) -> SpecCluster:
-    count = len(os.sched_getaffinity(0)) if workers is None else workers
-    options = {"nthreads": 1, "memory_limit": 0, "dashboard": False, "silence_logs": "CRITICAL", "host": "127.0.0.1"}
-    worker = {"cls": DetachedWorker, "options": {"worker_kwargs": options}}
+    # Any free port for the pages of dask, since its usual one may be taken
+    local = {"host": "127.0.0.1", "dashboard": False, "dashboard_address": "127.0.0.1:0"}
+    worker = {"cls": DetachedWorker, "options": {"worker_kwargs": {**local, "nthreads": 1, "memory_limit": 0}}}
     return SpecCluster(
-        workers={number: worker for number in range(count)},
-        scheduler={"cls": Scheduler, "options": {"host": "127.0.0.1", "dashboard": False}},
+        workers=dict.fromkeys(range(workers or len(os.sched_getaffinity(0))), worker),
+        scheduler={"cls": Scheduler, "options": local},
         silence_logs=logging.CRITICAL,
     )
+
+
+@contextlib.contextmanager
+def _connect(scheduler: str) -> Iterator[Client]:
+    log = logging.getLogger("distributed")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        try:
+            client = Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
+        except (OSError, ValueError):
+            raise RegionError(
+                f"scheduler {scheduler} does not answer within {CONNECT_TIMEOUT:g} s; allowed: the address of a "
+                "running dask scheduler, as tcp://host:8786"
+            ) from None
+        with client:
+            if not client.scheduler_info()["workers"]:
+                logger.warning("scheduler %s has no workers yet; the map waits for one", scheduler)
+            yield client
+    finally:
+        log.setLevel(level)
