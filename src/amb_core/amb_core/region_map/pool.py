@@ -1,0 +1,84 @@
+"""Sweeps as tasks on a cluster: handed in, and collected as they finish."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+from concurrent.futures import CancelledError
+from pathlib import Path
+from typing import Any
+
+from distributed import Client, Future, KilledWorker
+from distributed.comm import CommClosedError
+
+from amb_core.errors import RegionError
+from amb_core.region_map.cache import compute
+from amb_core.region_map.cluster import open_cluster
+from amb_core.region_map.region_map import MapSweep
+from amb_core.region_map.sweep_run import SweepTask
+
+PREFIX = "amb-sweep-"  # of the names that dask has for the tasks, before their keys
+
+
+class SweepPool:
+    """Runs sweeps on a cluster, which is there from the first sweep on until the pool is closed.
+
+    Parameters
+    ----------
+    scheduler, workers : optional
+        As for `open_cluster`.
+    """
+
+    def __init__(self, scheduler: str | None = None, workers: int | None = None) -> None:
+        self._scheduler, self._workers = scheduler, workers
+        self._resources = contextlib.ExitStack()
+        self._client: Client | None = None
+        self._waiting: dict[str, Future[Any]] = {}
+        self._finished: queue.Queue[Future[Any]] = queue.Queue()
+
+    def __enter__(self) -> SweepPool:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self._resources.close()
+
+    def submit(self, task: SweepTask, key: str, folder: Path, priority: int = 0) -> None:
+        """Run a sweep as soon as a worker is free, those of higher priority first; see `compute` for the folder.
+
+        Raises
+        ------
+        RegionError
+            If this is the first sweep and the scheduler does not answer.
+        """
+        if self._client is None:
+            self._client = self._open()
+        future = self._client.submit(compute, task, key, folder, key=f"{PREFIX}{key}", priority=priority)
+        self._waiting[key] = future
+        future.add_done_callback(self._finished.put)
+
+    def cancel(self, key: str) -> None:
+        """Do not run a sweep, if it has not begun yet, and forget its result."""
+        self._waiting.pop(key).cancel()
+
+    def next_finished(self, timeout: float) -> tuple[str, MapSweep | RegionError] | None:
+        """Key of a finished sweep with its result, or why there is none; None if nothing finished in time (s)."""
+        try:
+            future = self._finished.get(timeout=timeout)
+        except queue.Empty:
+            return None
+        key = str(future.key).removeprefix(PREFIX)
+        if self._waiting.pop(key, None) is None:
+            return None
+        try:
+            return key, future.result()
+        except RegionError as problem:
+            return key, problem
+        except KilledWorker:
+            return key, RegionError("its worker died, and so did those that tried after it")
+        except (CancelledError, CommClosedError, TimeoutError):
+            return key, RegionError(f"the scheduler {self._scheduler or ''} is gone; finished sweeps are kept")
+
+    def _open(self) -> Client:
+        client = self._resources.enter_context(open_cluster(self._scheduler, self._workers))
+        self._resources.callback(lambda: client.cancel(list(self._waiting.values())))
+        return client
