@@ -106,7 +106,7 @@ def generate(excitation: Excitation, sample_rate: float) -> ExcitationSignal:
             f"{nyquist:g} Hz of the sample rate {sample_rate:g} Hz"
         )
     steps = round(excitation.duration * sample_rate)
-    spans = _spans(excitation.axes, steps)
+    spans = excited_spans(excitation.axes, steps)
     if any(last <= first for _, first, last in spans):
         raise ExcitationError(
             f"{excitation.kind}: duration {excitation.duration:g} s is too short for the sample rate "
@@ -128,8 +128,8 @@ def generate(excitation: Excitation, sample_rate: float) -> ExcitationSignal:
     )
 
 
-def _spans(axes: Axes, steps: int) -> list[tuple[int, int, int]]:
-    """Which axis is excited from which step up to which step (exclusive)."""
+def excited_spans(axes: Axes, steps: int) -> list[tuple[int, int, int]]:
+    """Which axis (0 for x, 1 for y) is excited from which step up to which (exclusive), for a number of steps."""
     half = steps // 2
     return {
         "x": [(0, 0, steps)],

@@ -2,123 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.control import ControllerParameters
+from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal
-from amb_core.excitation_design.content import Form
+from amb_core.excitation.signal import excited_spans
+from amb_core.excitation_design.command import ABOVE_A, command, limits
+from amb_core.excitation_design.content import Content, content_of
+from amb_core.excitation_design.load import AxisLoad, amplitude_margin
+from amb_core.excitation_design.notes import made_with, notes_on
+from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
 from amb_core.plant import PlantParameters
+from amb_core.plant.closed_forms import inductance
 from amb_core.region_map import RegionMap
 from amb_core.regions import Region
-
-
-@dataclass(frozen=True)
-class AxisCheck:
-    """An excitation on one axis, superimposed on the map.
-
-    Attributes
-    ----------
-    axis : {"x", "y"}
-        The axis.
-    form : {"instantaneous", "lines", "bands"}
-        What the points are, see `amb_core.excitation_design.content`: instants of a sweep, lines, thirds of an octave.
-    frequency, amplitude : ndarray, shape (n,)
-        Points to draw on the map: frequency (Hz) and peak amplitude of the sine of the same power (m).
-    share : ndarray, shape (n,)
-        Share of each point in the power; the sum is 1.
-    region : ndarray of int, shape (n,)
-        Region of the map in which each point lies, as values of `Region`.
-    covered : ndarray of bool, shape (n,)
-        Whether the map tells it: false where a point lies outside its frequencies or above its amplitudes.
-    shares : dict of Region to float
-        Share of the power in A, B, C and D; the sum is 1.
-    load : dict of Region to float
-        Load towards B, C and D: 1 where region B (or a higher one), C (or D), or D begins. See `docs/excitation.md`.
-    unmapped_load : float
-        What the lines of which the map knows no limit add to the load at most.
-    predicted : Region
-        Highest region whose load is 1 or more, else A.
-    rms, peak : float
-        Of the signal while the axis is excited (m).
-    command_rms, command_peak : float
-        Of the control current that the signal asks for, before any limit (A).
-    slew_rms, slew_peak : float
-        Of its rate of change (A/s).
-    limited : float
-        Share of the time in which it is beyond the limit of the control current.
-    """
-
-    axis: str
-    form: Form
-    frequency: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
-    share: NDArray[np.float64]
-    region: NDArray[np.int_]
-    covered: NDArray[np.bool_]
-    shares: dict[Region, float]
-    load: dict[Region, float]
-    unmapped_load: float
-    predicted: Region
-    rms: float
-    peak: float
-    command_rms: float
-    command_peak: float
-    slew_rms: float
-    slew_peak: float
-    limited: float
-
-    @property
-    def crest_factor(self) -> float:
-        """Peak over rms; a sine has 1.41, a square wave 1."""
-        return self.peak / self.rms
-
-    @property
-    def linear_load(self) -> float:
-        """Load towards B with what the map does not tell counted in full; region A is certain below 1."""
-        return float(np.hypot(self.load[Region.B], self.unmapped_load))
-
-
-@dataclass(frozen=True)
-class ExcitationCheck:
-    """An excitation superimposed on a region map.
-
-    Attributes
-    ----------
-    kind : str
-        Kind of the excitation.
-    axes : tuple of AxisCheck
-        The excited axes, x before y.
-    shares : dict of Region to float
-        Share of the power of both axes in A, B, C and D; the sum is 1.
-    predicted : Region
-        Region of the rotor: the higher one of the axes.
-    certain : bool
-        Whether the map tells it; false where lines outside of the map could lead to B or higher.
-    margin : float
-        Factor by which the amplitude may be raised (above 1) or must be lowered (below 1) to stay in A for certain.
-    verdict : str
-        One line: where it would run, and what to do.
-    notes : tuple of str
-        What a reader should know: content outside the map, a map of another axis, sample rate, controller or plant.
-    bias_current, current_limit, slew_rate : float
-        Limits to compare the commands with: bias current (A), limit of the control current (A), fastest change of a
-        coil current (A/s).
-    """
-
-    kind: str
-    axes: tuple[AxisCheck, ...]
-    shares: dict[Region, float]
-    predicted: Region
-    certain: bool
-    margin: float
-    verdict: str
-    notes: tuple[str, ...]
-    bias_current: float
-    current_limit: float
-    slew_rate: float
+from amb_core.regions.lines import current_slew_rate
 
 
 def check_excitation(
@@ -127,7 +27,7 @@ def check_excitation(
     controller: ControllerParameters | None = None,
     plant: PlantParameters | None = None,
 ) -> ExcitationCheck:
-    """Superimpose an excitation on a region map.
+    """Superimpose an excitation on a region map; the method is described in `docs/excitation.md`.
 
     Parameters
     ----------
@@ -136,11 +36,127 @@ def check_excitation(
     region_map : RegionMap
         Of the bearing that is to be excited.
     controller, plant : ControllerParameters, PlantParameters, optional
-        Of that bearing; by default those of the paper. A map made with others is told in `notes`.
+        Of that bearing; by default those the map was made with. Others than those are told in `notes`.
 
     Raises
     ------
     ExcitationError
-        If the signal is zero throughout.
+        If the signal is zero throughout on an excited axis.
+    RegionError
+        If neither the map nor the caller says with which parameters it was made.
     """
-    raise NotImplementedError
+    controller = controller or made_with(region_map, "controller", ControllerParameters)
+    plant = plant or made_with(region_map, "plant", PlantParameters)
+    current_limit = min(controller.current_limit, plant.amplifier.bias_current)
+    axes, loads = zip(
+        *(
+            _superimpose(signal, axis, (first, last), region_map, controller, current_limit)
+            for axis, first, last in excited_spans(signal.parameters.axes, signal.steps)
+        ),
+        strict=True,
+    )
+    predicted = max(axis.predicted for axis in axes)
+    margin = amplitude_margin(loads)
+    power = np.array([axis.rms**2 for axis in axes])
+    shares = {
+        region: float(sum(weight * axis.shares[region] for weight, axis in zip(power / power.sum(), axes, strict=True)))
+        for region in Region
+    }
+    amplifier = plant.amplifier
+    return ExcitationCheck(
+        kind=signal.kind,
+        axes=axes,
+        shares=shares,
+        predicted=predicted,
+        certain=predicted > Region.A or all(axis.load.linear < 1.0 for axis in axes),
+        margin=margin,
+        verdict=verdict(axes, margin),
+        notes=notes_on(signal, axes, region_map, controller, plant),
+        bias_current=amplifier.bias_current,
+        current_limit=controller.current_limit,
+        slew_rate=current_slew_rate(
+            amplifier.supply_voltage * (2.0 * amplifier.maximum_duty - 1.0), inductance(plant.magnetic_circuit)
+        ),
+    )
+
+
+def verdict(axes: tuple[AxisCheck, ...], margin: float) -> str:
+    """One line: the region on the axis with the highest load, why, and what to do."""
+    worst = max(axes, key=lambda axis: (axis.predicted, axis.load.linear))
+    load = worst.load
+    if worst.predicted > Region.A:
+        where = ""
+        if worst.form == "instantaneous":
+            entered = worst.frequency[worst.region > Region.A]
+            where = f" at {entered.min():.0f} Hz to {entered.max():.0f} Hz" if len(entered) else ""
+        return (
+            f"region {worst.predicted.name} on {worst.axis}{where}: the load is {load.linear:.2f} times what region A "
+            f"bears; multiply the amplitude by at most {margin:.2f}, or lower the frequencies"
+        )
+    if load.linear >= 1.0:
+        return (
+            f"region A on {worst.axis} is not certain: {load.bounded:.2f} of a load of at most {load.linear:.2f} comes "
+            f"from where the map shows no boundary; multiply the amplitude by {margin:.2f}, widen the map, or simulate"
+        )
+    return (
+        f"region A: the load is {load.linear:.2f} times what it bears; the amplitude may be multiplied by {margin:.2f}"
+    )
+
+
+def _superimpose(
+    signal: ExcitationSignal,
+    axis: int,
+    span: tuple[int, int],
+    region_map: RegionMap,
+    controller: ControllerParameters,
+    current_limit: float,
+) -> tuple[AxisCheck, AxisLoad]:
+    samples = signal.samples[span[0] : span[1], axis]
+    if not samples.any():
+        raise ExcitationError(f"{signal.kind}: the signal on {'xy'[axis]} is zero; there is nothing to check")
+    content = content_of(signal, span, axis)
+    region, covered = _place(content, region_map, controller)
+    current = command(samples, controller, signal.sample_time)
+    slew = np.diff(current, append=current[-1]) / signal.sample_time
+    axis_load = AxisLoad(content, current, signal.sample_time, region_map, controller, current_limit)
+    load = axis_load.at()
+    check = AxisCheck(
+        axis="xy"[axis],
+        form=content.form,
+        frequency=content.frequency,
+        amplitude=content.amplitude,
+        share=content.share,
+        region=region,
+        covered=covered,
+        shares={name: float(content.share[region == name].sum()) for name in Region},
+        load=load,
+        predicted=max((name for name in ABOVE_A if load.towards[name] >= 1.0), default=Region.A),
+        rms=_rms(samples),
+        peak=float(np.max(np.abs(samples))),
+        command_rms=_rms(current),
+        command_peak=float(np.max(np.abs(current))),
+        slew_rms=_rms(slew),
+        slew_peak=float(np.max(np.abs(slew))),
+        limited=float(np.mean(np.abs(current) > current_limit)),
+    )
+    return check, axis_load
+
+
+def _place(
+    content: Content, region_map: RegionMap, controller: ControllerParameters
+) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
+    """Region of each point, and whether the map shows it."""
+    region = np.full(len(content.frequency), int(Region.A))
+    begins = {name: limits(region_map, name, content.frequency, controller) for name in ABOVE_A}
+    for name, begin in begins.items():
+        region[begin.reached & (content.amplitude >= begin.amplitude)] = int(name)
+    settings = region_map.settings
+    smallest, largest = region_map.amplitudes[[0, -1]]
+    covered = (content.frequency >= settings.frequency_start) & (content.frequency <= settings.frequency_end)
+    # An amplitude below those of the map is in A where the smallest of the map is; elsewhere the map does not tell.
+    linear = begins[Region.B].known | ~begins[Region.B].reached
+    return region, covered & (content.amplitude <= largest) & ((content.amplitude >= smallest) | linear)
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -2,8 +2,8 @@
 
 A region map holds for a sine of amplitude a. Three kinds of signal are brought to that form in three ways:
 
-- a sweep is a sine at every instant: its amplitude at its instantaneous frequency (`instantaneous`), not the small lines
-  into which a transform over the whole record smears it;
+- a sweep is a sine at every instant: its amplitude at its instantaneous frequency (`instantaneous`), not the small
+  lines into which a transform over the whole record smears it;
 - a square wave and a sum of tones are sines: their harmonics, their tones (`lines`);
 - multisine, PRBS and white noise have lines whose amplitude depends on the length of the record. What does not is the
   power in a band: each third of an octave is given as the sine of the same power (`bands`). At the upper edge of the
@@ -90,7 +90,8 @@ def line_spectrum(samples: NDArray[np.float64], sample_time: float) -> tuple[NDA
     amplitude = 2.0 * np.abs(np.fft.rfft(samples)) / steps
     if steps % 2 == 0:
         amplitude[-1] /= np.sqrt(2.0)
-    return np.fft.rfftfreq(steps, sample_time)[1:], amplitude[1:]
+    frequency: NDArray[np.float64] = np.fft.rfftfreq(steps, sample_time)
+    return frequency[1:], amplitude[1:]
 
 
 def _bands(
@@ -100,10 +101,11 @@ def _bands(
     squared = amplitude**2
     number = np.round(10.0 * np.log10(frequency)).astype(int)
     number -= number[0]
-    power = np.bincount(number, squared)
-    first_moment = np.bincount(number, squared * frequency)
+    power = np.bincount(number, squared).astype(np.float64)
+    first_moment = np.bincount(number, squared * frequency).astype(np.float64)
     heard = power > 1e-12 * power.max()
-    return first_moment[heard] / power[heard], np.sqrt(power[heard])
+    mean: NDArray[np.float64] = first_moment[heard] / power[heard]
+    return mean, np.sqrt(power[heard])
 
 
 def _content(form: Form, frequency: NDArray[np.float64], amplitude: NDArray[np.float64]) -> Content:

@@ -1,0 +1,117 @@
+"""What a reader of an excitation check should know about how far the map applies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TypeVar
+
+import numpy as np
+
+from amb_core.control import ControllerParameters
+from amb_core.errors import ParameterError, RegionError
+from amb_core.excitation import ExcitationSignal
+from amb_core.excitation_design.result import AxisCheck
+from amb_core.parameters import Parameters, flatten, validate
+from amb_core.plant import PlantParameters
+from amb_core.region_map import RegionMap
+
+P = TypeVar("P", bound=Parameters)
+
+MENTIONED = 1e-3
+"""Share of the power or of the load from which on it is mentioned that it lies outside of the map."""
+NAMED = 4
+"""Parameters named where a map was made with others."""
+
+
+def made_with(region_map: RegionMap, part: str, model: type[P]) -> P:
+    """The parameters with which a map was made, from its provenance.
+
+    Parameters
+    ----------
+    region_map : RegionMap
+        The map.
+    part : {"controller", "plant"}
+        Part of the loop.
+    model : type
+        `ControllerParameters` or `PlantParameters`.
+
+    Raises
+    ------
+    RegionError
+        If its provenance does not tell.
+    """
+    values = region_map.provenance.get(part)
+    if not isinstance(values, Mapping):
+        raise RegionError(f"the region map does not tell the parameters of the {part} it was made with; give them")
+    try:
+        return validate(model, values)
+    except ParameterError as problem:
+        raise RegionError(f"the region map was made with a {part} that this version does not know: {problem}") from None
+
+
+def notes_on(
+    signal: ExcitationSignal,
+    axes: tuple[AxisCheck, ...],
+    region_map: RegionMap,
+    controller: ControllerParameters,
+    plant: PlantParameters,
+) -> tuple[str, ...]:
+    """Content outside of the map, and a map of something else than what is excited."""
+    return (
+        *_by_axis({axis.axis: list(_outside(axis, region_map)) for axis in axes}),
+        *([] if region_map.complete else ["the map is not complete: its boundaries are coarser than asked for"]),
+        *_made_otherwise(region_map, "controller", ControllerParameters, controller),
+        *_made_otherwise(region_map, "plant", PlantParameters, plant),
+        *_other_rate(signal, controller),
+    )
+
+
+def _by_axis(notes: dict[str, list[str]]) -> Iterator[str]:
+    """Notes on each axis, those that are the same on both told once."""
+    for text in dict.fromkeys(text for texts in notes.values() for text in texts):
+        yield f"{' and '.join(axis for axis, texts in notes.items() if text in texts)}: {text}"
+
+
+def _outside(axis: AxisCheck, region_map: RegionMap) -> Iterator[str]:
+    settings = region_map.settings
+    smallest, largest = 1e6 * region_map.amplitudes[[0, -1]]
+    if settings.axes not in (axis.axis, "both"):
+        yield f"the map is of sweeps on {settings.axes}"
+    for where, outside in (
+        (f"below {settings.frequency_start:g} Hz", axis.frequency < settings.frequency_start),
+        (f"above {settings.frequency_end:g} Hz", axis.frequency > settings.frequency_end),
+        (f"above {largest:.3g} um", 1e6 * axis.amplitude > largest),
+    ):
+        share = axis.share[outside].sum()
+        if share >= MENTIONED:
+            yield f"{_percent(share)} of the power lies outside of the map, {where}"
+    sines_shown = axis.form != "bands" and bool(axis.covered.all())
+    if axis.load.continued >= MENTIONED and not sines_shown:
+        yield (
+            f"{_percent(axis.load.continued)} of the load comes from below {smallest:.3g} um or above "
+            f"{settings.frequency_end:g} Hz, where the map is continued at constant control current"
+        )
+
+
+def _made_otherwise(region_map: RegionMap, part: str, model: type[Parameters], parameters: Parameters) -> Iterator[str]:
+    """Where parameters differ from those of the map."""
+    try:
+        known = flatten(made_with(region_map, part, model).model_dump())
+    except RegionError as problem:
+        yield str(problem)
+        return
+    asked = flatten(parameters.model_dump())
+    other = [f"{name} = {value} (here {asked[name]})" for name, value in known.items() if asked[name] != value]
+    if other:
+        more = f" and {len(other) - NAMED} more" if len(other) > NAMED else ""
+        yield f"the map is of another {part}: {', '.join(other[:NAMED])}{more}"
+
+
+def _other_rate(signal: ExcitationSignal, controller: ControllerParameters) -> Iterator[str]:
+    rate = 1.0 / signal.sample_time
+    if not np.isclose(rate, controller.sample_rate, rtol=1e-9):
+        yield f"the signal is sampled at {rate:g} Hz, the controller at {controller.sample_rate:g} Hz"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 0.995 else "all"
