@@ -9,12 +9,12 @@ from itertools import product as pairs
 
 @dataclass(frozen=True)
 class Product:
-    """The product a f1 + b f2 + c f3 of the tones, as sampling shows it: at abs(a f1 + b f2 + c f3 - folds f_s).
+    """The product a f1 + b f2 + c f3 of the tones, as sampling shows it: at a f1 + b f2 + c f3 - folds f_s >= 0.
 
     Attributes
     ----------
     a, b, c : int
-        Multiples of the tones; the first that is not 0 is positive.
+        Multiples of the tones.
     folds : int
         Multiples of the sample rate taken off. 0: intermodulation that a loop without sampling would have too.
         Otherwise the line is where it is because the loop is sampled.
@@ -32,12 +32,9 @@ class Product:
 
     @property
     def label(self) -> str:
-        """Text such as `2f1 - f2` or `3f3 - fs`."""
-        terms = [
-            (factor, name)
-            for factor, name in ((self.a, "f1"), (self.b, "f2"), (self.c, "f3"), (-self.folds, "fs"))
-            if factor
-        ]
+        """Text such as `f2 - f1` or `fs - 3f3`."""
+        factors = ((self.a, "f1"), (self.b, "f2"), (self.c, "f3"), (-self.folds, "fs"))
+        terms = sorted((term for term in factors if term[0]), key=lambda term: term[0] < 0)
         text = ""
         for factor, name in terms:
             sign = ("-" if factor < 0 else "") if not text else (" - " if factor < 0 else " + ")
@@ -69,8 +66,9 @@ def products_by_bin(periods: tuple[int, int, int], block: int, order: int) -> di
             continue  # of a product and its negative, which are the same line, one counts
         cycles = a * periods[0] + b * periods[1] + c * periods[2]
         folds = (2 * cycles + block) // (2 * block)  # nearest whole number, exact
-        found[abs(cycles - folds * block)].append(Product(a, b, c, folds))
+        place = cycles - folds * block
+        found[abs(place)].append(Product(a, b, c, folds) if place >= 0 else Product(-a, -b, -c, -folds))
     return {
-        place: tuple(sorted(products, key=lambda item: (item.order, abs(item.folds), -item.a, -item.b)))
+        place: tuple(sorted(products, key=lambda item: (item.order, abs(item.folds), abs(item.c))))
         for place, products in sorted(found.items())
     }

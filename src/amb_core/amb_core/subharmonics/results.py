@@ -52,13 +52,17 @@ class SlowComponent:
         Its peak amplitude (m).
     rms : float
         Root mean square of everything in the band (m).
+    forced : bool
+        Whether it has whole periods in a block, as every product of any order has. Otherwise it is no answer to the
+        tones but motion of the loop's own, or drift.
     product : Product or None
-        The product of lowest order that falls on it; None for a motion that no product explains.
+        The product of lowest order that falls on it; None where there is none up to the order of the settings.
     """
 
     frequency: float
     amplitude: float
     rms: float
+    forced: bool
     product: Product | None
 
 
@@ -89,7 +93,10 @@ class SubharmonicSpectrum:
     slow : SlowComponent or None
         None without a window.
     off_lines : float
-        Root mean square of what lies on no line (m): noise, or motion of the rotor's own.
+        Root mean square of what lies on no line (m): products of higher order, noise, and motion of the loop's own.
+    own : float
+        Root mean square of the part of it that has no whole periods in a block (m), where products of no order lie:
+        noise, drift, and motion of the loop's own.
     line_change, bias_change : float
         Largest difference between two blocks of the window, of a line's complex amplitude and of the bias (m).
     block_time : ndarray, shape (blocks,)
@@ -112,6 +119,7 @@ class SubharmonicSpectrum:
     lines: tuple[Line, ...]
     slow: SlowComponent | None
     off_lines: float
+    own: float
     line_change: float
     bias_change: float
     block_time: NDArray[np.float64]

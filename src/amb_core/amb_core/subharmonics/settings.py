@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE, HIGHEST_FREQUENCY
-from amb_core.parameters import Parameters, choice, quantity
+from amb_core.parameters import Parameters, choice, quantity, switch
 
 # Periods per block count as whole within this: rounding of the product of a frequency and a duration.
 WHOLE = 1e-6
@@ -28,11 +28,12 @@ class SubharmonicSettings(Parameters):
     inducing_amplitude: float = quantity(
         40e-6, "m", "peak amplitude of the inducing tone; 0 for none", 0.0, HIGHEST_AMPLITUDE
     )
+    inducing_phase: float = quantity(0.0, "rad", "phase of the inducing tone at its first sample", -10.0, 10.0)
     axis: Literal["x", "y"] = choice("y", "axis whose reference carries the tones and whose position is analysed")
-    offset_1: float = quantity(3.0, "Hz", "shift of f1 in the shifted test", -1000.0, 1000.0)
-    offset_2: float = quantity(1.0, "Hz", "shift of f2 in the shifted test", -1000.0, 1000.0)
+    offset_1: float = quantity(1.0, "Hz", "shift of f1 in the shifted test", -1000.0, 1000.0)
+    offset_2: float = quantity(-1.0, "Hz", "shift of f2 in the shifted test", -1000.0, 1000.0)
     offset_3: float = quantity(7.0, "Hz", "shift of f3 in the shifted test", -1000.0, 1000.0)
-    order: int = quantity(10, "-", "highest order abs(a) + abs(b) + abs(c) of the products looked for", 2, 20)
+    order: int = quantity(12, "-", "highest order abs(a) + abs(b) + abs(c) of the products looked for", 2, 20)
     slow_limit: float = quantity(80.0, "Hz", "upper end of the band of slow components", 1.0, 1000.0)
     rest: float = quantity(0.5, "s", "time at rest before the tones, in which the rotor settles", 0.0, 60.0)
     fade_in: float = quantity(0.5, "s", "time in which the tones rise along half a cosine; 0 for at once", 0.0, 60.0)
@@ -100,7 +101,10 @@ class SubharmonicSettings(Parameters):
 
 
 class SurfaceSettings(Parameters):
-    """Inducing tones of the paper's Fig. 7: all pairs of amplitudes and frequencies at equal distances."""
+    """Inducing tones of the paper's Fig. 7: all pairs of amplitudes and frequencies at equal distances.
+
+    Frequencies are rounded to whole periods in a block.
+    """
 
     amplitude_low: float = quantity(5e-6, "m", "smallest amplitude of the inducing tone", 0.0, HIGHEST_AMPLITUDE)
     amplitude_high: float = quantity(50e-6, "m", "largest amplitude of the inducing tone", 0.0, HIGHEST_AMPLITUDE)
@@ -108,6 +112,7 @@ class SurfaceSettings(Parameters):
     frequency_low: float = quantity(500.0, "Hz", "lowest frequency of the inducing tone", 1e-3, HIGHEST_FREQUENCY)
     frequency_high: float = quantity(4500.0, "Hz", "highest frequency of the inducing tone", 1e-3, HIGHEST_FREQUENCY)
     frequency_count: int = quantity(17, "-", "number of frequencies", 1, 1000)
+    shifted: bool = switch(False, "all tones are moved by the offsets of the test, so that products come apart")
 
     @model_validator(mode="after")
     def _ranges_ascend(self) -> Self:

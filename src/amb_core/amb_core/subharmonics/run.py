@@ -1,0 +1,94 @@
+"""The subharmonic test on the simulated loop."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.control import ControllerParameters, PdController
+from amb_core.errors import ExcitationError, RegionError
+from amb_core.excitation import Tones, generate
+from amb_core.loop import simulate
+from amb_core.plant import Plant
+from amb_core.subharmonics.analysis import analyse, block_periods
+from amb_core.subharmonics.results import SubharmonicSpectrum
+from amb_core.subharmonics.settings import WHOLE, SubharmonicSettings
+
+
+def run_subharmonics(
+    plant: Plant, controller: ControllerParameters, settings: SubharmonicSettings | None = None
+) -> SubharmonicSpectrum:
+    """Excite the simulated loop with the tones until its response is steady, the rotor delevitates, or time is up.
+
+    The loop always starts from its reset: a run that turns out too short is repeated at twice its length.
+
+    Parameters
+    ----------
+    plant : Plant
+        Reset first.
+    controller : ControllerParameters
+        The control law.
+    settings : SubharmonicSettings, optional
+        The tones; the paper's by default.
+
+    Raises
+    ------
+    ExcitationError
+        If the tones reach beyond the backup bearing, or the rotor cannot move along their axis.
+    RegionError
+        If a tone is not below the Nyquist frequency, a block is no whole number of samples, or plant and controller
+        are sampled at different rates.
+    """
+    settings = settings or SubharmonicSettings()
+    check(plant, controller, settings)
+    rate = 1.0 / plant.sample_time
+    block, _ = block_periods(settings, plant.sample_time)
+    first = round(settings.rest * rate)
+    full = first + round(settings.fade_in * rate)
+    longest = int(settings.longest_run / settings.block_duration)
+    blocks = settings.agreeing_blocks
+    while True:
+        steps = full + blocks * block
+        samples = excitation(settings, steps - first, rate)
+        record = simulate(plant, PdController(controller), steps, samples, first)
+        spectrum = analyse(record, settings, full, delevitated=plant.delevitated)
+        if spectrum.state in ("steady", "delevitated") or blocks >= longest:
+            return spectrum
+        blocks = min(2 * blocks, longest)
+
+
+def check(plant: Plant, controller: ControllerParameters, settings: SubharmonicSettings) -> None:
+    """Refuse a test that does not suit the loop, as `run_subharmonics` does."""
+    if settings.axis not in plant.axes:
+        raise ExcitationError(
+            f"the tones are asked for on axis {settings.axis}, along which the rotor cannot move; allowed: "
+            + ", ".join(plant.axes)
+        )
+    reach, clearance = sum(settings.amplitudes), plant.parameters.rotor.backup_bearing_radius
+    if reach >= clearance:
+        raise ExcitationError(
+            f"the amplitudes of the tones add up to {1e6 * reach:g} um; allowed: below the clearance of the backup "
+            f"bearing, {1e6 * clearance:g} um"
+        )
+    if abs(controller.sample_rate * plant.sample_time - 1.0) > WHOLE:
+        raise RegionError(
+            f"the controller runs at {controller.sample_rate:g} Hz, the plant is sampled at "
+            f"{1.0 / plant.sample_time:g} Hz; the two rates must be equal"
+        )
+    block_periods(settings, plant.sample_time)
+
+
+def excitation(settings: SubharmonicSettings, steps: int, rate: float) -> NDArray[np.float64]:
+    """Samples of the tones on their axis, fade-in included (m), shape (steps, 2)."""
+    count = 3 if settings.inducing_amplitude > 0.0 else 2
+    tones = Tones(
+        frequencies=settings.frequencies[:count],
+        amplitudes=settings.amplitudes[:count],
+        phases=(0.0, 0.0, settings.inducing_phase)[:count],
+        duration=steps / rate,
+        axes=settings.axis,
+    )
+    samples = generate(tones, rate).samples.copy()
+    fade = min(round(settings.fade_in * rate), steps)
+    samples[:fade] *= (0.5 - 0.5 * np.cos(np.pi * np.arange(fade) / max(fade, 1)))[:, None]
+    return samples
