@@ -26,6 +26,11 @@ class StepCoverage:
         """Step after the last known one; 0 when none is known."""
         return self._spans[-1][1] if self._spans else 0
 
+    @property
+    def spans(self) -> list[tuple[int, int]]:
+        """Spans (first, stop) of known steps, in order."""
+        return list(self._spans)
+
     def add(self, first_step: int, steps: int) -> None:
         """Note `steps` steps from `first_step` on as known; what is known already may be added again."""
         if steps < 1:

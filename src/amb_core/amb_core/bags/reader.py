@@ -26,7 +26,7 @@ from amb_core.messages import (
     plant_record_from_messages,
 )
 from amb_core.records import LoopRecord, PlantRecord
-from amb_core.telemetry import merge_blocks
+from amb_core.telemetry import StepCoverage, merge_blocks
 
 if TYPE_CHECKING:
     from amb_core.control import ControllerParameters
@@ -131,6 +131,14 @@ class Bag:
         except BagError as problem:
             raise BagError(f"bag {self.path}, run {run}: {problem}") from None
 
+    def spans(self, run: int | None = None) -> list[tuple[int, int]]:
+        """Spans (first step, step after the last) for which there is telemetry of a run, by default the last one."""
+        coverage = StepCoverage()
+        blocks = self._blocks()
+        for block in blocks.get(next(reversed(blocks), 0) if run is None else run, []):
+            coverage.add(block.first_step, block.steps)
+        return coverage.spans
+
     def plant_states(self, run: int | None = None) -> PlantRecord:
         """The inside of the plant during a run (by default the last recorded), at the steps that were published.
 
@@ -193,6 +201,21 @@ class Bag:
         for message in self._decoded(MODEL):
             last = message
         return None if last is None else model_from_message(last)
+
+    def messages_of(self, topic: str) -> Iterator[Any]:
+        """The messages of a topic, decoded, as they were recorded.
+
+        Raises
+        ------
+        BagError
+            If there is no such topic, or a message cannot be decoded.
+        """
+        if topic not in [known.name for known in self.topics]:
+            there = ", ".join(known.name for known in self.topics) or "none"
+            raise BagError(f"bag {self.path}: holds no topic {topic}; its topics: {there}")
+        for message in self._storage.messages():
+            if message.topic == topic:
+                yield self._decoder.decode(message.type, message.data)
 
     def controller_parameters(self) -> ControllerParameters | None:
         """Parameters of the recorded controller (a node named pd_controller), None when they were not recorded."""

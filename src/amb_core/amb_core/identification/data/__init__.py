@@ -1,7 +1,12 @@
 """Data for identification: experiments from bags and files, made fit for estimation, and checked."""
 
+from amb_core.identification.data.bag_data import read_bag_data
 from amb_core.identification.data.conditioning import advance_inputs, decimate, detrend, restore, split_at_invalid
+from amb_core.identification.data.csv_files import read_csv
 from amb_core.identification.data.dataset import Experiment, Gap, IdentificationData, merge
+from amb_core.identification.data.files import read_data, write_data
+from amb_core.identification.data.mat_files import read_mat
+from amb_core.identification.data.npz_files import read_npz
 
 __all__ = [
     "Experiment",
@@ -11,6 +16,12 @@ __all__ = [
     "decimate",
     "detrend",
     "merge",
+    "read_bag_data",
+    "read_csv",
+    "read_data",
+    "read_mat",
+    "read_npz",
     "restore",
     "split_at_invalid",
+    "write_data",
 ]

@@ -73,9 +73,9 @@ def decimate(data: IdentificationData, factor: int) -> IdentificationData:
     """Keep every `factor`-th sample of the low-passed data; no phase is added.
 
     A symmetric FIR filter (Kaiser window, 80 dB) passes up to 0.8 of the new Nyquist frequency. It runs over all
-    signals alike, so a linear relation between them stays what it is. Only samples that it reaches without invented values are
-    kept, so each experiment loses about 25 new samples at either end. The kept steps are multiples of `factor`, and
-    the first step counts new samples.
+    signals alike, so a linear relation between them stays what it is. Only samples that it reaches without invented
+    values are kept, so each experiment loses about 25 new samples at either end. The kept steps are multiples of
+    `factor`, and the first step counts new samples.
 
     An input that was held over each old sample is not held over the new ones: trust a model of decimated data up to a
     third of the new Nyquist frequency.
@@ -202,4 +202,4 @@ def _less(item: Experiment, name: str, trend: NDArray[np.float64], time: NDArray
         return item
     field = "reference" if name == "reference" else f"{name}s"
     removed = getattr(item, f"{name}_trend") + trend
-    return replace(item, **{field: signal - line(trend, time), f"{name}_trend": removed})  # type: ignore[arg-type]
+    return replace(item, **{field: signal - line(trend, time), f"{name}_trend": removed})

@@ -365,8 +365,11 @@ class IdentificationData:
         if not self.experiments:
             raise IdentificationError("data need at least one experiment")
         names = (*self.input_names, *self.output_names)
-        if len(set(names)) < len(names):
-            raise IdentificationError(f"the names {', '.join(names)} must all be different")
+        if len(set(names)) < len(names) or "" in names:
+            raise IdentificationError(f"the names {', '.join(names)} must all be different, and none empty")
+        for label in (*names, *self.input_units, *self.output_units):
+            if not label.isprintable():
+                raise IdentificationError(f"{label!r} is not allowed as a name or unit; it must be printable")
         for kind in ("input", "output"):
             names, units = getattr(self, f"{kind}_names"), getattr(self, f"{kind}_units")
             if len(units) != len(names):

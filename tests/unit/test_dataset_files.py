@@ -1,0 +1,267 @@
+"""Data in files come back bit for bit; foreign files are read where they tell enough, and refused in one line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import io
+
+from amb_core.errors import AmbError, IdentificationError
+from amb_core.identification.data import (
+    Experiment,
+    IdentificationData,
+    detrend,
+    merge,
+    read_csv,
+    read_data,
+    read_mat,
+    read_npz,
+    write_data,
+)
+
+ENDINGS = ["csv", "npz", "mat"]
+VALUES = st.floats(allow_nan=True, allow_infinity=True, width=64)
+TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=8)
+NAMES = st.text(st.characters(codec="utf-8", categories=("L", "N", "P", "S")), min_size=1, max_size=8)
+
+
+def identical(one: IdentificationData, other: IdentificationData) -> bool:
+    same = all(
+        getattr(one, item.name) == getattr(other, item.name)
+        for item in fields(IdentificationData)
+        if item.name != "experiments"
+    )
+    return same and all(
+        _same(getattr(mine, item.name), getattr(theirs, item.name))
+        for mine, theirs in zip(one.experiments, other.experiments, strict=True)
+        for item in fields(Experiment)
+    )
+
+
+def _same(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return one.shape == other.shape and np.array_equal(one, other, equal_nan=True)
+    return type(one) is type(other) and one == other
+
+
+@st.composite
+def datasets(draw: st.DrawFn) -> IdentificationData:
+    m, p = draw(st.integers(1, 3)), draw(st.integers(1, 3))
+
+    def signals(rows: int, columns: int) -> st.SearchStrategy[np.ndarray]:
+        return arrays(np.float64, (rows, columns), elements=VALUES)
+
+    experiments = []
+    for _ in range(draw(st.integers(1, 3))):
+        steps = draw(st.integers(1, 4))
+        experiments.append(
+            Experiment(
+                draw(signals(steps, m)),
+                draw(signals(steps, p)),
+                draw(st.none() | signals(steps, p)),
+                draw(st.integers(0, 2**40)),
+                draw(TEXTS),
+                *(draw(signals(2, columns)) for columns in (m, p, p)),
+            )
+        )
+    names = draw(st.lists(NAMES, min_size=m + p, max_size=m + p, unique=True))
+    units = draw(st.lists(NAMES | st.just(""), min_size=m + p, max_size=m + p))
+    sample_time = draw(st.floats(1e-9, 1e3))
+    return IdentificationData(tuple(experiments), sample_time, names[:m], names[m:], units[:m], units[m:])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_what_is_written_is_read_bit_for_bit(ending: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("data") / f"data.{ending}"
+
+    @given(data=datasets())
+    @settings(max_examples=25, deadline=None)
+    def round_trip(data: IdentificationData) -> None:
+        write_data(data, path)
+        assert identical(read_data(path), data)
+
+    round_trip()
+
+
+def small(steps: int = 6, reference: bool = True) -> IdentificationData:
+    signals = np.random.default_rng(0).normal(size=(3, steps, 2))
+    return IdentificationData.from_arrays(
+        *signals[:2],
+        1e-4,
+        reference=signals[2] if reference else None,
+        input_names=["i_x", "i_y"],
+        output_names=["x", "y"],
+        input_units=["A", "A"],
+        output_units=["m", "m"],
+    )
+
+
+def test_a_csv_file_has_names_units_and_times(tmp_path: Path) -> None:
+    write_data(merge([small(), small(reference=False)]), tmp_path / "data.csv")
+    comment, header, first, *rest = (tmp_path / "data.csv").read_text().splitlines()
+    assert comment.startswith("# amb_core {")
+    assert header == "experiment,time [s],i_x [A],i_y [A],x [m],y [m],r_x [m],r_y [m]"
+    assert first.startswith("0,0.0,0.12573022")
+    assert rest[-1].endswith(",nan,nan")
+
+
+def test_a_mat_file_has_what_matlab_needs_for_its_own_data(tmp_path: Path) -> None:
+    write_data(merge([small(), small(9, reference=False)]), tmp_path / "data.mat")
+    content = io.loadmat(tmp_path / "data.mat", simplify_cells=True)
+    assert [item.shape for item in content["u"]] == [(6, 2), (9, 2)]
+    assert [item.shape for item in content["y"]] == [(6, 2), (9, 2)]
+    assert content["Ts"] == 1e-4
+    assert list(content["InputName"]) == ["i_x", "i_y"]
+    assert list(content["OutputUnit"]) == ["m", "m"]
+
+
+# -- files of others
+
+
+def write_text(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_a_table_with_names_units_and_times_is_read(tmp_path: Path) -> None:
+    rows = [f"{0.2 + 0.1 * k:.4f};{k};{-k};{2 * k}" for k in range(5)]
+    path = write_text(tmp_path / "rig.csv", "\n".join(["# rig 7", "t [ms];i [A];speed;z [um]", *rows]))
+    data = read_csv(path, inputs=["i"], outputs=["z"])
+    assert data.sample_time == pytest.approx(1e-4)
+    assert (data.input_names, data.input_units, data.output_units) == (("i",), ("A",), ("um",))
+    assert data.experiments[0].first_step == 2
+    assert data.experiments[0].outputs[:, 0].tolist() == [0.0, 2.0, 4.0, 6.0, 8.0]
+
+
+def test_missing_times_split_a_table(tmp_path: Path) -> None:
+    times = [0.0, 0.001, 0.002, 0.005, 0.006, 0.010]
+    path = write_text(tmp_path / "rig.csv", "\n".join(["time,u,y", *(f"{time},1,2" for time in times)]))
+    data = read_csv(path, ["u"], ["y"])
+    assert [(item.first_step, item.stop) for item in data.experiments] == [(0, 3), (5, 7), (10, 11)]
+    assert [gap.steps for gap in data.gaps] == [2, 3]
+
+
+TABLE = "time [s],u,y\n0,1,2\n0.1,2,3\n0.2,3,4\n0.3,3,5\n"
+COLUMNS = {"inputs": ["u"], "outputs": ["y"]}
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        (TABLE, {}, "which columns are inputs and which outputs is not known.*there are time, u, y"),
+        (TABLE, {"inputs": ["v"], "outputs": ["y"]}, "there must be one column 'v'; there are time, u, y"),
+        (TABLE, COLUMNS | {"sample_time": 1e-4}, "sample_time 0.0001 s is given, but the times are 0.1 s apart"),
+        (TABLE.replace("0.2,", "0.15,"), COLUMNS, "irregular sample time: between samples"),
+        (TABLE.replace("0.2,", "0.1,"), COLUMNS, "times must rise; sample 2 is at 0.1 s, the one before at 0.1 s"),
+        (TABLE.replace("0.2,", "nan,"), COLUMNS, "the times must be two or more finite numbers"),
+        (TABLE.replace("[s]", "[h]"), COLUMNS, "times are in h; allowed: s, ms, us"),
+        (TABLE.replace("time [s]", "step"), COLUMNS, "the sample time is not known; give sample_time in s"),
+        ("0,1,2\n0.1,2,3\n", COLUMNS, "the first line must have the names of the columns"),
+        (TABLE + "0.4,oops,3\n", COLUMNS, "could not convert string 'oops'"),
+        (TABLE + "0.4,3\n", COLUMNS, "damaged"),
+        ("u,y\n", COLUMNS, "there are no samples, only a header"),
+        ("", COLUMNS, "names of the columns"),
+        ("# amb_core {}\nu,y\n1,2\n", {}, "damaged"),
+        ("# amb_core {\nu,y\n1,2\n", {}, "damaged"),
+    ],
+)
+def test_tables_that_do_not_tell_enough_are_refused_in_one_line(
+    tmp_path: Path, text: str, options: dict[str, object], message: str
+) -> None:
+    path = write_text(tmp_path / "rig.csv", text)
+    with pytest.raises(IdentificationError, match=message) as refusal:
+        read_data(path, **options)
+    assert str(refusal.value).startswith(f"data {path}: ")
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("ending", "read", "save"),
+    [
+        ("mat", read_mat, lambda path, **content: io.savemat(path, content)),
+        ("npz", read_npz, lambda path, **content: np.savez(path, **content)),
+    ],
+)
+def test_one_matrix_whose_columns_are_signals_is_read(
+    tmp_path: Path, ending: str, read: Callable[..., IdentificationData], save: Callable[..., None]
+) -> None:
+    matrix = np.arange(20.0).reshape(5, 4)
+    path = tmp_path / f"arm.{ending}"
+    save(path, arm=matrix, note=np.zeros((2, 2)))
+    data = read(path, "arm", inputs=[0, 1], outputs=[2, 3], sample_time=0.1)
+    assert np.array_equal(data.experiments[0].inputs, matrix[:, :2])
+    assert np.array_equal(data.experiments[0].outputs, matrix[:, 2:])
+    assert data.output_names == ("y1", "y2")
+    columns = {"inputs": [0], "outputs": [1]}
+    for options, message in (
+        ({}, r"needs the name of one matrix as variable; its matrices: arm \(5, 4\), note \(2, 2\)"),
+        ({"variable": "leg"}, "has no matrix leg"),
+        ({"variable": "arm"}, "which of the 4 columns are inputs and which outputs is not known"),
+        ({"variable": "arm", "inputs": [0], "outputs": [4]}, "there is no column 4; allowed: 0 to 3"),
+        ({"variable": "arm", **columns}, "the sample time is not known; give sample_time in s"),
+        ({"variable": "arm", **columns, "sample_time": -1.0}, "'sample_time' = -1.0 s is not allowed"),
+    ):
+        with pytest.raises(IdentificationError, match=message):
+            read(path, **options)
+
+
+def test_matrices_u_and_y_are_read_from_a_mat_file(tmp_path: Path) -> None:
+    path = tmp_path / "motor.mat"
+    io.savemat(path, {"u": np.zeros((5, 1)), "y": np.ones((5, 2))})
+    data = read_mat(path, sample_time=0.1)
+    assert (data.input_names, data.output_names, data.samples) == (("u1",), ("y1", "y2"), 5)
+    io.savemat(path, {"u": np.zeros((5, 1)), "y": np.ones((5, 2)), "Ts": 0.2})
+    assert read_mat(path).sample_time == 0.2
+    with pytest.raises(IdentificationError, match=r"sample_time 0.1 s is given, but the file has Ts = 0.2 s"):
+        read_mat(path, sample_time=0.1)
+    io.savemat(path, {"u": np.zeros((5, 1)), "y": np.ones((4, 2)), "Ts": 0.2})
+    with pytest.raises(IdentificationError, match=r"inputs \(5, 1\) and outputs \(4, 2\)"):
+        read_mat(path)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_damaged_and_missing_files_are_refused_in_one_line(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"data.{ending}"
+    write_data(detrend(small(2_000)), path)
+    whole = path.read_bytes()
+    for length in (0, 40, len(whole) // 2):
+        path.write_bytes(whole[:length])
+        with pytest.raises(IdentificationError, match=f"data {path}: ") as refusal:
+            read_data(path)
+        assert "\n" not in str(refusal.value)
+    with pytest.raises(IdentificationError, match="cannot be read: No such file"):
+        read_data(tmp_path / f"missing.{ending}")
+    with pytest.raises(IdentificationError, match="cannot be written: No such file"):
+        write_data(small(), tmp_path / "missing" / f"data.{ending}")
+
+
+def test_a_mat_file_of_version_7_3_says_how_to_write_another(tmp_path: Path) -> None:
+    path = tmp_path / "new.mat"
+    header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(header + b"\x89HDF" + bytes(400))
+    with pytest.raises(IdentificationError, match=r"version 7\.3; write it with save\(\.\.\., '-v7'\)"):
+        read_data(path)
+
+
+def test_unknown_endings_and_options_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(IdentificationError, match=r"must end in \.csv, \.npz, \.mat"):
+        write_data(small(), tmp_path / "data.txt")
+    with pytest.raises(IdentificationError, match="option run is not allowed; allowed: variable, inputs, outputs"):
+        read_data(tmp_path / "data.mat", run=1)
+    with pytest.raises(AmbError, match="no such file or folder"):
+        read_data(tmp_path / "data.txt")
+
+
+@pytest.mark.skipif("AMB_CD_PLAYER" not in os.environ, reason="AMB_CD_PLAYER does not name the CD player's file")
+def test_the_cd_players_arm_is_read() -> None:
+    """The benchmark CD player's arm of the DaISy collection: two inputs, two outputs, 2048 samples."""
+    data = read_data(os.environ["AMB_CD_PLAYER"], inputs=[0, 1], outputs=[2, 3], sample_time=1.0)
+    assert (data.samples, len(data.input_names), len(data.output_names)) == (2048, 2, 2)
