@@ -67,7 +67,7 @@ def build_map(
     plant, controller : PlantParameters, ControllerParameters
         The loop.
     regions : RegionParameters, optional
-        Thresholds of the classifier; by default those of `RegionParameters`, with the plant's backup bearing.
+        Thresholds of the classifier; its backup bearing is always the plant's.
     cache : Path, optional
         Folder of finished sweeps, by default `default_folder()`. Every sweep is kept there as soon as it is finished.
     scheduler : str, optional
@@ -133,8 +133,9 @@ class MapJob:
         regions: RegionParameters | None = None,
     ) -> None:
         _check(settings, plant, controller)
-        regions = regions or RegionParameters(backup_bearing_radius=plant.rotor.backup_bearing_radius)
-        self._settings, self._plant, self._controller, self._regions = settings, plant, controller, regions
+        radius = plant.rotor.backup_bearing_radius  # where a run ends, and with it the map
+        self._regions = (regions or RegionParameters()).model_copy(update={"backup_bearing_radius": radius})
+        self._settings, self._plant, self._controller = settings, plant, controller
         self.refinement = Refinement(settings)
         self.problem: RegionError | None = None
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import RegionError
 from amb_core.excitation import Sweep, generate
 from amb_core.loop import simulate
-from amb_core.parameters import Parameters
+from amb_core.parameters import flatten, part_of
 from amb_core.plant import Plant, PlantParameters
 from amb_core.region_map.region_map import Boundary, MapSweep
 from amb_core.regions import Classification, RegionParameters, classify
@@ -30,8 +30,6 @@ SOURCES = (
 )  # fmt: skip
 """Modules and packages of amb_core that a sweep runs through: a change in one of them outdates results."""
 LIBRARIES = ("llvmlite", "numba", "numpy", "scipy")
-
-P = TypeVar("P", bound=Parameters)
 
 
 @dataclass(frozen=True)
@@ -55,11 +53,11 @@ class SweepTask:
     regions: RegionParameters
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "controller", _reduced(ControllerParameters, self.controller))
+        object.__setattr__(self, "controller", part_of(ControllerParameters, self.controller.model_dump()))
+        object.__setattr__(self, "regions", part_of(RegionParameters, self.regions.model_dump()))
         # What happens after touch-down has no part in a region map, so the run may end there.
-        plant = _reduced(PlantParameters, self.plant)
-        no_contact = plant.backup_bearing.model_copy(update={"contact": False})
-        object.__setattr__(self, "plant", plant.model_copy(update={"backup_bearing": no_contact}))
+        plant = {**flatten(self.plant.model_dump()), "backup_bearing.contact": False}
+        object.__setattr__(self, "plant", part_of(PlantParameters, plant))
 
     def describe(self) -> dict[str, Any]:
         """Everything that decides the result as plain JSON values: parameters, files they name, version of the code."""
@@ -137,7 +135,3 @@ def _beats(found: Classification, frequency: NDArray[np.float64]) -> tuple[tuple
         (float(frequency[steps[first]]), float(frequency[steps[last - 1]]))
         for first, last in zip(edges[::2], edges[1::2], strict=True)
     )
-
-
-def _reduced(model: type[P], parameters: P) -> P:
-    return model.model_validate({name: getattr(parameters, name) for name in model.model_fields})

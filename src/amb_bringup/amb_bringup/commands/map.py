@@ -1,0 +1,304 @@
+"""`amb map`: the frequency-amplitude graph of a bearing from a parameter file, without a running graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from amb_core.control import ControllerParameters
+    from amb_core.plant import PlantParameters
+    from amb_core.region_map import Comparison, GridCell, MapProgress, RegionMap
+    from amb_core.regions import Region, RegionParameters
+
+
+def region_map(
+    params: Annotated[
+        Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
+    ] = None,
+    amplitude_low: Annotated[float, typer.Option(help="Smallest amplitude (m).")] = 5e-6,
+    amplitude_high: Annotated[float, typer.Option(help="Largest amplitude (m).")] = 100e-6,
+    frequency_start: Annotated[float, typer.Option(help="Frequency at which every sweep starts (Hz).")] = 10.0,
+    frequency_end: Annotated[
+        float, typer.Option(help="Frequency at which it ends unless the rotor delevitates (Hz).")
+    ] = 5000.0,
+    spacing: Annotated[str, typer.Option(help="Frequency over time: linear or logarithmic.")] = "linear",
+    duration: Annotated[float, typer.Option(help="Duration of a sweep (s).")] = 20.0,
+    rest: Annotated[float, typer.Option(help="Time at rest before it, in which the rotor settles (s).")] = 1.0,
+    axes: Annotated[str, typer.Option(help="Axes that are excited: x, y or both.")] = "y",
+    initial_sweeps: Annotated[int, typer.Option(help="Sweeps at amplitudes with equal ratios, then refined.")] = 8,
+    max_sweeps: Annotated[int, typer.Option(help="Largest number of sweeps, refinement included.")] = 24,
+    resolution: Annotated[
+        float, typer.Option(help="Relative error in frequency, or in amplitude where a boundary ends (-).")
+    ] = 0.03,
+    grid: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Design parameter and values, as amplifier.bias_current=2,3,4 or controller.derivative_gain=30,38; "
+            "given again, all combinations. Makes a grid of maps.",
+            metavar="NAME=V1,V2,...",
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a running dask scheduler, tcp://host:port, to run the sweeps.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes on this machine to run the sweeps; one per core if not given.")
+    ] = None,
+    cache: Annotated[
+        Path | None,
+        typer.Option(help="Folder of finished sweeps, instead of ~/.cache/amb/region_map.", file_okay=False),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for map.json, summary.json and figures.", file_okay=False)] = Path(
+        "results/map"
+    ),
+) -> None:
+    """Find where regions B, C and D begin, amplitude by amplitude, from simulated sweeps.
+
+    Every finished sweep is kept. After Ctrl-C, or worse, the same command goes on where it ended.
+    """
+    from rich.console import Console
+
+    from amb_core.errors import RegionError
+    from amb_core.parameters import validate
+    from amb_core.region_map import MapSettings, build_grid, build_map
+
+    names = MapSettings.model_fields
+    settings = validate(MapSettings, {name: value for name, value in locals().items() if name in names}, RegionError)
+    design = _design(grid or [])
+    plant, controller, regions = _load(params)
+    _make_folder(out)
+    console = Console()
+    with _Progress(console) as shown:
+        options: dict[str, Any] = {
+            "cache": cache, "scheduler": scheduler, "workers": workers,
+            "progress": shown.update, "cancelled": shown.cancelled,
+        }  # fmt: skip
+        if design:
+            cells = build_grid(settings, plant, controller, design, regions, **options)
+        else:
+            found = build_map(settings, plant, controller, regions, **options)
+    if design:
+        _write_grid(out, cells, console)
+    else:
+        _write_map(out, found, plant, controller, console)
+    if shown.cancelled():
+        console.print("[yellow]stopped; the finished sweeps are kept: run the same command to go on[/yellow]")
+        raise typer.Exit(130)
+
+
+class _Progress:
+    """A progress bar with the boundaries so far; while it is shown, Ctrl-C asks for the end instead of forcing it."""
+
+    def __init__(self, console: Console) -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(20),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[boundaries]}"),
+            console=console,
+        )
+        self._task = self._bar.add_task("sweeps", total=None, boundaries="")
+        self._asked_to_end = False
+
+    def __enter__(self) -> _Progress:
+        import signal
+
+        self._handler = signal.signal(signal.SIGINT, self._on_interrupt)
+        self._bar.start()
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        import signal
+
+        self._bar.stop()
+        signal.signal(signal.SIGINT, self._handler)
+
+    def _on_interrupt(self, *_: object) -> None:
+        self._asked_to_end = True
+
+    def cancelled(self) -> bool:
+        """Whether Ctrl-C was pressed."""
+        return self._asked_to_end
+
+    def update(self, progress: MapProgress) -> None:
+        """Show how far the map is."""
+        boundaries = "" if progress.map is None else _ranges(progress.map)
+        self._bar.update(self._task, completed=progress.done, total=progress.total, boundaries=boundaries)
+
+
+def _ranges(found: RegionMap) -> str:
+    """The frequencies at which each region begins, as text."""
+    from amb_core.region_map import BOUNDARIES
+
+    return ", ".join(f"{region.name} {_range(found, region)}" for region in BOUNDARIES if _range(found, region))
+
+
+def _range(found: RegionMap, region: Region) -> str:
+    import numpy as np
+
+    frequency = found.frequencies(region)
+    return "" if np.isnan(frequency).all() else f"{np.nanmin(frequency):.0f} to {np.nanmax(frequency):.0f}"
+
+
+def _load(params: Path | None) -> tuple[PlantParameters, ControllerParameters, RegionParameters]:
+    from amb_bringup.packages import share_folder
+    from amb_core.control import ControllerParameters
+    from amb_core.parameters import load_parameters
+    from amb_core.plant import PlantParameters
+    from amb_core.regions import RegionParameters
+
+    path = params or share_folder("amb_bringup") / "config" / "paper.yaml"
+    return (
+        load_parameters(PlantParameters, path, "simulator", part=True),
+        load_parameters(ControllerParameters, path, "pd_controller", part=True),
+        load_parameters(RegionParameters, path, "region_monitor", part=True),
+    )
+
+
+def _design(grid: list[str]) -> dict[str, list[Any]]:
+    """Design parameters and their values from the command line."""
+    from amb_core.errors import RegionError
+
+    design: dict[str, list[Any]] = {}
+    for text in grid:
+        name, sign, values = text.partition("=")
+        if not (name and sign and values):
+            raise RegionError(f"--grid {text}: must be a name and its values, as amplifier.bias_current=2,3,4")
+        if name in design:
+            raise RegionError(f"--grid {name} is given twice; give all its values at once")
+        design[name] = [_value(word) for word in values.split(",")]
+    return design
+
+
+def _value(word: str) -> Any:
+    """A number where the word is one (YAML does not take 1e-3 for one), else a switch or a word."""
+    import yaml
+
+    try:
+        return float(word)
+    except ValueError:
+        return yaml.safe_load(word)
+
+
+def _make_folder(out: Path) -> None:
+    """Before hours of work, not after."""
+    from amb_core.errors import RegionError
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise RegionError(f"folder {out}: cannot be made: {problem.strerror}") from None
+
+
+def _write_map(
+    out: Path, found: RegionMap, plant: PlantParameters, controller: ControllerParameters, console: Console
+) -> None:
+    """Map, summary and figures, and the tables on the console."""
+    from amb_core.region_map import analytic_lines, compare
+
+    lines = analytic_lines(plant, controller)
+    comparisons = compare(found, lines)
+    found.save(out / "map.json")
+    _write_json(out / "summary.json", _summary(found, comparisons))
+    console.print(_boundary_table(found))
+    console.print(_line_table(comparisons))
+    if not found.complete:
+        console.print("[yellow]not resolved as asked; more sweeps (--max-sweeps) would help[/yellow]")
+    console.print(f"map.json, summary.json: {out}")
+
+
+def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
+    """A folder for each map of a grid, and a summary of all."""
+    from rich.table import Table
+
+    from amb_core.region_map import BOUNDARIES, analytic_lines, compare
+
+    summaries, problems = [], []
+    table = Table(*cells[0].values, "sweeps", "B (Hz)", "C (Hz)", "D (Hz)", title="Grid of region maps")
+    for cell in cells:
+        name = ",".join(f"{key}={value}" for key, value in cell.values.items())
+        summary: dict[str, Any] = {"values": cell.values}
+        if cell.map is None or cell.plant is None or cell.controller is None:
+            summary["problem"] = cell.problem
+            row = ["none"]
+            problems.append(f"{name}: {cell.problem}")
+        else:
+            folder = out / name
+            folder.mkdir(exist_ok=True)
+            cell.map.save(folder / "map.json")
+            summary |= {"map": f"{name}/map.json"}
+            summary |= _summary(cell.map, compare(cell.map, analytic_lines(cell.plant, cell.controller)))
+            row = [str(len(cell.map.sweeps)), *(_range(cell.map, region) for region in BOUNDARIES)]
+        summaries.append(summary)
+        table.add_row(*(str(value) for value in cell.values.values()), *row)
+    _write_json(out / "summary.json", summaries)
+    console.print(table)
+    for problem in problems:
+        console.print(f"[yellow]{problem}[/yellow]")
+    console.print(f"summary.json, a folder with map.json for each: {out}")
+
+
+def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
+    return {
+        "complete": found.complete,
+        "sweeps": [
+            {
+                "amplitude_um": round(1e6 * sweep.amplitude, 4),
+                **{f"{region.name}_hz": round(edge.frequency, 2) for region, edge in sweep.boundaries.items()},
+                "resonance": [region.name for region, edge in sweep.boundaries.items() if edge.resonance],
+            }
+            for sweep in found.sweeps
+        ],
+        "lines_over_boundaries": [
+            {
+                "line": one.line,
+                "region": one.region.name,
+                "amplitudes": len(one.ratio),
+                "median_ratio": round(one.median, 4),
+                "smallest_ratio": round(float(one.ratio.min()), 4),
+                "largest_ratio": round(float(one.ratio.max()), 4),
+            }
+            for one in comparisons
+        ],
+    }
+
+
+def _write_json(path: Path, content: Any) -> None:
+    import json
+
+    path.write_text(json.dumps(content, indent=2) + "\n")
+
+
+def _boundary_table(found: RegionMap) -> Table:
+    from rich.table import Table
+
+    from amb_core.region_map import BOUNDARIES
+
+    table = Table(title="Where the regions begin; * by ordinary resonance")
+    table.add_column("amplitude (um)", justify="right")
+    for region in BOUNDARIES:
+        table.add_column(f"{region.name} (Hz)", justify="right")
+    for sweep in found.sweeps:
+        edges = [sweep.boundaries.get(region) for region in BOUNDARIES]
+        texts = ["" if edge is None else f"{edge.frequency:.1f}{'*' if edge.resonance else ' '}" for edge in edges]
+        table.add_row(f"{1e6 * sweep.amplitude:.2f}", *texts)
+    return table
+
+
+def _line_table(comparisons: list[Comparison]) -> Table:
+    from rich.table import Table
+
+    table = Table("line", "region", "amplitudes", "median", "range", title="Frequency of analytic lines over simulated")
+    for one in comparisons:
+        spread = f"{one.ratio.min():.2f} to {one.ratio.max():.2f}"
+        table.add_row(one.line, one.region.name, str(len(one.ratio)), f"{one.median:.2f}", spread)
+    return table
