@@ -1,4 +1,4 @@
-"""Node `excitation_generator`: the excitations of amb_core as a service.
+"""Node `excitation_generator`: the excitations of amb_core as a service, and what a region map says of them.
 
 A request is checked, its samples are generated and published for the controller, and the answer waits for the
 controller's word: only the controller knows which step is still to come.
@@ -10,20 +10,33 @@ import json
 import threading
 from array import array
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, TypeVar
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_controller_node.parameters import GeneratorParameters
-from amb_core.errors import ExcitationError
+from amb_core.control import ControllerParameters
+from amb_core.errors import ExcitationError, ParameterError, RegionError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
+from amb_core.messages import region_map_from_message
+from amb_core.parameters import Parameters
+from amb_core.plant import PlantParameters
+from amb_core.regions import Region
 from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
-from amb_msgs.srv import StartExcitation, StopExcitation
+from amb_msgs.msg import RegionMap as RegionMapMessage
+from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
 from amb_ros import topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import LATCHED
+from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
+
+if TYPE_CHECKING:
+    from amb_core.region_map import RegionMap
+
+P = TypeVar("P", bound=Parameters)
 
 REQUEST_FIELDS = [
     name for name in StartExcitation.Request.get_fields_and_field_types() if name not in ("kind", "run", "first_step")
@@ -50,22 +63,27 @@ class ExcitationGeneratorNode(Node):
         self._state_subscription = self.create_subscription(
             SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, LATCHED
         )
+        self._last_map: RegionMapMessage | None = None
+        self._map_subscription = self.create_subscription(
+            RegionMapMessage, topics.REGION_MAP, self._on_region_map, LATCHED
+        )
+        self._remote_parameters = RemoteParameters(self)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="excitation_generator")
         create_service(self, StartExcitation, "~/start", self._on_start, self._worker)
         create_service(self, StopExcitation, "~/stop", self._on_stop, self._worker)
+        create_service(self, PreviewExcitation, "~/preview", self._on_preview, self._worker)
 
     def _on_start(
         self, request: StartExcitation.Request, response: StartExcitation.Response
     ) -> StartExcitation.Response:
-        settings = excitation_from_request(request.kind, {name: getattr(request, name) for name in REQUEST_FIELDS})
-        signal = generate(settings, self._settings.sample_rate)
+        signal = self._signal(request)
         if request.first_step < Excitation.FROM_NEXT_STEP:
             raise ExcitationError(
                 f"first_step = {request.first_step} is not allowed; allowed: 0 or more, or "
                 f"{Excitation.FROM_NEXT_STEP} for the next step"
             )
         run = request.run or self._current_run()
-        status = self._publish(self._message(signal, settings.model_dump(), run, request.first_step))
+        status = self._publish(self._message(signal, run, request.first_step))
         response.success = True
         response.run = status.run
         response.first_step = status.first_step
@@ -84,11 +102,61 @@ class ExcitationGeneratorNode(Node):
         response.success = True
         return response
 
-    def _message(self, signal: ExcitationSignal, settings: dict[str, object], run: int, first_step: int) -> Excitation:
+    def _on_preview(
+        self, request: PreviewExcitation.Request, response: PreviewExcitation.Response
+    ) -> PreviewExcitation.Response:
+        from amb_core.excitation_design import check_excitation  # loads what only a preview needs
+
+        notes: list[str] = []
+        check = check_excitation(
+            self._signal(request),
+            self._region_map(request.map),
+            self._live_set(ControllerParameters, self._settings.controller, notes),
+            self._live_set(PlantParameters, self._settings.simulator, notes),
+        )
+        response.success = True
+        response.message = check.verdict
+        response.notes = [*check.notes, *notes]
+        response.region = int(check.predicted)
+        response.certain = check.certain
+        response.margin = check.margin
+        for axis in check.axes:
+            setattr(response, f"region_{axis.axis}", int(axis.predicted))
+            setattr(response, f"power_{axis.axis}", [axis.shares[region] for region in Region])
+            setattr(response, f"crest_factor_{axis.axis}", axis.crest_factor)
+        return response
+
+    def _signal(self, request: StartExcitation.Request | PreviewExcitation.Request) -> ExcitationSignal:
+        """The signal that a request describes."""
+        settings = excitation_from_request(request.kind, {name: getattr(request, name) for name in REQUEST_FIELDS})
+        return generate(settings, self._settings.sample_rate)
+
+    def _region_map(self, path: str) -> RegionMap:
+        """The map of a file, or the last one that the region monitor has built."""
+        if path:
+            from amb_core.region_map import RegionMap
+
+            return RegionMap.load(path)
+        if self._last_map is None:
+            raise RegionError(
+                f"no region map heard on {self._map_subscription.topic_name}; call region_monitor/build_map first, "
+                "or name the file of a map"
+            )
+        return region_map_from_message(self._last_map)
+
+    def _live_set(self, model: type[P], node: str, notes: list[str]) -> P | None:
+        """Parameters of the loop that runs, None (for those of the map) if its node does not tell them."""
+        try:
+            return self._remote_parameters.read_set(model, node, self._settings.parameter_timeout)
+        except ParameterError as problem:
+            notes.append(f"{problem}; those of the map are assumed")
+            return None
+
+    def _message(self, signal: ExcitationSignal, run: int, first_step: int) -> Excitation:
         return Excitation(
             run=run,
             kind=signal.kind,
-            description=json.dumps(settings),
+            description=json.dumps(signal.parameters.model_dump()),
             first_step=first_step,
             sample_time=signal.sample_time,
             reference_x=array("d", signal.samples[:, 0].tobytes()),
@@ -140,6 +208,9 @@ class ExcitationGeneratorNode(Node):
         answer = self._awaited.get(message.id)
         if answer is not None and not answer.done():
             answer.set_result(message)
+
+    def _on_region_map(self, message: RegionMapMessage) -> None:
+        self._last_map = message
 
     def _on_simulator_state(self, message: SimulatorState) -> None:
         self._run = message.run

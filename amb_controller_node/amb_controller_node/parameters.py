@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from amb_core.control import ControllerParameters
-from amb_core.parameters import Parameters, quantity
+from amb_core.parameters import Parameters, choice, quantity
 
 
 class PdControllerParameters(ControllerParameters):
@@ -17,3 +17,8 @@ class GeneratorParameters(Parameters):
 
     sample_rate: float = quantity(10_000.0, "Hz", "controller sample rate f_s", 1_000.0, 100_000.0)
     answer_timeout: float = quantity(3.0, "s", "longest wall-clock wait for the controller's answer", 0.1, 60.0)
+    simulator: str = choice("simulator", "node whose parameters describe the plant of a preview, relative or full name")
+    controller: str = choice(
+        "pd_controller", "node whose parameters describe the controller of a preview, relative or full name"
+    )
+    parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of either", 0.05, 10.0)

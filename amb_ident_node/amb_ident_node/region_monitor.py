@@ -113,9 +113,11 @@ class RegionMonitorNode(Node):
             self._publish(self._watch.delevitate(message.run, message.step))
 
     def _publish(self, states: list[RegionState]) -> None:
-        assert self._watch.run is not None or not states
+        run, sample_time = self._watch.run, self._watch.sample_time
+        if run is None:
+            return
         for state in states:
-            self._region_publisher.publish(region_state_to_message(state, self._watch.run, self._watch.sample_time))
+            self._region_publisher.publish(region_state_to_message(state, run, sample_time))
 
     # -- the action, in the worker
 

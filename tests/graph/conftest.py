@@ -42,7 +42,7 @@ class Graph:
 
     def __init__(self, domain: int, folder: Path) -> None:
         self.folder = folder
-        self._environment = os.environ | {
+        self.environment = os.environ | {
             "ROS_DOMAIN_ID": str(domain),
             "ROS_LOG_DIR": str(folder / "log"),
             "ROS_PYTHON_CHECK_FIELDS": "1",
@@ -69,7 +69,7 @@ class Graph:
             file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
             command += ["--params-file", str(file)]
         process = subprocess.Popen(
-            command, env=self._environment, cwd=self.folder, stderr=subprocess.PIPE, text=True, **options
+            command, env=self.environment, cwd=self.folder, stderr=subprocess.PIPE, text=True, **options
         )
         self._processes.append(process)
         return process

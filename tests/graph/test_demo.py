@@ -21,7 +21,7 @@ def test_demo_reaches_its_numbers_and_leaves_its_results(tmp_path):
     with domain_id() as domain:
         summary = run_demo(tmp_path, parameter_file, int(domain), lambda name, _done, _total: told.add(name))
     assert summary.bit_identical
-    assert summary.processes == 5
+    assert summary.processes == 6
     assert summary.closed_loop_natural_hz == pytest.approx(63.0, abs=3.0)
     assert summary.damping_ratio == pytest.approx(0.51, abs=0.06)
     assert summary.sag_um == pytest.approx(66.0, abs=4.0)

@@ -13,23 +13,19 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import rclpy
-from rcl_interfaces.srv import GetParameters
-from rclpy.context import Context
-from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
-
-from amb_core.errors import AmbError
+from amb_bringup.connection import ClientError, GraphConnection
 from amb_core.identification import StateSpaceModel
-from amb_core.messages import model_from_message
+from amb_core.messages import model_from_message, region_map_from_message, region_state_from_message
+from amb_msgs.action import BuildMap
+from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import (
     GetModel,
     Identify,
     Pause,
+    PreviewExcitation,
     Reset,
     RunSteps,
     StartExcitation,
@@ -38,13 +34,15 @@ from amb_msgs.srv import (
     StopRecording,
 )
 from amb_ros import topics
-from amb_ros.qos import LATCHED
+from amb_ros.qos import HISTORY, LATCHED
 
-NODES = ("simulator", "pd_controller", "excitation_generator", "recorder", "identifier")
+if TYPE_CHECKING:
+    from amb_core.region_map import MapProgress, RegionMap
+    from amb_core.regions import Region, RegionState
 
+__all__ = ["NODES", "AmbClient", "ClientError", "RunEnd", "StartedExcitation"]
 
-class ClientError(AmbError):
-    """A node of the graph is missing, does not answer in time, or refuses a request."""
+NODES = ("simulator", "pd_controller", "excitation_generator", "recorder", "region_monitor", "identifier")
 
 
 @dataclass(frozen=True)
@@ -65,30 +63,8 @@ class StartedExcitation:
     steps: int
 
 
-class AmbClient:
-    """Calls the nodes of one graph. Not for use from several threads at once.
-
-    Parameters
-    ----------
-    namespace : str
-        Namespace of the nodes.
-    timeout : float
-        Longest wall-clock wait for a node to appear, to answer or, while running, to advance (s).
-    domain_id : int, optional
-        DDS domain of the graph; ROS_DOMAIN_ID by default.
-    nodes : sequence of str
-        The nodes of the graph, relative to the namespace.
-
-    Attributes
-    ----------
-    node : Node
-        The node behind the calls, for subscriptions of one's own; its callbacks run during calls and `wait_until`.
-
-    Raises
-    ------
-    ClientError
-        By every method, if a node is missing, does not answer within the timeout, or refuses; the message says what.
-    """
+class AmbClient(GraphConnection):
+    """Calls the nodes of one graph; see `GraphConnection` for parameters, errors and what else it offers."""
 
     def __init__(
         self,
@@ -97,37 +73,12 @@ class AmbClient:
         domain_id: int | None = None,
         nodes: Sequence[str] = NODES,
     ) -> None:
-        self.timeout = timeout
-        self._nodes = tuple(nodes)
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain_id)
-        self.node = Node("amb_client", namespace=namespace, context=self._context, start_parameter_services=False)
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        self._clients: dict[str, Any] = {}
+        super().__init__(namespace, timeout, domain_id, nodes)
         self._state: SimulatorState | None = None
         self._run = 0
+        self._region: RegionStateMessage | None = None
+        self._region_subscription: Any = None  # made when regions are asked for
         self.node.create_subscription(SimulatorState, topics.SIMULATOR_STATE, self._on_state, LATCHED)
-
-    def __enter__(self) -> AmbClient:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self.node.destroy_node()
-        self._context.try_shutdown()
-
-    def wait_for_nodes(self) -> None:
-        """Wait until all nodes of the graph are there."""
-        for name in self._nodes:
-            client = self.node.create_client(GetParameters, f"{name}/get_parameters")
-            self.wait_until(client.service_is_ready, complaint=f"node {name} did not appear; is it running?")
-            self.node.destroy_client(client)
 
     # -- simulator
 
@@ -141,12 +92,12 @@ class AmbClient:
             working directory of the caller; the simulator must be able to read it.
         """
         path = "" if parameter_file is None else str(Path(parameter_file).absolute())
-        self._run = self._call(Reset, "simulator/reset", parameter_file=path).run
+        self._run = self.call(Reset, "simulator/reset", parameter_file=path).run
         return self._run
 
     def pause(self) -> int:
         """Pause the simulator. Returns the next step."""
-        return self._call(Pause, "simulator/pause").step
+        return self.call(Pause, "simulator/pause").step
 
     def run(self, steps: int, progress: Callable[[int], None] | None = None) -> RunEnd:
         """Run a number of steps and wait for the end.
@@ -160,7 +111,7 @@ class AmbClient:
         """
         if steps < 1:
             raise ClientError(f"steps = {steps} is not allowed; allowed: 1 or more")
-        started = self._call(RunSteps, "simulator/run", steps=steps)
+        started = self.call(RunSteps, "simulator/run", steps=steps)
         seen_step, deadline = -1, 0.0
         while True:
             state = self._state
@@ -181,7 +132,7 @@ class AmbClient:
                 raise ClientError(
                     f"the loop has stood at step {seen_step} for {self.timeout:g} s; is pd_controller running?"
                 )
-            self._executor.spin_once(timeout_sec=0.1)
+            self.spin_once()
 
     # -- excitation
 
@@ -190,18 +141,111 @@ class AmbClient:
 
         `settings` are the fields of the kind in SI units, as in the service: amplitude, axes, duration, frequency, ...
         """
-        known = StartExcitation.Request.get_fields_and_field_types()
-        for name in settings:
-            if name not in known:
-                raise ClientError(f"unknown setting '{name}'; allowed: {', '.join(known)}")
-        answer = self._call(
-            StartExcitation, "excitation_generator/start", kind=kind, first_step=first_step, run=self._run, **settings
+        answer = self.call(
+            StartExcitation,
+            "excitation_generator/start",
+            kind=kind,
+            first_step=first_step,
+            run=self._run,
+            **_known(StartExcitation.Request, settings),
         )
         return StartedExcitation(answer.run, answer.first_step, answer.steps)
 
     def stop_excitation(self) -> None:
         """Stop the excitation: the reference returns to nominal."""
-        self._call(StopExcitation, "excitation_generator/stop")
+        self.call(StopExcitation, "excitation_generator/stop")
+
+    def preview_excitation(self, kind: str, region_map: str | Path = "", **settings: Any) -> PreviewExcitation.Response:
+        """Say in which regions of a map an excitation would run, without starting it.
+
+        Parameters
+        ----------
+        kind : str
+            As for `start_excitation`, with the same settings.
+        region_map : str or Path, optional
+            File of a map; by default the last one that the region monitor has built.
+
+        Returns
+        -------
+        PreviewExcitation.Response
+            Its fields are described in `amb_msgs/srv/PreviewExcitation`.
+        """
+        path = str(Path(region_map).absolute()) if region_map else ""
+        return self.call(
+            PreviewExcitation,
+            "excitation_generator/preview",
+            kind=kind,
+            map=path,
+            **_known(PreviewExcitation.Request, settings),
+        )
+
+    # -- regions
+
+    def region_state(self) -> RegionState:
+        """The region in which the bearing runs, with its features; waits for the first word of the monitor."""
+        self._listen_to_regions()
+        self.wait_until(lambda: self._region is not None, complaint="no region heard; is region_monitor running?")
+        return region_state_from_message(self._region)
+
+    def wait_for_region(self, region: Region, timeout: float | None = None) -> RegionState:
+        """Wait until the rotor is in a region in the present run."""
+        self._listen_to_regions()
+
+        def reached() -> bool:
+            return self._region is not None and (self._region.run, self._region.region) == (self._run, region)
+
+        self.wait_until(reached, timeout, f"the rotor did not enter region {region.name}")
+        return region_state_from_message(self._region)
+
+    def build_map(
+        self,
+        parameter_file: str | Path = "",
+        scheduler: str = "",
+        path: str | Path = "",
+        progress: Callable[[MapProgress], None] | None = None,
+        cancelled: Callable[[], bool] | None = None,
+        **settings: Any,
+    ) -> RegionMap:
+        """Build a region map, by default that of the loop which is running.
+
+        Parameters
+        ----------
+        parameter_file : str or Path, optional
+            ROS parameter file with another plant and controller.
+        scheduler : str, optional
+            Address of a dask scheduler, tcp://host:port; by default the machine of the monitor computes.
+        path : str or Path, optional
+            File for the map.
+        progress : callable, optional
+            Called with a `MapProgress` whenever a sweep has finished.
+        cancelled : callable, optional
+            Asked while waiting; when it is true the goal is cancelled. Finished sweeps stay in the cache.
+        **settings
+            As in `amb_core.region_map.MapSettings`, SI units; what is not given takes its default.
+
+        Returns
+        -------
+        RegionMap
+            That of the sweeps so far if cancelled; it is then not `complete`.
+        """
+        from amb_core.region_map import MapProgress
+
+        def on_feedback(message: Any) -> None:
+            told = message.feedback
+            if progress is not None:
+                region_map = region_map_from_message(told.map) if told.map.amplitude else None
+                progress(MapProgress(told.done, told.total, told.reused, region_map))
+
+        goal = BuildMap.Goal(
+            **_known(BuildMap.Goal, settings),
+            parameter_file=str(Path(parameter_file).absolute()) if parameter_file else "",
+            scheduler=scheduler,
+            path=str(Path(path).absolute()) if path else "",
+        )
+        result = self.act(BuildMap, "region_monitor/build_map", goal, on_feedback, cancelled or (lambda: False))
+        if not result.map.amplitude:
+            raise ClientError(result.message)
+        return region_map_from_message(result.map)
 
     # -- recording
 
@@ -211,11 +255,11 @@ class AmbClient:
         Waits for all nodes of the graph first, so that the bag misses nothing of what they do.
         """
         self.wait_for_nodes()
-        return self._call(StartRecording, "recorder/start", uri=uri).uri
+        return self.call(StartRecording, "recorder/start", uri=uri).uri
 
     def stop_recording(self, run: int = 0, step: int = 0) -> str:
         """Close the bag, after the telemetry of this run up to (without) this step has come. Returns its path."""
-        return self._call(
+        return self.call(
             StopRecording, "recorder/stop", wait_for_run=run, wait_for_step=step, timeout=0.5 * self.timeout
         ).uri
 
@@ -223,39 +267,31 @@ class AmbClient:
 
     def identify(self, bag: str = "", order: int = 0, method: str = "", timeout: float = 300.0) -> StateSpaceModel:
         """Identify from the last experiment or from a bag; 0 and empty select the identifier's defaults."""
-        answer = self._call(Identify, "identifier/identify", timeout=timeout, bag=bag, order=order, method=method)
+        answer = self.call(Identify, "identifier/identify", timeout=timeout, bag=bag, order=order, method=method)
         return model_from_message(answer.model)
 
     def get_model(self) -> StateSpaceModel:
         """The last identified model."""
-        return model_from_message(self._call(GetModel, "identifier/get_model").model)
+        return model_from_message(self.call(GetModel, "identifier/get_model").model)
 
-    def wait_until(
-        self, condition: Callable[[], bool], timeout: float | None = None, complaint: str = "timed out"
-    ) -> None:
-        """Process messages until a condition holds; `complaint` is the error's text if it does not in time (s)."""
-        deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
-        while not condition():
-            if time.monotonic() > deadline:
-                raise ClientError(complaint)
-            self._executor.spin_once(timeout_sec=0.05)
+    def _listen_to_regions(self) -> None:
+        if self._region_subscription is None:
+            self._region_subscription = self.node.create_subscription(
+                RegionStateMessage, topics.REGION, self._on_region, HISTORY
+            )
 
-    # -- plumbing
-
-    def _call(self, service: Any, name: str, /, *, timeout: float | None = None, **fields: Any) -> Any:
-        if name not in self._clients:
-            self._clients[name] = self.node.create_client(service, name)
-        client = self._clients[name]
-        full_name = self.node.resolve_service_name(name)
-        wait = self.timeout if timeout is None else timeout
-        self.wait_until(client.service_is_ready, self.timeout, f"no service {full_name}; is the node running?")
-        future = client.call_async(service.Request(**fields))
-        self.wait_until(future.done, wait, f"no answer from {full_name} within {wait:g} s")
-        answer = future.result()
-        if not answer.success:
-            raise ClientError(f"{full_name}: {answer.message}")
-        return answer
+    def _on_region(self, message: RegionStateMessage) -> None:
+        self._region = message
 
     def _on_state(self, message: SimulatorState) -> None:
         self._state = message
         self._run = max(self._run, message.run)
+
+
+def _known(request: Any, settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings of a request, after a look whether it has fields of these names."""
+    known = request.get_fields_and_field_types()
+    for name in settings:
+        if name not in known:
+            raise ClientError(f"unknown setting '{name}'; allowed: {', '.join(known)}")
+    return settings

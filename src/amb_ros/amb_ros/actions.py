@@ -38,8 +38,12 @@ def create_action(node: Node, action_type: Any, name: str, callback: Callback, w
     """
 
     def outcome(goal: ServerGoalHandle) -> Any:
+        def publish_feedback(message: Any) -> None:
+            if node.context.ok():
+                goal.publish_feedback(message)
+
         try:
-            result = callback(goal.request, goal.publish_feedback, lambda: goal.is_cancel_requested)
+            result = callback(goal.request, publish_feedback, lambda: goal.is_cancel_requested)
         except AmbError as problem:
             result = action_type.Result(message=str(problem))
         except Exception as problem:  # whatever happens, the caller gets a result and the node lives

@@ -1,4 +1,4 @@
-"""`amb bag info`: what a bag holds."""
+"""`amb bag info`, `amb bag play`: what a bag holds, and its loop once more on the topics."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 
     from amb_core.bags import Bag
 
-app = typer.Typer(help="Look into bags.", no_args_is_help=True)
+app = typer.Typer(help="Look into bags, play them.", no_args_is_help=True)
 
 
 @app.callback()
 def bag() -> None:
-    """Look into bags."""
+    """Look into bags, play them."""
 
 
 @app.command()
@@ -43,6 +43,33 @@ def info(bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap 
     model = content.model()
     if model is not None:
         console.print(f"last model: order {model.order}, {model.method}, from {model.source}")
+
+
+@app.command()
+def play(
+    bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
+    rate: Annotated[float, typer.Option(help="How many times faster than recorded.")] = 1.0,
+) -> None:
+    """Publish telemetry, excitations and states of a bag again, for region_monitor, identifier and listeners of yours.
+
+    Not into a graph with a simulator: both would publish on the same topics.
+    """
+    import rclpy
+    from rclpy.node import Node
+    from rich.progress import Progress
+
+    from amb_ros.bag_player import BagPlayer
+
+    rclpy.init()
+    try:
+        node = Node("bag_player", start_parameter_services=False)
+        player = BagPlayer(node, bag)
+        with Progress() as bar:
+            task = bar.add_task("playing", total=player.messages)
+            player.play(rate, lambda played: bar.update(task, completed=played))
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
 
 
 def _runs(bag: Bag) -> Table:

@@ -1,0 +1,142 @@
+"""A connection to the nodes of a graph: services and actions as plain calls, with timeouts and clear errors."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import rclpy
+from rcl_interfaces.srv import GetParameters
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+
+from amb_core.errors import AmbError
+
+
+class ClientError(AmbError):
+    """A node of the graph is missing, does not answer in time, or refuses a request."""
+
+
+class GraphConnection:
+    """Calls services and actions of the nodes of one graph. Not for use from several threads at once.
+
+    Parameters
+    ----------
+    namespace : str
+        Namespace of the nodes.
+    timeout : float
+        Longest wall-clock wait for a node to appear, to answer or, while running, to advance (s).
+    domain_id : int, optional
+        DDS domain of the graph; ROS_DOMAIN_ID by default.
+    nodes : sequence of str
+        The nodes of the graph, relative to the namespace.
+
+    Attributes
+    ----------
+    node : Node
+        The node behind the calls, for subscriptions of one's own; its callbacks run during calls and `wait_until`.
+
+    Raises
+    ------
+    ClientError
+        By every method, if a node is missing, does not answer within the timeout, or refuses; the message says what.
+    """
+
+    def __init__(self, namespace: str, timeout: float, domain_id: int | None, nodes: Sequence[str]) -> None:
+        self.timeout = timeout
+        self._nodes = tuple(nodes)
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain_id)
+        self.node = Node("amb_client", namespace=namespace, context=self._context, start_parameter_services=False)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    def wait_for_nodes(self) -> None:
+        """Wait until all nodes of the graph are there."""
+        for name in self._nodes:
+            client = self.node.create_client(GetParameters, f"{name}/get_parameters")
+            self.wait_until(client.service_is_ready, complaint=f"node {name} did not appear; is it running?")
+            self.node.destroy_client(client)
+
+    def wait_until(
+        self, condition: Callable[[], bool], timeout: float | None = None, complaint: str = "timed out"
+    ) -> None:
+        """Process messages until a condition holds; `complaint` is the error's text if it does not in time (s)."""
+        deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
+        while not condition():
+            if time.monotonic() > deadline:
+                raise ClientError(complaint)
+            self.spin_once(0.05)
+
+    def spin_once(self, timeout: float = 0.1) -> None:
+        """Process the next message; wait for it at most `timeout` (s)."""
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def call(self, service: Any, name: str, /, *, timeout: float | None = None, **fields: Any) -> Any:
+        """Call a service, relative to the namespace, with these fields in the request; returns its response."""
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(service, name)
+        client = self._clients[name]
+        full_name = self.node.resolve_service_name(name)
+        wait = self.timeout if timeout is None else timeout
+        self.wait_until(client.service_is_ready, self.timeout, f"no service {full_name}; is the node running?")
+        future = client.call_async(service.Request(**fields))
+        self.wait_until(future.done, wait, f"no answer from {full_name} within {wait:g} s")
+        answer = future.result()
+        if not answer.success:
+            raise ClientError(f"{full_name}: {answer.message}")
+        return answer
+
+    def act(
+        self, action: Any, name: str, goal: Any, on_feedback: Callable[[Any], None], cancelled: Callable[[], bool]
+    ) -> Any:
+        """Send a goal to an action and wait for its result as long as it takes, or until its node is gone.
+
+        Parameters
+        ----------
+        action, name, goal
+            Type and name, relative to the namespace, of the action; the goal.
+        on_feedback : callable
+            Called with every feedback message.
+        cancelled : callable
+            Asked while waiting; when it is true the goal is cancelled. The result may then lack `success`.
+        """
+        if name not in self._clients:
+            self._clients[name] = ActionClient(self.node, action, name)
+        client = self._clients[name]
+        full_name = self.node.resolve_service_name(name)
+        self.wait_until(client.server_is_ready, complaint=f"no action {full_name}; is the node running?")
+        accepted = client.send_goal_async(goal, on_feedback)
+        self.wait_until(accepted.done, complaint=f"no answer from {full_name} within {self.timeout:g} s")
+        handle = accepted.result()
+        ended = handle.get_result_async()
+        cancelling = False
+        while not ended.done():
+            if not client.server_is_ready():
+                raise ClientError(f"{full_name}: its node has ended")
+            if not cancelling and cancelled():
+                handle.cancel_goal_async()
+                cancelling = True
+            self.spin_once()
+        result = ended.result().result
+        if not result.success and not cancelling:
+            raise ClientError(f"{full_name}: {result.message}")
+        return result

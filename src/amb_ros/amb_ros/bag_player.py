@@ -1,0 +1,123 @@
+"""Plays a bag: what simulator and controller said, published again at the pace of the recording or another."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+
+from amb_core.bags import read_bag
+from amb_core.bags.layout import layout_hash
+from amb_core.bags.storage import Definition, open_storage
+from amb_core.errors import BagError
+from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, PlantState, SimulatorState
+from amb_ros.definitions import message_definition
+from amb_ros.qos import HISTORY, LATCHED
+
+DISCOVERY_TIMEOUT = 2.0  # s
+DELIVERY_TIMEOUT = 10.0  # s
+SLOWEST, FASTEST = 1e-3, 1e6
+
+
+class _Played(NamedTuple):
+    type: Any
+    qos: QoSProfile
+
+
+PLAYED = {
+    "amb_msgs/msg/LoopSamples": _Played(LoopSamples, HISTORY),
+    "amb_msgs/msg/PlantState": _Played(PlantState, HISTORY),
+    "amb_msgs/msg/Excitation": _Played(Excitation, LATCHED),
+    "amb_msgs/msg/ExcitationStatus": _Played(ExcitationStatus, LATCHED),
+    "amb_msgs/msg/SimulatorState": _Played(SimulatorState, LATCHED),
+}
+"""What is played. Regions, maps and models are not: those who listen make them anew."""
+
+
+class BagPlayer:
+    """A bag ready to be played on the topics on which it was recorded.
+
+    Parameters
+    ----------
+    node : Node
+        Publishes; it need not be spun.
+    path : str or Path
+        The bag.
+
+    Attributes
+    ----------
+    messages : int
+        Number of messages to play.
+
+    Raises
+    ------
+    BagError
+        If there is no bag, nothing to play in it, or a message type had other fields when it was recorded.
+    """
+
+    def __init__(self, node: Node, path: str | Path) -> None:
+        self._path = Path(path)
+        topics = [topic for topic in read_bag(path).topics if topic.type in PLAYED]
+        self._storage = open_storage(self._path)
+        self.messages = sum(topic.messages for topic in topics)
+        if not self.messages:
+            raise BagError(f"bag {path}: nothing to play; played are: {', '.join(PLAYED)}")
+        for _ in self._storage.messages():  # after that its definitions are complete
+            pass
+        self._publishers: dict[str, Publisher] = {}
+        for topic in topics:
+            self._check_layout(topic.type)
+            played = PLAYED[topic.type]
+            self._publishers[topic.name] = node.create_publisher(played.type, topic.name, played.qos)
+
+    def play(self, rate: float = 1.0, progress: Callable[[int], None] | None = None) -> None:
+        """Publish all messages, once somebody listens to the telemetry, and wait until they have arrived.
+
+        Parameters
+        ----------
+        rate : float, optional
+            How many times faster than recorded.
+        progress : callable, optional
+            Called with the number of messages published after each of them.
+
+        Raises
+        ------
+        BagError
+            If the rate is not allowed.
+        """
+        if not SLOWEST <= rate <= FASTEST:
+            raise BagError(f"rate = {rate:g} is not allowed; allowed: {SLOWEST:g} to {FASTEST:g}")
+        self._wait_for_listeners()
+        start, first, played = time.monotonic(), None, 0
+        for message in self._storage.messages():
+            if message.topic not in self._publishers:
+                continue
+            first = message.log_time if first is None else first
+            time.sleep(max(0.0, start + 1e-9 * (message.log_time - first) / rate - time.monotonic()))
+            self._publishers[message.topic].publish(message.data)
+            played += 1
+            if progress is not None:
+                progress(played)
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=DELIVERY_TIMEOUT))
+
+    def _wait_for_listeners(self) -> None:
+        deadline = time.monotonic() + DISCOVERY_TIMEOUT
+        publishers = self._publishers.values()
+        while not all(publisher.get_subscription_count() for publisher in publishers) and time.monotonic() < deadline:
+            time.sleep(0.01)
+
+    def _check_layout(self, message_type: str) -> None:
+        """Refuse bytes that today's listeners would misread."""
+        if message_type not in self._storage.definitions:
+            raise BagError(f"bag {self._path}: lacks the definition of {message_type}; record with Iron or later")
+        recorded = self._storage.definitions[message_type]
+        installed = Definition("ros2msg", message_definition(message_type))
+        if layout_hash(message_type, recorded) != layout_hash(message_type, installed):
+            raise BagError(f"bag {self._path}: {message_type} had other fields when it was recorded; cannot be played")

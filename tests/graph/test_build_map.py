@@ -1,0 +1,171 @@
+"""Region maps as an action of the region monitor, and the preview of excitations on them."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from rclpy.action import ActionClient
+
+from amb_core.messages import region_map_from_message
+from amb_core.region_map import RegionMap as CoreMap
+from amb_core.regions import Region
+from amb_msgs.action import BuildMap
+from amb_msgs.msg import RegionMap, RegionState
+from amb_msgs.srv import PreviewExcitation
+from amb_ros.qos import LATCHED
+
+if TYPE_CHECKING:
+    from tests.graph.conftest import Graph
+
+MONITOR = "amb_ident_node.region_monitor"
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus
+SMALL_MAP = {
+    "amplitude_low": 50e-6,
+    "amplitude_high": 80e-6,
+    "frequency_start": 100.0,
+    "frequency_end": 500.0,
+    "duration": 1.0,
+    "rest": 0.3,
+    "initial_sweeps": 2,
+    "max_sweeps": 3,
+}
+
+
+class MapBuilder:
+    """A region monitor and an excitation generator, with a cache of their own."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.maps: list[RegionMap] = []
+        graph.environment["XDG_CACHE_HOME"] = str(graph.folder / "cache")
+        graph.node.create_subscription(RegionMap, "/amb/region_map", self.maps.append, LATCHED)
+        self.start()
+        graph.start("amb_controller_node.excitation_generator", parameters={"parameter_timeout": 0.1})
+        self.action = ActionClient(graph.node, BuildMap, "/amb/region_monitor/build_map")
+        self.parameter_file = graph.folder / "heavy.yaml"
+        self.parameter_file.write_text(
+            "/amb/simulator: {ros__parameters: {rotor.mass: 6.5, autostart: true}}\n"
+            "/amb/pd_controller: {ros__parameters: {proportional_gain: 21000.0, telemetry_block: 10}}\n"
+        )
+
+    def start(self) -> None:
+        self.process = self.graph.start(MONITOR, parameters={"parameter_timeout": 0.1})
+
+    def send(self, **goal: Any) -> tuple[Any, list[Any]]:
+        """Send a goal; its handle, and the feedback as it comes."""
+        feedback: list[Any] = []
+        self.graph.wait_until(self.action.server_is_ready, "the action")
+        sent = self.action.send_goal_async(
+            BuildMap.Goal(parameter_file=str(self.parameter_file), **goal),
+            feedback_callback=lambda message: feedback.append(message.feedback),
+        )
+        self.graph.wait_until(sent.done, "the goal's acceptance")
+        return sent.result(), feedback
+
+    def result(self, handle: Any) -> tuple[int, Any]:
+        ended = handle.get_result_async()
+        self.graph.wait_until(ended.done, "the result")
+        return ended.result().status, ended.result().result
+
+    def preview(self, **request: Any) -> Any:
+        return self.graph.call(PreviewExcitation, "/amb/excitation_generator/preview", **request)
+
+
+@pytest.fixture(scope="module")
+def builder(open_graph: Callable[[Path], Any], tmp_path_factory: pytest.TempPathFactory) -> Iterator[MapBuilder]:
+    with open_graph(tmp_path_factory.mktemp("map")) as graph:
+        yield MapBuilder(graph)
+
+
+def test_a_map_is_built_with_feedback_and_serves_the_preview(builder: MapBuilder) -> None:
+    refused = builder.preview(kind="square", amplitude=1e-6, duration=1.0)
+    assert "no region map heard on /amb/region_map; call region_monitor/build_map first" in refused.message
+
+    file = builder.graph.folder / "map.json"
+    handle, feedback = builder.send(path=str(file), **SMALL_MAP)
+    status, result = builder.result(handle)
+    assert (status, result.success) == (SUCCEEDED, True), result.message
+    assert result.path == str(file)
+    assert result.message.startswith("3 sweeps, boundaries ")
+    built = region_map_from_message(result.map)
+    assert len(built.sweeps) == 3
+    assert built.provenance["plant"]["rotor"]["mass"] == 6.5
+    assert built.provenance["controller"]["proportional_gain"] == 21_000.0
+    assert repr(built) == repr(CoreMap.load(file)), "the message and the file hold the same map"
+    assert all(Region.D in sweep.boundaries for sweep in built.sweeps)
+    assert [told.done for told in feedback] == sorted(told.done for told in feedback)
+    assert feedback[-1].done == feedback[-1].total == 3
+    assert list(feedback[-1].map.frequency_d) == list(result.map.frequency_d)
+    builder.graph.wait_until(lambda: builder.maps, "the map on its topic")
+    assert builder.maps[-1].amplitude == result.map.amplitude
+
+    for region_map in ("", str(file)):
+        small = builder.preview(kind="square", amplitude=1e-6, duration=1.0, axes="x", map=region_map)
+        assert small.success, small.message
+        assert sum(small.power_x) == pytest.approx(1.0)
+        assert (small.region_y, list(small.power_y)) == (RegionState.A, [0.0] * 4)
+        assert small.crest_factor_x == pytest.approx(1.0, abs=0.01)
+        assert any("node /amb/pd_controller did not tell its parameters" in note for note in small.notes)
+    large = builder.preview(kind="sweep", amplitude=70e-6, duration=5.0, frequency_end=450.0, axes="y")
+    assert large.success, large.message
+    assert large.region == large.region_y == RegionState.D
+    assert large.power_y[RegionState.D] > 0.1
+    assert "/nowhere" in builder.preview(kind="square", amplitude=1e-6, duration=1.0, map="/nowhere").message
+
+
+def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
+    handle, feedback = builder.send(**SMALL_MAP | {"amplitude_low": 30e-6, "initial_sweeps": 40, "max_sweeps": 40})
+    builder.graph.wait_until(lambda: feedback and feedback[-1].done, "the first sweep")
+    handle.cancel_goal_async()
+    status, result = builder.result(handle)
+    assert (status, result.success) == (CANCELED, False)
+    assert "cancelled after" in result.message
+    kept = len(result.map.amplitude)
+    assert 0 < kept < 40
+    assert not result.map.complete
+
+    handle, feedback = builder.send(**SMALL_MAP | {"amplitude_low": 30e-6, "initial_sweeps": 40, "max_sweeps": 40})
+    builder.graph.wait_until(lambda: any(told.reused >= kept for told in feedback), "what is there already")
+    handle.cancel_goal_async()
+    builder.result(handle)
+
+
+@pytest.mark.parametrize(
+    ("goal", "reason"),
+    [
+        ({"amplitude_low": -1.0}, "'amplitude_low' = -1.0 is not allowed"),
+        ({"amplitude_low": 9e-5, "amplitude_high": 2e-5}, "amplitude_low = 9e-05 m must be below"),
+        ({"frequency_end": 6_000.0}, "above the Nyquist frequency"),
+        ({"amplitude_high": 300e-6}, "beyond the clearance"),
+        ({"spacing": "square"}, "'spacing' = 'square' is not allowed; allowed: one of linear, logarithmic"),
+        ({"path": "/nowhere/map.json"}, "path = '/nowhere/map.json' is not allowed"),
+        ({"scheduler": "tcp://127.0.0.1:9"}, "scheduler tcp://127.0.0.1:9"),
+    ],
+)
+def test_a_bad_goal_is_aborted_with_the_reason(builder: MapBuilder, goal: dict[str, Any], reason: str) -> None:
+    status, result = builder.result(builder.send(**goal)[0])
+    assert (status, result.success) == (ABORTED, False)
+    assert reason in result.message
+    assert "internal error" not in result.message
+
+
+def test_a_map_of_a_loop_that_does_not_run_is_refused(builder: MapBuilder) -> None:
+    builder.parameter_file, file = "", builder.parameter_file
+    status, result = builder.result(builder.send()[0])
+    builder.parameter_file = file
+    assert status == ABORTED
+    assert "node /amb/simulator did not tell its parameters within 0.1 s; is it running?" in result.message
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_node_in_the_middle_of_a_map(builder: MapBuilder, number: signal.Signals) -> None:
+    _, feedback = builder.send(**SMALL_MAP | {"amplitude_low": 20e-6, "initial_sweeps": 40, "max_sweeps": 40})
+    builder.graph.wait_until(lambda: feedback, "the start of the map")
+    code, errors = builder.graph.stop(builder.process, number)
+    assert code == 0, errors
+    assert "Traceback" not in errors
+    builder.start()

@@ -1,0 +1,250 @@
+"""The region monitor: a live sweep, its bag played again, and telemetry of every kind."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from array import array
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from amb_core.bags import read_bag
+from amb_core.excitation import Sweep
+from amb_core.messages import region_state_from_message
+from amb_core.records import LoopRecord
+from amb_core.regions import Classification, Region, classify
+from amb_msgs.msg import LoopSamples, RegionState, SimulatorState
+from amb_msgs.srv import StartRecording, StopRecording
+from amb_ros.qos import HISTORY
+
+if TYPE_CHECKING:
+    from tests.graph.conftest import Graph
+
+MONITOR = "amb_ident_node.region_monitor"
+REST = 10_000  # steps
+SWEEP = Sweep(amplitude=50e-6, duration=20.0, frequency_start=10.0, frequency_end=5000.0, axes="y")
+PERIOD = 500  # steps; the default of publish_period
+
+
+class Listener:
+    """What the monitor of a graph says."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.messages: list[RegionState] = []
+        self.subscription = graph.node.create_subscription(RegionState, "/amb/region", self.messages.append, HISTORY)
+
+    def of(self, run: int) -> list[RegionState]:
+        return [message for message in self.messages if message.run == run]
+
+    def wait_for(self, run: int, step: int) -> list[RegionState]:
+        self.graph.wait_until(lambda: any(m.step >= step for m in self.of(run)), f"region at step {step} of run {run}")
+        return self.of(run)
+
+    def wait_for_region(self, run: int, region: Region) -> list[RegionState]:
+        self.graph.wait_until(lambda: any(m.region == region for m in self.of(run)), f"region {region.name}")
+        return self.of(run)
+
+
+class Loop:
+    """Publishes records as the controller would."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.telemetry = graph.node.create_publisher(LoopSamples, "/amb/telemetry", HISTORY)
+
+    def publish(self, run: int, record: LoopRecord, block: int = 100) -> None:
+        for first in range(record.first_step, record.first_step + record.steps, block):
+            part = record.window(first, min(block, record.first_step + record.steps - first))
+            samples = {
+                f"{name}_{axis}": array("d", getattr(part, name)[:, column].tobytes())
+                for name in ("reference", "position", "current")
+                for column, axis in enumerate("xy")
+            }
+            self.telemetry.publish(LoopSamples(run=run, first_step=first, sample_time=record.sample_time, **samples))
+
+
+def told(states: Classification) -> list[Any]:
+    """The states that the monitor must tell of those that the library finds: changes, and one a period."""
+    chosen, last = [], None
+    for state in states.states:
+        marks = (
+            state.region, state.since.step, state.settled,
+            *((axis.region, axis.since.step, axis.sampling_beat) for axis in (state.x, state.y)),
+        )  # fmt: skip
+        if marks != last or (state.step + 1) % PERIOD == 0:
+            chosen.append(state)
+        last = marks
+    return chosen
+
+
+def same(message: RegionState, state: Any) -> bool:
+    return repr(region_state_from_message(message)) == repr(state)  # equal numbers, and NaN equal to NaN
+
+
+# -- a live sweep
+
+
+class LiveSweep:
+    """The paper's sweep of 50 um until the rotor delevitates, monitored and recorded."""
+
+    def __init__(self, graph: Graph, bearing: Any) -> None:
+        self.graph = graph
+        self.bearing = bearing
+        self.listener = Listener(graph)
+        graph.start("amb_bringup.composed_loop")
+        graph.start("amb_controller_node.excitation_generator")
+        graph.start("amb_ident_node.recorder")
+        graph.start(MONITOR)
+        graph.wait_until(self.listener.subscription.get_publisher_count, "the monitor")
+        self.run = bearing.reset()
+        self.bag = graph.call(StartRecording, "/amb/recorder/start", uri="sweep").uri
+        bearing.excite(SWEEP, self.run, REST)
+        bearing.run(REST + 30_000)
+        self.end = bearing.wait_for_mode(SimulatorState.DELEVITATED).step
+        self.messages = self.listener.wait_for_region(self.run, Region.D)
+        stopped = graph.call(StopRecording, "/amb/recorder/stop", wait_for_run=self.run, wait_for_step=self.end)
+        assert stopped.success, stopped.message
+        self.record = bearing.record(self.run, self.end)
+        self.expected = told(classify(self.record, delevitated=True))
+
+
+@pytest.fixture(scope="module")
+def sweep(
+    open_graph: Callable[[Path], Any], watch_bearing: Callable[[Any], Any], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[LiveSweep]:
+    with open_graph(tmp_path_factory.mktemp("sweep")) as graph:
+        yield LiveSweep(graph, watch_bearing(graph))
+
+
+def test_a_live_sweep_drifts_and_then_delevitates(sweep: LiveSweep) -> None:
+    regions = [message.region for message in sweep.messages]
+    assert [b for a, b in zip([None, *regions], regions, strict=False) if a != b] == [Region.A, Region.B, Region.D]
+    drift = next(message for message in sweep.messages if message.region == Region.B)
+    assert drift.since.input_frequency == pytest.approx(147.0, rel=0.02)
+    assert not drift.since.resonance
+    assert (drift.x.region, drift.y.region) == (Region.A, Region.B)
+    last = sweep.messages[-1]
+    assert last.region == Region.D
+    assert last.since.step == sweep.end, "the step whose position is in no telemetry"
+    assert last.since.input_frequency == pytest.approx(328.0, rel=0.02)
+
+
+def test_live_states_are_those_that_the_library_finds(sweep: LiveSweep) -> None:
+    assert len(sweep.messages) == len(sweep.expected)
+    assert all(map(same, sweep.messages, sweep.expected))
+    steps = np.array([message.step for message in sweep.messages])
+    assert np.max(np.diff(steps)) <= 1_000, "at least ten times a second"
+    for message in sweep.messages:
+        stamp = message.header.stamp
+        assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(1e-4 * message.step)
+
+
+def test_regions_are_recorded(sweep: LiveSweep) -> None:
+    recorded = list(read_bag(sweep.bag).messages_of("/amb/region"))
+    assert [(m.run, m.step, m.region) for m in recorded] == [(m.run, m.step, m.region) for m in sweep.messages]
+    assert all(map(same, recorded, sweep.expected))
+
+
+def test_health_names_the_region(sweep: LiveSweep) -> None:
+    def named() -> bool:
+        return any(
+            status.name == "amb/region_monitor" and status.message == "region D, delevitated"
+            for _, status in sweep.bearing.diagnostics
+        )
+
+    sweep.graph.wait_until(named, "the region on /diagnostics")
+
+
+def test_a_played_bag_gives_the_same_states(sweep: LiveSweep, graph: Graph) -> None:
+    listener = Listener(graph)
+    graph.start(MONITOR)
+    graph.wait_until(listener.subscription.get_publisher_count, "the monitor")
+    amb = "from amb_bringup.cli import main; raise SystemExit(main())"
+    command = [sys.executable, "-c", amb, "bag", "play", sweep.bag, "--rate", "20"]
+    played = subprocess.run(command, env=graph.environment, capture_output=True, text=True, timeout=30)
+    assert played.returncode == 0, played.stderr
+    messages = listener.wait_for_region(sweep.run, Region.D)
+    assert len(messages) == len(sweep.expected)
+    assert all(map(same, messages, sweep.expected))
+
+
+# -- telemetry of every kind
+
+
+@pytest.fixture(scope="module")
+def drifting() -> LoopRecord:
+    """Noise about a bias that begins to sink after 1 s."""
+    steps = 15_000
+    rng = np.random.default_rng(1)
+    position = 1e-8 * rng.normal(size=(steps, 2))
+    position[:, 1] -= 60e-6 * np.maximum(0.0, np.arange(steps) / 10_000.0 - 1.0)
+    return LoopRecord(0, 1e-4, np.zeros((steps, 2)), position, np.zeros((steps, 2)))
+
+
+@pytest.fixture(scope="module")
+def played(
+    open_graph: Callable[[Path], Any], watch_bearing: Callable[[Any], Any], tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[Loop, Listener, Any]]:
+    """A monitor, and a loop that publishes what a test wants."""
+    with open_graph(tmp_path_factory.mktemp("played")) as graph:
+        loop, listener = Loop(graph), Listener(graph)
+        bearing = watch_bearing(graph)
+        graph.start(MONITOR)
+        graph.wait_until(listener.subscription.get_publisher_count, "the monitor")
+        yield loop, listener, bearing
+
+
+def test_states_do_not_depend_on_the_blocks(played: tuple[Loop, Listener, Any], drifting: LoopRecord) -> None:
+    loop, listener, _ = played
+    runs = {10: 100, 11: 37, 12: 5_000}
+    for run, block in runs.items():
+        loop.publish(run, drifting, block)
+    expected = told(classify(drifting))
+    assert expected[-1].region == Region.B
+    for run in runs:
+        messages = listener.wait_for(run, drifting.steps - 1)
+        assert len(messages) == len(expected)
+        assert all(map(same, messages, expected)), f"blocks of {runs[run]}"
+
+
+def test_a_gap_is_reported_and_classification_restarts(
+    played: tuple[Loop, Listener, Any], drifting: LoopRecord
+) -> None:
+    loop, listener, bearing = played
+    loop.publish(20, drifting.window(0, 5_000))
+    loop.publish(20, drifting.window(6_000, 9_000))
+    messages = listener.wait_for(20, drifting.steps - 1)
+    expected = told(classify(drifting.window(0, 5_000))) + told(classify(drifting.window(6_000, 9_000)))
+    assert len(messages) == len(expected)
+    assert all(map(same, messages, expected))
+    assert messages[-1].region == Region.B
+    complaint = "telemetry lacks steps 5000 to 5999 of run 20; the classification restarted"
+    bearing.graph.wait_until(
+        lambda: any(complaint in status.message for _, status in bearing.diagnostics), "the gap on /diagnostics"
+    )
+
+
+def test_samples_that_are_not_finite_are_reported_and_left_out(
+    played: tuple[Loop, Listener, Any], drifting: LoopRecord
+) -> None:
+    loop, listener, bearing = played
+    position = drifting.position.copy()
+    position[3_050, 1] = math.nan
+    loop.publish(30, LoopRecord(0, 1e-4, drifting.reference, position, drifting.current))
+    messages = listener.wait_for(30, drifting.steps - 1)
+    assert messages[-1].region == Region.B
+    bearing.graph.wait_until(
+        lambda: any(
+            any(value.key == "refused blocks" and value.value == "1" for value in status.values)
+            for _, status in bearing.diagnostics
+        ),
+        "the refused block on /diagnostics",
+    )
+    loop.publish(31, drifting)
+    assert listener.wait_for(31, drifting.steps - 1)[-1].region == Region.B
+    assert all(map(same, listener.of(31), told(classify(drifting)))), "the next run is not touched"
