@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from amb_core.control import ControllerParameters
-from amb_core.parameters import flatten, validate
+from amb_core.parameters import P, flatten, validate
 from amb_core.plant import PlantParameters
+
+CONTROLLER = "controller."  # prefix of the controller's parameters; all others are the plant's
 
 
 @dataclass(frozen=True)
@@ -18,42 +21,62 @@ class Variant:
     ----------
     name : str
         What is different, in words.
-    plant, controller : dict
-        Parameters that are changed, by dotted name.
+    values : dict
+        Parameters that are changed, named as `with_values` has it.
     """
 
     name: str
-    plant: dict[str, Any]
-    controller: dict[str, Any]
-
-    def apply(
-        self, plant: PlantParameters, controller: ControllerParameters
-    ) -> tuple[PlantParameters, ControllerParameters]:
-        """The parameters with the changes."""
-        return (
-            validate(PlantParameters, {**flatten(plant.model_dump()), **self.plant}),
-            validate(ControllerParameters, {**flatten(controller.model_dump()), **self.controller}),
-        )
+    values: dict[str, Any]
 
 
-# The slew limit is the amplifier's duty limit, without which only the average voltage can be applied; so the variant
-# before it has the average voltage alone, to tell the two apart. The limit of 100 A on the control current reference is
-# never reached; the coil current references keep their own.
+# The slew limit is the amplifier's duty limit, which only an amplifier without switching can lack; the variant before
+# it has no switching either, to tell the two apart. A control current reference of 100 A is never reached; coil
+# currents keep a limit of their own.
 VARIANTS = (
-    Variant("as given", {}, {}),
-    Variant("no gravity", {"rotor.gravity": 0.0}, {}),
-    Variant("coil currents may be negative", {"amplifier.unipolar": False}, {}),
-    Variant("average voltage, no switching", {"amplifier.switching": False}, {}),
-    Variant(
-        "no slew limit, no limit of coil currents", {"amplifier.switching": False, "amplifier.limits": False}, {}
-    ),
-    Variant("no eddy currents", {"iron.eddy_currents": False}, {}),
-    Variant("control current limit 10 A", {}, {"current_limit": 10.0}),
-    Variant("no control current limit", {}, {"current_limit": 100.0}),
-    Variant("derivative on measurement", {}, {"derivative_on": "measurement"}),
+    Variant("as given", {}),
+    Variant("no gravity", {"rotor.gravity": 0.0}),
+    Variant("coil currents may be negative", {"amplifier.unipolar": False}),
+    Variant("average voltage, no switching", {"amplifier.switching": False}),
+    Variant("no slew limit, no coil current limit", {"amplifier.switching": False, "amplifier.limits": False}),
+    Variant("control current limit 10 A", {"controller.current_limit": 10.0}),
+    Variant("no control current limit", {"controller.current_limit": 100.0}),
+    Variant("derivative on measurement", {"controller.derivative_on": "measurement"}),
     Variant(
         "sampled at 20 kHz",
-        {"integration.sample_rate": 20e3, "controller_b.sample_rate": 20e3},
-        {"sample_rate": 20e3},
+        {
+            "integration.sample_rate": 20e3,
+            "controller_b.sample_rate": 20e3,
+            "controller.sample_rate": 20e3,
+        },
     ),
-)  # fmt: skip
+)
+
+
+def with_values(
+    plant: PlantParameters, controller: ControllerParameters, values: Mapping[str, Any]
+) -> tuple[PlantParameters, ControllerParameters]:
+    """The parameters of a loop with some values changed.
+
+    Parameters
+    ----------
+    plant, controller : PlantParameters, ControllerParameters
+        The loop.
+    values : mapping
+        By name: a dotted name of `PlantParameters` (rotor.gravity) or `controller.` and a name of
+        `ControllerParameters` (controller.current_limit).
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown or a value out of its range.
+    """
+    of_controller = {name: value for name, value in values.items() if name.startswith(CONTROLLER)}
+    of_plant = {name: value for name, value in values.items() if name not in of_controller}
+    return (
+        _changed(plant, of_plant),
+        _changed(controller, {name.removeprefix(CONTROLLER): value for name, value in of_controller.items()}),
+    )
+
+
+def _changed(parameters: P, values: Mapping[str, Any]) -> P:
+    return validate(type(parameters), {**flatten(parameters.model_dump()), **values})

@@ -9,25 +9,24 @@ from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import ExcitationError, RegionError
 from amb_core.excitation import Tones, generate
 from amb_core.loop import simulate
-from amb_core.plant import Plant
+from amb_core.plant import Plant, PlantParameters
 from amb_core.subharmonics.analysis import analyse, block_periods
 from amb_core.subharmonics.results import SubharmonicSpectrum
 from amb_core.subharmonics.settings import WHOLE, SubharmonicSettings
 
 
 def run_subharmonics(
-    plant: Plant, controller: ControllerParameters, settings: SubharmonicSettings | None = None
+    plant: PlantParameters, controller: ControllerParameters, settings: SubharmonicSettings | None = None
 ) -> SubharmonicSpectrum:
     """Excite the simulated loop with the tones until its response is steady, the rotor delevitates, or time is up.
 
-    The loop always starts from its reset: a run that turns out too short is repeated at twice its length.
+    The loop always starts from its reset: a run that turns out too short is repeated at twice its length. Touching the
+    backup bearing ends it, whether or not the plant could go on from there.
 
     Parameters
     ----------
-    plant : Plant
-        Reset first.
-    controller : ControllerParameters
-        The control law.
+    plant, controller : PlantParameters, ControllerParameters
+        The loop.
     settings : SubharmonicSettings, optional
         The tones; the paper's by default.
 
@@ -41,41 +40,44 @@ def run_subharmonics(
     """
     settings = settings or SubharmonicSettings()
     check(plant, controller, settings)
-    rate = 1.0 / plant.sample_time
-    block, _ = block_periods(settings, plant.sample_time)
+    rate = controller.sample_rate
+    block, _ = block_periods(settings, 1.0 / rate)
     first = round(settings.rest * rate)
     full = first + round(settings.fade_in * rate)
-    longest = int(settings.longest_run / settings.block_duration)
+    longest = int(settings.longest_run / settings.block_duration + WHOLE)
+    contact = plant.backup_bearing.model_copy(update={"contact": False})
+    simulated = Plant(plant.model_copy(update={"backup_bearing": contact}))
     blocks = settings.agreeing_blocks
     while True:
         steps = full + blocks * block
         samples = excitation(settings, steps - first, rate)
-        record = simulate(plant, PdController(controller), steps, samples, first)
-        spectrum = analyse(record, settings, full, delevitated=plant.delevitated)
+        record = simulate(simulated, PdController(controller), steps, samples, first)
+        spectrum = analyse(record, settings, full, delevitated=simulated.delevitated)
         if spectrum.state in ("steady", "delevitated") or blocks >= longest:
             return spectrum
         blocks = min(2 * blocks, longest)
 
 
-def check(plant: Plant, controller: ControllerParameters, settings: SubharmonicSettings) -> None:
+def check(plant: PlantParameters, controller: ControllerParameters, settings: SubharmonicSettings) -> None:
     """Refuse a test that does not suit the loop, as `run_subharmonics` does."""
-    if settings.axis not in plant.axes:
+    actuators = plant.magnetic_circuit.actuators
+    if actuators != "two_axis" and settings.axis != "y":
         raise ExcitationError(
-            f"the tones are asked for on axis {settings.axis}, along which the rotor cannot move; allowed: "
-            + ", ".join(plant.axes)
+            f"axis = '{settings.axis}' is not allowed with magnetic_circuit.actuators = '{actuators}', which pull "
+            "along y only; allowed: y"
         )
-    reach, clearance = sum(settings.amplitudes), plant.parameters.rotor.backup_bearing_radius
+    reach, clearance = sum(settings.amplitudes), plant.rotor.backup_bearing_radius
     if reach >= clearance:
         raise ExcitationError(
             f"the amplitudes of the tones add up to {1e6 * reach:g} um; allowed: below the clearance of the backup "
             f"bearing, {1e6 * clearance:g} um"
         )
-    if abs(controller.sample_rate * plant.sample_time - 1.0) > WHOLE:
+    rate, sampled = controller.sample_rate, plant.integration.sample_rate
+    if abs(rate - sampled) > WHOLE * rate:
         raise RegionError(
-            f"the controller runs at {controller.sample_rate:g} Hz, the plant is sampled at "
-            f"{1.0 / plant.sample_time:g} Hz; the two rates must be equal"
+            f"the controller runs at {rate:g} Hz, the plant is sampled at {sampled:g} Hz; the two rates must be equal"
         )
-    block_periods(settings, plant.sample_time)
+    block_periods(settings, 1.0 / rate)
 
 
 def excitation(settings: SubharmonicSettings, steps: int, rate: float) -> NDArray[np.float64]:

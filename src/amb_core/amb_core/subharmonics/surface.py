@@ -10,7 +10,7 @@ import numpy as np
 from distributed import as_completed
 
 from amb_core.control import ControllerParameters
-from amb_core.plant import Plant, PlantParameters
+from amb_core.plant import PlantParameters
 from amb_core.region_map.cluster import open_cluster
 from amb_core.subharmonics.results import State, SubharmonicSpectrum, SubharmonicSurface
 from amb_core.subharmonics.run import check, run_subharmonics
@@ -75,9 +75,8 @@ def subharmonic_surface(
     """
     settings, surface = settings or SubharmonicSettings(), surface or SurfaceSettings()
     tests = _tests(settings, surface)
-    built = Plant(plant)
     for test in (test for row in tests for test in row):
-        check(built, controller, test)
+        check(plant, controller, test)
     points: dict[tuple[int, int], SurfacePoint] = {}
     report = progress or (lambda done, total: None)
     total = len(tests) * len(tests[0])
@@ -96,7 +95,7 @@ def subharmonic_surface(
 
 def compute_point(plant: PlantParameters, controller: ControllerParameters, test: SubharmonicSettings) -> SurfacePoint:
     """Run one test in the process of a worker."""
-    return SurfacePoint.of(run_subharmonics(Plant(plant), controller, test))
+    return SurfacePoint.of(run_subharmonics(plant, controller, test))
 
 
 def _tests(settings: SubharmonicSettings, surface: SurfaceSettings) -> list[list[SubharmonicSettings]]:

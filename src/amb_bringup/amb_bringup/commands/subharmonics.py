@@ -1,0 +1,328 @@
+"""`amb subharmonics`: the products that a bearing which is not linear makes of three tones (paper, Fig. 6 and 7)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
+
+    from amb_core.control import ControllerParameters
+    from amb_core.plant import PlantParameters
+    from amb_core.subharmonics import (
+        Line,
+        SubharmonicSettings,
+        SubharmonicSpectrum,
+        SubharmonicSurface,
+        SurfaceSettings,
+    )
+
+UM = 1e6
+SHOWN = 12  # lines in a table
+DIFFERENCE = (-1, 1, 0)  # f2 - f1
+RIVAL = 4  # a product of an order that much higher than another's on the same line may still make it
+
+
+def subharmonics(
+    frequency_1: Annotated[float, typer.Option(help="Frequency of the first tone, f1 (Hz).")] = 200.0,
+    amplitude_1: Annotated[float, typer.Option(help="Its peak amplitude (m).")] = 10e-6,
+    frequency_2: Annotated[float, typer.Option(help="Frequency of the second tone, f2 (Hz).")] = 300.0,
+    amplitude_2: Annotated[float, typer.Option(help="Its peak amplitude (m).")] = 10e-6,
+    inducing_frequency: Annotated[float, typer.Option(help="Frequency of the inducing tone, f3 (Hz).")] = 3000.0,
+    inducing_amplitude: Annotated[float, typer.Option(help="Its peak amplitude (m); 0 for none.")] = 40e-6,
+    inducing_phase: Annotated[float, typer.Option(help="Its phase (rad).")] = 0.0,
+    offset_1: Annotated[float, typer.Option(help="Shift of f1 in the shifted test (Hz).")] = 1.0,
+    offset_2: Annotated[float, typer.Option(help="Shift of f2 (Hz).")] = -1.0,
+    offset_3: Annotated[float, typer.Option(help="Shift of f3 (Hz).")] = 7.0,
+    axis: Annotated[str, typer.Option(help="Axis that is excited and analysed: x or y.")] = "y",
+    block_duration: Annotated[float, typer.Option(help="Length of a block, whole periods of all tones (s).")] = 1.0,
+    longest_run: Annotated[float, typer.Option(help="Deadline by which the response must be steady (s).")] = 12.0,
+    params: Annotated[
+        Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Parameter with another value, as rotor.gravity=0 or controller.current_limit=10; may be repeated.",
+            metavar="NAME=VALUE",
+        ),
+    ] = None,
+    bag: Annotated[
+        Path | None, typer.Option(help="Bag whose last experiment is analysed; nothing is simulated.")
+    ] = None,
+    causes: Annotated[
+        bool, typer.Option("--causes", help="Repeat both tests with one effect of the loop switched off at a time.")
+    ] = False,
+    surface: Annotated[
+        bool, typer.Option("--surface", help="Repeat both tests over amplitude and frequency of the inducing tone.")
+    ] = False,
+    amplitude_low: Annotated[float, typer.Option(help="Surface: smallest amplitude (m).")] = 5e-6,
+    amplitude_high: Annotated[float, typer.Option(help="Surface: largest amplitude (m).")] = 50e-6,
+    amplitude_count: Annotated[int, typer.Option(help="Surface: number of amplitudes.")] = 10,
+    frequency_low: Annotated[float, typer.Option(help="Surface: lowest frequency (Hz).")] = 500.0,
+    frequency_high: Annotated[float, typer.Option(help="Surface: highest frequency (Hz).")] = 4500.0,
+    frequency_count: Annotated[int, typer.Option(help="Surface: number of frequencies.")] = 17,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a running dask scheduler, tcp://host:port, to run the surface.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes on this machine to run the surface; one per core if not given.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for summary.json and figures.", file_okay=False)] = Path(
+        "results/subharmonics"
+    ),
+) -> None:
+    """Put three tones on the reference and look for their products in the steady state of the position.
+
+    Done twice: with the tones as given, and shifted by the offsets. That parts the products which coincide, and shows
+    which of them are made by sampling.
+    """
+    from rich.console import Console
+
+    from amb_core.errors import ParameterError
+    from amb_core.parameters import validate
+    from amb_core.subharmonics import SubharmonicSettings, SurfaceSettings
+
+    given = dict(locals())
+    settings = validate(
+        SubharmonicSettings, {name: given[name] for name in given.keys() & SubharmonicSettings.model_fields}
+    )
+    grid = validate(SurfaceSettings, {name: given[name] for name in given.keys() & SurfaceSettings.model_fields})
+    if bag is not None and (causes or surface or change or params is not None):
+        raise ParameterError("--bag analyses what was measured; it takes no --params, --set, --causes or --surface")
+    console = Console()
+    _make_folder(out)
+    surfaces: dict[str, SubharmonicSurface] = {}
+    if bag is not None:
+        results = {"bag": {"measured": _analyse_bag(bag, settings)}}
+    else:
+        loop = _load(params, change or [])
+        with _progress(console) as bars:
+            results = _simulate(bars, *loop, settings, causes)
+            if surface:
+                surfaces = _surfaces(bars, *loop, settings, grid, scheduler, workers)
+    for name, tests in results.items():
+        for test, spectrum in tests.items():
+            console.print(_table(f"{name}, {test}", spectrum))
+    if causes:
+        console.print(_cause_table(results))
+    for name, found in surfaces.items():
+        console.print(_surface_line(name, found))
+    _write(out, results, surfaces)
+    console.print(f"summary.json, figures: {out}")
+
+
+def _load(params: Path | None, change: list[str]) -> tuple[PlantParameters, ControllerParameters]:
+    from amb_bringup.packages import share_folder
+    from amb_core.control import ControllerParameters
+    from amb_core.errors import ParameterError
+    from amb_core.parameters import load_parameters
+    from amb_core.plant import PlantParameters
+    from amb_core.subharmonics import with_values
+
+    path = params or share_folder("amb_bringup") / "config" / "paper.yaml"
+    values = {}
+    for text in change:
+        name, sign, value = text.partition("=")
+        if not (name and sign and value):
+            raise ParameterError(f"--set {text}: must be a name and its value, as controller.current_limit=10")
+        values[name] = _value(value)
+    return with_values(
+        load_parameters(PlantParameters, path, "simulator", part=True),
+        load_parameters(ControllerParameters, path, "pd_controller", part=True),
+        values,
+    )
+
+
+def _value(word: str) -> Any:
+    """A number where the word is one (YAML does not take 1e-3 for one), else a switch or a word."""
+    import yaml
+
+    try:
+        return float(word)
+    except ValueError:
+        return yaml.safe_load(word)
+
+
+def _make_folder(out: Path) -> None:
+    """Before the work, not after."""
+    from amb_core.errors import RegionError
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise RegionError(f"folder {out}: cannot be made: {problem.strerror}") from None
+
+
+def _progress(console: Console) -> Progress:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    return Progress(
+        TextColumn("{task.description:24}"), BarColumn(20), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+    )
+
+
+def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectrum:
+    """Spectrum of the last experiment of a bag, from the time of the fade-in on."""
+    from amb_core.bags import read_bag
+    from amb_core.subharmonics import analyse
+
+    record = read_bag(bag).experiment(-1, 0)
+    return analyse(record, settings, record.first_step + round(settings.fade_in / record.sample_time))
+
+
+def _simulate(
+    bars: Progress,
+    plant: PlantParameters,
+    controller: ControllerParameters,
+    settings: SubharmonicSettings,
+    causes: bool,
+) -> dict[str, dict[str, SubharmonicSpectrum]]:
+    """Spectra by loop and test; the loop as given, and if asked for with one effect switched off at a time."""
+    from amb_core.subharmonics import VARIANTS, run_subharmonics, with_values
+
+    variants = VARIANTS if causes else VARIANTS[:1]
+    tests = {"as asked": settings, "shifted": settings.shifted()}
+    task = bars.add_task("spectra", total=len(variants) * len(tests))
+    results: dict[str, dict[str, SubharmonicSpectrum]] = {}
+    for variant in variants:
+        loop = with_values(plant, controller, variant.values)
+        results[variant.name] = {}
+        for name, test in tests.items():
+            results[variant.name][name] = run_subharmonics(*loop, test)
+            bars.advance(task)
+    return results
+
+
+def _surfaces(
+    bars: Progress,
+    plant: PlantParameters,
+    controller: ControllerParameters,
+    settings: SubharmonicSettings,
+    grid: SurfaceSettings,
+    scheduler: str | None,
+    workers: int | None,
+) -> dict[str, SubharmonicSurface]:
+    """The surface as asked, and shifted."""
+    from amb_core.subharmonics import subharmonic_surface
+
+    surfaces = {}
+    for name, shifted in (("surface", False), ("surface_shifted", True)):
+        task = bars.add_task(name, total=None)
+        surfaces[name] = subharmonic_surface(
+            plant,
+            controller,
+            settings,
+            grid.model_copy(update={"shifted": shifted}),
+            scheduler=scheduler,
+            workers=workers,
+            progress=lambda done, total, task=task: bars.update(task, completed=done, total=total),  # type: ignore[misc]
+        )
+    return surfaces
+
+
+def _write(
+    out: Path, results: dict[str, dict[str, SubharmonicSpectrum]], surfaces: dict[str, SubharmonicSurface]
+) -> None:
+    """Summary and figures: of the spectra of the loop as given, and of the surfaces."""
+    import json
+
+    from amb_core.errors import RegionError
+    from amb_core.subharmonics.summary import spectrum_summary, surface_summary
+
+    content = {
+        "spectra": {
+            name: {test: spectrum_summary(spectrum) for test, spectrum in tests.items()}
+            for name, tests in results.items()
+        },
+        "surfaces": {name: surface_summary(found) for name, found in surfaces.items()},
+    }
+    try:
+        (out / "summary.json").write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
+    except OSError as problem:
+        raise RegionError(f"{out / 'summary.json'}: cannot be written: {problem.strerror}") from None
+
+
+def _table(title: str, spectrum: SubharmonicSpectrum) -> Table:
+    """The largest lines of a spectrum."""
+    from rich.table import Table
+
+    colour = "green" if spectrum.state == "steady" else "yellow"
+    table = Table(
+        "frequency (Hz)", "amplitude (um)", "product", "made by", "also there",
+        title=title, caption=f"[{colour}]{spectrum.state}[/{colour}]: {spectrum.reason}{_slow(spectrum)}",
+    )  # fmt: skip
+    for column in table.columns[:2]:
+        column.justify = "right"
+    for column in table.columns:
+        column.no_wrap = True
+    for line in sorted(spectrum.lines, key=lambda line: -abs(line.amplitude))[:SHOWN]:
+        table.add_row(
+            f"{line.frequency:.2f}",
+            f"{UM * abs(line.amplitude):.4f}",
+            line.product.label,
+            _origin(line),
+            ", ".join(other.label for other in line.products[1:3]),
+        )
+    return table
+
+
+def _origin(line: Line) -> str:
+    """What makes a line, as far as the orders of its products tell."""
+    if line.product.order == 1:
+        return "tone"
+    folded = {product.folds != 0 for product in line.products if product.order <= line.product.order + RIVAL}
+    return "loop or sampling" if len(folded) > 1 else "sampling" if folded.pop() else "loop"
+
+
+def _slow(spectrum: SubharmonicSpectrum) -> str:
+    slow = spectrum.slow
+    if slow is None:
+        return ""
+    what = "" if slow.product is None else f" ({slow.product.label})"
+    return (
+        f"; bias {UM * spectrum.bias:.2f} um, slow component {UM * slow.amplitude:.4f} um at {slow.frequency:.2f} Hz"
+        f"{what}, motion of the loop's own {UM * spectrum.own:.4f} um rms"
+    )
+
+
+def _cause_table(results: dict[str, dict[str, SubharmonicSpectrum]]) -> Table:
+    """f2 - f1 and the slow component, loop by loop."""
+    from rich.table import Table
+
+    table = Table("loop", "test", "state", "bias (um)", "f2 - f1 (um)", "slow (um)", "at (Hz)", "product")
+    for name, tests in results.items():
+        for test, spectrum in tests.items():
+            line, slow = spectrum.line(*DIFFERENCE), spectrum.slow
+            if slow is None:
+                table.add_row(name, test, spectrum.state)
+                continue
+            table.add_row(
+                name, test, spectrum.state, f"{UM * spectrum.bias:.1f}",
+                "" if line is None else f"{UM * abs(line.amplitude):.3f}",
+                f"{UM * slow.amplitude:.3f}", f"{slow.frequency:.2f}", slow.product.label if slow.product else "",
+            )  # fmt: skip
+    return table
+
+
+def _surface_line(name: str, surface: SubharmonicSurface) -> str:
+    """How many runs ended how, and the largest slow component."""
+    import numpy as np
+
+    states, counts = np.unique(surface.state, return_counts=True)
+    ended = ", ".join(f"{count} {state}" for state, count in zip(states, counts, strict=True))
+    steady = np.where(surface.state == "steady", surface.slow_amplitude, np.nan)
+    if np.isnan(steady).all():
+        return f"{name}: {ended}"
+    i, j = np.unravel_index(np.nanargmax(steady), steady.shape)
+    return (
+        f"{name}: {ended}; largest slow component in steady state {UM * steady[i, j]:.3f} um at "
+        f"{surface.slow_frequency[i, j]:.2f} Hz, inducing tone {UM * surface.inducing_amplitude[i]:.1f} um at "
+        f"{surface.inducing_frequency[j]:g} Hz"
+    )
