@@ -7,6 +7,7 @@ import contextlib
 import json
 import logging
 import os
+import re
 import sys
 from collections.abc import Iterator
 
@@ -15,6 +16,7 @@ from distributed.deploy.subprocess import SubprocessWorker
 
 from amb_core.errors import RegionError
 
+ADDRESS = re.compile(r"(tcp|tls|ws|wss)://\S+:\d+")
 CONNECT_TIMEOUT = 3.0  # s, within which a scheduler answers on any network
 
 logger = logging.getLogger(__name__)
@@ -34,10 +36,12 @@ def open_cluster(scheduler: str | None = None, workers: int | None = None) -> It
     Raises
     ------
     RegionError
-        If the scheduler does not answer, or the number of workers makes no sense.
+        If the scheduler does not answer or is no address, or the number of workers makes no sense.
     """
     if workers is not None and workers < 1:
         raise RegionError(f"workers = {workers} is not allowed; allowed: 1 or more")
+    if scheduler is not None and not ADDRESS.fullmatch(scheduler):
+        raise RegionError(f"scheduler '{scheduler}' is no address; allowed: one like tcp://host:8786")
     if workers is not None and scheduler is not None:
         raise RegionError(f"workers = {workers} is given with scheduler {scheduler}, which has workers of its own")
     with contextlib.ExitStack() as resources:
@@ -85,8 +89,8 @@ def _connect(scheduler: str) -> Iterator[Client]:
             client = Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError):
             raise RegionError(
-                f"scheduler {scheduler} does not answer within {CONNECT_TIMEOUT:g} s; allowed: the address of a "
-                "running dask scheduler, as tcp://host:8786"
+                f"scheduler {scheduler} does not answer within {CONNECT_TIMEOUT:g} s; is it running, and with the same "
+                "version of dask?"
             ) from None
         with client:
             if not client.scheduler_info()["workers"]:
