@@ -1,0 +1,154 @@
+"""Finished sweeps on disk: what makes two sweeps the same, and what happens when the disk fails."""
+
+from __future__ import annotations
+
+import json
+import logging
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from amb_controller_node.parameters import PdControllerParameters
+from amb_core.control import ControllerParameters
+from amb_core.errors import RegionError
+from amb_core.parameters import validate
+from amb_core.plant import PlantParameters
+from amb_core.region_map import Boundary, MapSettings, MapSweep
+from amb_core.region_map.cache import SweepCache, compute, default_folder
+from amb_core.region_map.sweep_run import SOURCES, SweepTask
+from amb_core.regions import Region, RegionParameters
+from amb_sim_node.parameters import SimulatorParameters
+
+SWEEP = MapSweep(20e-6, {Region.B: Boundary(300.0, False)}, ((1240.0, 1260.0),), 900.0, 1234)
+
+
+def task(sweep=None, rest=0.1, plant=None, controller=None, regions=None):
+    return SweepTask(
+        sweep or MapSettings().sweep(20e-6),
+        rest,
+        plant or PlantParameters(),
+        controller or ControllerParameters(),
+        regions or RegionParameters(),
+    )
+
+
+def test_every_parameter_makes_another_key():
+    others = [
+        task(MapSettings().sweep(21e-6)),
+        task(MapSettings(frequency_end=4000.0).sweep(20e-6)),
+        task(MapSettings(axes="both").sweep(20e-6)),
+        task(rest=0.2),
+        task(plant=validate(PlantParameters, {"rotor.gravity": 0.0})),
+        task(plant=validate(PlantParameters, {"sensor.noise_seed": 1})),
+        task(controller=ControllerParameters(derivative_gain=37.0)),
+        task(regions=RegionParameters(drift_threshold=3e-6)),
+    ]
+    keys = {one.key() for one in others} | {task().key()}
+    assert len(keys) == len(others) + 1
+    assert task().key() == task().key()
+
+
+def test_parameters_of_nodes_have_the_keys_of_what_they_describe():
+    node = task(plant=SimulatorParameters(clock_period=0.5), controller=PdControllerParameters(telemetry_block=7))
+    assert node.key() == task().key()
+
+
+def test_the_content_of_data_files_counts(tmp_path):
+    table = tmp_path / "iron.csv"
+    plant = validate(PlantParameters, {"iron.saturation": True, "iron.bh_table": str(table)})
+    table.write_text("0, 0\n100, 1\n")
+    before = task(plant=plant).key()
+    table.write_text("0, 0\n100, 1.1\n")
+    assert task(plant=plant).key() != before
+
+
+@pytest.mark.slow
+def test_all_code_that_a_sweep_runs_through_counts():
+    program = """
+import sys
+from pathlib import Path
+import amb_core
+from amb_core.region_map.sweep_run import *
+root = Path(amb_core.__file__).parent
+for name, module in sorted(sys.modules.items()):
+    if name.startswith("amb_core"):
+        print(Path(module.__file__).relative_to(root))
+"""
+    loaded = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout.split()
+    driver_only = {
+        "__init__.py",
+        *(f"region_map/{name}.py" for name in ("__init__", "build", "cache", "compare", "grid", "refinement")),
+    }
+    uncounted = [path for path in loaded if not any(path == s or path.startswith(s + "/") for s in SOURCES)]
+    assert set(uncounted) <= driver_only
+
+
+def test_what_is_stored_is_found_again(tmp_path):
+    cache = SweepCache(tmp_path / "new" / "folder")
+    assert cache.load("k") is None
+    cache.store("k", task(), SWEEP)
+    assert cache.load("k") == SWEEP
+    assert [path.name for path in cache.folder.iterdir()] == ["k.json"]
+    assert json.loads(cache.path("k").read_text())["task"]["controller"]["proportional_gain"] == 20_000.0
+
+
+def damage_checksum(text):
+    return text.replace("300.0", "301.0")
+
+
+def damage_half(text):
+    return text[: len(text) // 2]
+
+
+@pytest.mark.parametrize("damage", [damage_checksum, damage_half, lambda _: "", lambda _: "[]", lambda _: "\udcff"])
+def test_a_damaged_entry_is_as_none_but_for_a_warning(tmp_path, caplog, damage):
+    cache = SweepCache(tmp_path)
+    cache.store("k", task(), SWEEP)
+    path = cache.path("k")
+    path.write_text(damage(path.read_text()), errors="surrogateescape")
+    with caplog.at_level(logging.WARNING):
+        assert cache.load("k") is None
+    assert "k.json is damaged" in caplog.text
+    assert "computed again" in caplog.text
+    cache.store("k", task(), SWEEP)
+    assert cache.load("k") == SWEEP
+
+
+def test_a_folder_that_cannot_be_made_costs_one_warning(tmp_path, caplog):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    cache = SweepCache(blocked / "folder")
+    with caplog.at_level(logging.WARNING):
+        cache.ensure("k", task(), SWEEP)
+        cache.ensure("l", task(), SWEEP)
+    assert caplog.text.count("cannot be kept") == 1
+    assert "Not a directory" in caplog.text
+
+
+def test_a_full_disk_costs_a_warning_and_leaves_no_half_file(tmp_path, caplog):
+    """The limit on the size of files stops the write half-way, as a full disk does."""
+    cache, described = SweepCache(tmp_path), task()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        cache.ensure("k", described, SWEEP)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert "cannot be kept" in caplog.text
+    assert "File too large" in caplog.text
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_worker_with_other_code_refuses(tmp_path):
+    with pytest.raises(RegionError, match="another version"):
+        compute(task(), "0" * 64, tmp_path)
+
+
+def test_sweeps_are_kept_in_the_cache_folder_of_the_user(monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert default_folder() == Path("/somewhere/amb/region_map")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert default_folder() == Path.home() / ".cache/amb/region_map"
