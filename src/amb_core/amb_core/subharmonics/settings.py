@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE, HIGHEST_FREQUENCY
-from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_core.parameters import Parameters, choice, quantity, switch, validate
 
 # Periods per block count as whole within this: rounding of the product of a frequency and a duration.
 WHOLE = 1e-6
@@ -96,8 +96,8 @@ class SubharmonicSettings(Parameters):
         )
 
     def changed(self, **values: float) -> Self:
-        """The same test with other values, validated like any."""
-        return type(self).model_validate({**self.model_dump(), **values})
+        """The same test with other values; ParameterError if they do not fit together."""
+        return validate(type(self), {**self.model_dump(), **values})
 
 
 class SurfaceSettings(Parameters):

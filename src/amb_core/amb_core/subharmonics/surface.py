@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from distributed import as_completed
+from distributed import KilledWorker, as_completed
+from distributed.comm import CommClosedError
 
 from amb_core.control import ControllerParameters
+from amb_core.errors import RegionError
 from amb_core.plant import PlantParameters
 from amb_core.region_map.cluster import open_cluster
 from amb_core.subharmonics.results import State, SubharmonicSpectrum, SubharmonicSurface
@@ -71,7 +74,8 @@ def subharmonic_surface(
     ParameterError
         If an inducing tone has the frequency of another tone.
     ExcitationError, RegionError
-        As for `run_subharmonics`; before anything is run. RegionError also if the scheduler does not answer.
+        As for `run_subharmonics`; before anything is run. RegionError also if the scheduler does not answer,
+        or is lost.
     """
     settings, surface = settings or SubharmonicSettings(), surface or SurfaceSettings()
     tests = _tests(settings, surface)
@@ -87,8 +91,14 @@ def subharmonic_surface(
             for i, row in enumerate(tests)
             for j, test in enumerate(row)
         }
-        for future in as_completed(places):
-            points[places[future]] = future.result()
+        for future in as_completed(places, loop=client.loop):
+            try:
+                points[places[future]] = future.result()
+            except (CancelledError, CommClosedError, KilledWorker) as problem:
+                raise RegionError(
+                    f"the surface is cut off after {len(points)} of {total} runs: the workers are lost "
+                    f"({type(problem).__name__})"
+                ) from None
             report(len(points), total)
     return _surface(settings, surface, tests, points)
 
