@@ -1,4 +1,4 @@
-"""Excitations with a random part that a seed fixes: random-phase multisine, PRBS and band-limited white noise.
+"""Excitations with a random part that a seed fixes: multisine, PRBS and band-limited white noise.
 
 Each axis has its own random part. With axes `both`, the default here, x and y are excited at once by
 independent signals, so that a model of both inputs can be told from the data.
@@ -9,7 +9,7 @@ chapter 5 (multisine, noise); L. Ljung, System Identification, 2nd ed., Prentice
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,9 @@ from pydantic import model_validator
 
 from amb_core.errors import ExcitationError
 from amb_core.excitation.deterministic import EDGE_TOLERANCE, HIGHEST_AMPLITUDE, HIGHEST_FREQUENCY
+from amb_core.excitation.phases import optimised_phases, schroeder_phases
 from amb_core.excitation.signal import AXES_DESCRIPTION, Axes, Excitation, required
-from amb_core.parameters import choice, quantity
+from amb_core.parameters import choice, quantity, switch
 
 
 class _Seeded(Excitation):
@@ -73,24 +74,49 @@ class _Band(_Seeded):
 
 
 class Multisine(_Band):
-    """Random-phase multisine: sines of equal amplitude at every multiple of 1 / duration in the band.
+    """Multisine: sines of equal amplitude at every multiple of 1 / duration in the band.
 
     The signal on an axis is exactly one period, so a discrete Fourier transform over it shows no leakage and its
-    resolution is the finest that the duration allows. Phases are uniform over the circle. The highest magnitude is
-    `amplitude`. With axes `in_turn` the period is half the duration.
+    resolution is the finest that the duration allows. The highest magnitude is `amplitude`. With axes `in_turn` the
+    period is half the duration.
+
+    Random phases are uniform over the circle, drawn from the seed; optimised ones start from them. Schroeder's do not
+    depend on it: x chirps upwards, y downwards. Signals with other than random phases start where they are closest to
+    zero, so that the control law does not answer a jump.
     """
 
     kind: ClassVar[str] = "multisine"
 
+    phasing: Literal["random", "schroeder", "optimised"] = choice(
+        "random",
+        "how phases are chosen: random (crest factor 3 to 4), schroeder (a chirp, 1.7) or optimised (below 1.5)",
+    )
+    interleaved: bool = switch(False, "x has every other line of the band, y those between: no line excites both axes")
+
     def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
         """Samples of one period (m), shape (steps,)."""
-        lines = self.lines(steps, sample_rate)
-        phases = self.random(axis).uniform(0.0, 2.0 * np.pi, lines.stop - lines.start)
+        band = self.lines(steps, sample_rate)
+        lines = np.arange(band.start, band.stop)
+        if self.interleaved:
+            lines = lines[axis::2]
+            if not len(lines):
+                raise ExcitationError(
+                    f"{self.kind}: interleaved needs two lines or more, but only {band.start * sample_rate / steps:g} "
+                    "Hz lies in the band; lengthen the duration or widen the band"
+                )
         spectrum = np.zeros(steps // 2 + 1, dtype=complex)
-        spectrum[lines] = np.exp(1j * phases)
+        spectrum[lines] = np.exp(1j * self._phases(lines, axis))
         signal: NDArray[np.float64] = np.fft.irfft(spectrum, steps)
+        if self.phasing != "random":
+            signal = np.roll(signal, -int(np.argmin(np.abs(signal))))
         signal *= self.amplitude / np.max(np.abs(signal))
         return signal
+
+    def _phases(self, lines: NDArray[np.int_], axis: int) -> NDArray[np.float64]:
+        if self.phasing == "schroeder":
+            return -schroeder_phases(lines) if axis else schroeder_phases(lines)
+        phases = self.random(axis).uniform(0.0, 2.0 * np.pi, len(lines))
+        return phases if self.phasing == "random" else optimised_phases(lines, phases)
 
 
 class Prbs(_Seeded):

@@ -90,8 +90,12 @@ def line_spectrum(samples: NDArray[np.float64], sample_time: float) -> tuple[NDA
     amplitude = 2.0 * np.abs(np.fft.rfft(samples)) / steps
     if steps % 2 == 0:
         amplitude[-1] /= np.sqrt(2.0)
-    frequency: NDArray[np.float64] = np.fft.rfftfreq(steps, sample_time)
-    return frequency[1:], amplitude[1:]
+    return line_frequencies(steps, sample_time), amplitude[1:]
+
+
+def line_frequencies(steps: int, sample_time: float) -> NDArray[np.float64]:
+    """Frequencies of the lines of `line_spectrum` for a number of samples (Hz), shape (steps // 2,)."""
+    return np.arange(1, steps // 2 + 1) / (steps * sample_time)
 
 
 def _bands(

@@ -4,7 +4,11 @@ Regions B to D come from the mean square of the control current (the flux square
 negative stiffness) and from the share of time in which it is cut off. Both are of second order: sines of different
 frequencies add by their squares. Where I_k is the amplitude of the control current at the frequency f_k, and I_R(f)
 the one at which a single sine enters region R, the load towards R is sqrt(sum_k (I_k / I_R(f_k))^2). For a single sine
-that is the map itself; for noise it does not depend on the length of the record.
+that is the map itself.
+
+The sum is taken over a quarter of a second at a time, and the largest one counts: the bias follows within some 10 ms,
+so a signal that sounds low first and high later (as a multisine with Schroeder's phases does) is judged like the sweep
+that it is. It does not depend on the length of the record, as a spectrum over the whole of a noise would.
 """
 
 from __future__ import annotations
@@ -13,15 +17,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from amb_core.control import ControllerParameters
 from amb_core.excitation_design.command import ABOVE_A, clipped_fundamental, limits
-from amb_core.excitation_design.content import Content, line_spectrum
+from amb_core.excitation_design.content import Content, line_frequencies
 from amb_core.region_map import RegionMap
 from amb_core.regions import Region
 from amb_core.regions.lines import command_gain
 
+WINDOW = 0.25  # s, about the shortest span over which the classifier tells a drift
 MARGIN_ERROR = 1e-3
 MARGIN_STEPS = 30
 
@@ -34,20 +40,20 @@ class Load:
     ----------
     towards : dict of Region to float
         Load towards B, C and D, or a higher region.
+    linear : float
+        Load towards B where the map shows it, with a bound elsewhere: below 1 region A is certain.
     bounded : float
-        What lines add at most at frequencies at which the map shows no region but A: they count as if it began at the
+        What that bound adds, at frequencies at which the map shows no region but A: lines count as if B began at the
         largest amplitude of the map.
     continued : float
-        Share of the squared load towards B by lines to which the map had to be continued at constant control current:
-        below its smallest amplitude or above its highest frequency.
-    linear : float
-        Load towards B with `bounded`: below 1 region A is certain.
+        Share of the squared `linear` by lines to which the map had to be continued at constant control current: below
+        its smallest amplitude or above its highest frequency.
     """
 
     towards: dict[Region, float]
+    linear: float
     bounded: float
     continued: float
-    linear: float
 
 
 class AxisLoad:
@@ -78,12 +84,17 @@ class AxisLoad:
         controller: ControllerParameters,
         current_limit: float,
     ) -> None:
-        self._one_by_one = content.form == "instantaneous"
-        self._sample_time, self._limit = sample_time, current_limit
-        frequency: NDArray[np.float64]
-        frequency = content.frequency if self._one_by_one else np.fft.rfftfreq(len(current), sample_time)[1:]
+        self._limit = current_limit
+        self._is_sweep = content.form == "instantaneous"
+        if self._is_sweep:  # a window is an instant, with a single line
+            frequency = content.frequency[:, None]
+            self._windows = command_gain(frequency, controller) * content.amplitude[:, None]
+        else:
+            steps = min(len(current), round(WINDOW / sample_time))
+            self._windows = sliding_window_view(current, steps)[:: max(1, steps // 2)]
+            # The mean value over a window is a sine too slow for it; the map has it at its lowest frequency.
+            frequency = np.concatenate([[region_map.settings.frequency_start], line_frequencies(steps, sample_time)])
         gain = command_gain(frequency, controller)
-        self._current = gain * content.amplitude if self._one_by_one else current
         self._begins = {region: limits(region_map, region, frequency, controller) for region in ABOVE_A}
         self._allowed = {
             region: clipped_fundamental(gain * begin.amplitude, current_limit) for region, begin in self._begins.items()
@@ -91,27 +102,35 @@ class AxisLoad:
 
     def at(self, factor: float = 1.0) -> Load:
         """Loads when the signal is multiplied by a positive factor."""
-        current = factor * self._current
-        lines: NDArray[np.float64]
-        if self._one_by_one:
+        current = factor * self._windows
+        if self._is_sweep:
             lines = clipped_fundamental(current, self._limit)
         else:
-            lines = line_spectrum(np.clip(current, -self._limit, self._limit), self._sample_time)[1]
+            lines = _window_lines(np.clip(current, -self._limit, self._limit))
         squared = {region: (lines / allowed) ** 2 for region, allowed in self._allowed.items()}
-        towards = {region: self._total(squared[region], self._begins[region].reached) for region in ABOVE_A}
         first = self._begins[Region.B]
-        continued = self._total(squared[Region.B], first.reached & ~first.known)
+        total = squared[Region.B].sum(axis=1)
+        worst = int(np.argmax(total))
+        parts = squared[Region.B][worst]
+        reached, known = (flags[worst] if self._is_sweep else flags for flags in (first.reached, first.known))
         return Load(
-            towards={region: float(np.sqrt(total)) for region, total in towards.items()},
-            bounded=float(np.sqrt(self._total(squared[Region.B], ~first.reached))),
-            continued=continued / towards[Region.B] if towards[Region.B] > 0.0 else 0.0,
-            linear=float(np.sqrt(self._total(squared[Region.B]))),
+            towards={
+                region: float(np.sqrt((squared[region] * self._begins[region].reached).sum(axis=1).max()))
+                for region in ABOVE_A
+            },
+            linear=float(np.sqrt(total[worst])),
+            bounded=float(np.sqrt(parts[~reached].sum())),
+            continued=float(parts[reached & ~known].sum() / total[worst]),
         )
 
-    def _total(self, squared: NDArray[np.float64], counted: NDArray[np.bool_] | bool = True) -> float:
-        """Sum of what adds up, largest of what follows one another."""
-        chosen = np.where(counted, squared, 0.0)
-        return float(np.max(chosen) if self._one_by_one else np.sum(chosen))
+
+def _window_lines(windows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Amplitudes of sines with the power of each window (by Hann), mean value first, shape (windows, lines)."""
+    steps = windows.shape[1]
+    weight = np.hanning(steps + 2)[1:-1]
+    lines = np.abs(np.fft.rfft(windows * weight)) * (2.0 / np.sqrt(steps * np.sum(weight**2)))
+    lines[:, 0] /= np.sqrt(2.0)
+    return lines
 
 
 def amplitude_margin(axes: Sequence[AxisLoad]) -> float:

@@ -1,0 +1,141 @@
+"""Trial of an excitation: the full plant simulated under it, and the region in which the bearing then runs.
+
+The classifier (`amb_core.regions`) tells B by a bias that drifts, as it does in a sweep. A signal that sounds the same
+throughout moves the bias at once, when it begins, and keeps it there: the same nonlinearity, but nothing drifts. So the
+shift of the bias from rest is measured too, less the loop's linear answer to a reference whose mean value is not zero; a
+shift by the classifier's `drift_threshold` or more is taken for B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.control import ControllerParameters, PdController
+from amb_core.errors import ExcitationError
+from amb_core.excitation import ExcitationSignal
+from amb_core.excitation.signal import excited_spans
+from amb_core.loop import simulate
+from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.linearise import linearize
+from amb_core.records import LoopRecord
+from amb_core.regions import Onset, Region, RegionParameters, classify
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What an excitation did in simulation.
+
+    Attributes
+    ----------
+    region : Region
+        Highest region that the rotor ran in.
+    classified : Region
+        The same by the classifier alone, without the shift of the bias.
+    onsets : dict of Region to Onset
+        From the classifier; steps count from the release of the rotor, `rest` before the excitation.
+    bias_shift : ndarray, shape (2,)
+        Shift of the bias of x and y from rest, the largest one where axes are excited in turn (m); NaN where the rotor
+        delevitated before it could be measured.
+    record : LoopRecord
+        Samples of the run.
+    """
+
+    region: Region
+    classified: Region
+    onsets: dict[Region, Onset]
+    bias_shift: NDArray[np.float64]
+    record: LoopRecord
+
+
+class TestBench:
+    """A bearing in simulation on which excitations are tried.
+
+    Parameters
+    ----------
+    plant, controller : PlantParameters, ControllerParameters
+        The loop.
+    regions : RegionParameters, optional
+        Thresholds of the classifier; by default those of `RegionParameters`, with the plant's backup bearing.
+    rest : float, optional
+        Time before the excitation in which the rotor settles (s).
+
+    Raises
+    ------
+    PlantError
+        If the plant cannot be built, or the controller does not hold the rotor.
+    """
+
+    def __init__(
+        self,
+        plant: PlantParameters,
+        controller: ControllerParameters,
+        regions: RegionParameters | None = None,
+        rest: float = 1.0,
+    ) -> None:
+        self.regions = regions or RegionParameters(backup_bearing_radius=plant.rotor.backup_bearing_radius)
+        self._plant = Plant(plant)
+        self._one_axis = plant.magnetic_circuit.actuators != "two_axis"
+        self._controller = controller
+        self._rest = rest
+        gain = np.atleast_2d(linearize(self._plant, controller).closed_loop.dcgain())
+        self._static_gain = np.diag([0.0, float(gain[0, 0])]) if len(gain) == 1 else gain[:2, :2]
+
+    def run(self, signal: ExcitationSignal, progress: Callable[[int, int], None] | None = None) -> Trial:
+        """Simulate a signal from rest to its end, or until the rotor delevitates.
+
+        Parameters
+        ----------
+        signal : ExcitationSignal
+            The excitation.
+        progress : callable, optional
+            Called with the number of steps done and that of all steps.
+
+        Raises
+        ------
+        ExcitationError
+            If the signal is made for another sample rate, or excites x on a bearing that pulls along y only.
+        """
+        if abs(signal.sample_time * self._controller.sample_rate - 1.0) > 1e-9:
+            raise ExcitationError(
+                f"the signal is sampled at {1.0 / signal.sample_time:g} Hz, the loop at "
+                f"{self._controller.sample_rate:g} Hz; generate it at the rate of the loop"
+            )
+        if self._one_axis and signal.samples[:, 0].any():
+            raise ExcitationError(
+                f"axes = '{signal.parameters.axes}' is not allowed: the magnets of this bearing pull along y only"
+            )
+        rest = round(self._rest / signal.sample_time)
+        steps = rest + signal.steps
+        record = simulate(
+            self._plant,
+            PdController(self._controller),
+            steps,
+            signal.samples,
+            rest,
+            None if progress is None else lambda done: progress(done, steps),
+        )
+        found = classify(record, self.regions, delevitated=self._plant.delevitated)
+        classified = max(found.onsets, default=Region.A)
+        shift = self._bias_shift(record, signal, rest)
+        moved = bool(np.any(np.abs(shift) >= self.regions.drift_threshold))
+        return Trial(max(classified, Region.B if moved else Region.A), classified, found.onsets, shift, record)
+
+    def _bias_shift(self, record: LoopRecord, signal: ExcitationSignal, rest: int) -> NDArray[np.float64]:
+        """Mean position under excitation, less that at rest and less the linear answer to the mean reference."""
+        settling = round(self.regions.settling_time / signal.sample_time)
+        before = slice(max(rest - settling, 0), rest)
+        shifts = [np.full(2, np.nan)]
+        for first, last in {(first, last) for _, first, last in excited_spans(signal.parameters.axes, signal.steps)}:
+            span = slice(rest + (first + settling if last - first > 2 * settling else first), rest + last)
+            if record.steps >= span.stop:
+                position, reference = (
+                    values[span].mean(axis=0) - values[before].mean(axis=0)
+                    for values in (record.position, record.reference)
+                )
+                shifts.append(position - self._static_gain @ reference)
+        largest = np.nanargmax(np.abs(np.array(shifts[1:])), axis=0) if len(shifts) > 1 else None
+        return shifts[0] if largest is None else np.array(shifts[1:])[largest, [0, 1]]
