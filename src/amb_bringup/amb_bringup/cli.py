@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from amb_bringup.commands import bag, demo, graph, identify, map, plant, subharmonics
+from amb_bringup.commands import bag, demo, excitation, graph, identify, map, plant, subharmonics
 from amb_core.errors import AmbError
 
 app = typer.Typer(
@@ -23,6 +23,7 @@ app.command()(identify.identify)
 app.command("map")(map.region_map)
 app.command()(subharmonics.subharmonics)
 app.add_typer(bag.app, name="bag")
+app.add_typer(excitation.app, name="excitation")
 app.add_typer(plant.app, name="plant")
 
 

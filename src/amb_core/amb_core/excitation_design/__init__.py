@@ -5,7 +5,7 @@ from amb_core.excitation_design.design import DESIGNED_KINDS, DesignedExcitation
 from amb_core.excitation_design.load import Load
 from amb_core.excitation_design.persistence import Persistence, persistence
 from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
-from amb_core.excitation_design.trial import TestBench, Trial
+from amb_core.excitation_design.trial import Trial, TrialBench
 
 __all__ = [
     "DESIGNED_KINDS",
@@ -14,8 +14,8 @@ __all__ = [
     "ExcitationCheck",
     "Load",
     "Persistence",
-    "TestBench",
     "Trial",
+    "TrialBench",
     "check_excitation",
     "design_excitation",
     "persistence",

@@ -14,7 +14,7 @@ from amb_core.excitation_design.check import check_excitation
 from amb_core.excitation_design.notes import made_with
 from amb_core.excitation_design.persistence import Persistence, persistence
 from amb_core.excitation_design.result import ExcitationCheck
-from amb_core.excitation_design.trial import TestBench, Trial
+from amb_core.excitation_design.trial import Trial, TrialBench
 from amb_core.plant import PlantParameters
 from amb_core.region_map import RegionMap
 from amb_core.regions import Region, RegionParameters
@@ -142,7 +142,7 @@ def design_excitation(
     if not excited.sufficient:
         raise ExcitationError(_not_persistent(kind, excited, model_order))
     predicted = FIRST_AMPLITUDE * check_excitation(first, region_map, controller, plant).margin
-    search = _Search(TestBench(plant, controller, regions), signal_of, progress)
+    search = _Search(TrialBench(plant, controller, regions), signal_of, progress)
     largest, beyond = search.largest(min(max(predicted, SMALLEST_AMPLITUDE), HIGHEST_AMPLITUDE), tolerance)
     amplitude = margin * largest
     trial = search.run(amplitude)
@@ -167,7 +167,7 @@ class _Search:
 
     def __init__(
         self,
-        bench: TestBench,
+        bench: TrialBench,
         signal_of: Callable[[float], ExcitationSignal],
         progress: Callable[[float, int, int], None] | None,
     ) -> None:

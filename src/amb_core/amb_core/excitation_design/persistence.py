@@ -1,8 +1,8 @@
 """Persistence of excitation: how large a model a signal can determine, and whether the axes can be told apart.
 
-A periodic signal with n lines in its two-sided spectrum is persistently exciting of order n: a sine counts twice. A line
-that is on both axes at once tells one combination of them only, so n such lines serve each of two inputs with n / 2. A
-model with n states needs order 2 n. The loop changes nothing about that: the way from the reference to the control
+A periodic signal with n lines in its two-sided spectrum is persistently exciting of order n: a sine counts twice. A
+line that is on both axes at once tells one combination of them only, so n such lines serve each of two inputs with n/2.
+A model with n states needs order 2 n. The loop changes nothing about that: the way from the reference to the control
 current has no zero on the unit circle.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall 1999, section 13.2.

@@ -1,9 +1,9 @@
 """Trial of an excitation: the full plant simulated under it, and the region in which the bearing then runs.
 
 The classifier (`amb_core.regions`) tells B by a bias that drifts, as it does in a sweep. A signal that sounds the same
-throughout moves the bias at once, when it begins, and keeps it there: the same nonlinearity, but nothing drifts. So the
-shift of the bias from rest is measured too, less the loop's linear answer to a reference whose mean value is not zero; a
-shift by the classifier's `drift_threshold` or more is taken for B.
+throughout moves the bias at once, when it begins, and keeps it there: the same nonlinearity, but nothing drifts. So
+the shift of the bias from rest is measured too, less the loop's linear answer to a reference whose mean value is not
+zero; a shift by the classifier's `drift_threshold` or more is taken for B.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Trial:
     record: LoopRecord
 
 
-class TestBench:
+class TrialBench:
     """A bearing in simulation on which excitations are tried.
 
     Parameters

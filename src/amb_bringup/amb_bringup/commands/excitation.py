@@ -1,0 +1,284 @@
+"""`amb excitation check` and `design`: in which regions an excitation would run, and which is the largest in A."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from amb_core.control import ControllerParameters
+    from amb_core.excitation_design import DesignedExcitation, ExcitationCheck, Trial
+    from amb_core.plant import PlantParameters
+    from amb_core.region_map import RegionMap
+    from amb_core.regions import RegionParameters
+
+    Loop = tuple[ControllerParameters, PlantParameters, RegionParameters | None]
+
+app = typer.Typer(help="Excitations on a region map: check one, design one.", no_args_is_help=True)
+
+UM = 1e6
+
+Duration = Annotated[float, typer.Option(help="Whole signal (s).")]
+Axes = Annotated[
+    str, typer.Option(help="x, y, both, or in_turn (x for half of the duration, then y); by default the kind's.")
+]
+Frequency = Annotated[
+    float, typer.Option(help="Fundamental of a square, clock rate of a PRBS (Hz); 0 for the default.")
+]
+Start = Annotated[float, typer.Option(help="Start of a sweep, lower end of a band (Hz); 0 for 11 Hz.")]
+End = Annotated[float, typer.Option(help="End of a sweep, upper end of a band (Hz); 0 for 400 Hz.")]
+Seed = Annotated[int, typer.Option(help="Seed of multisine, PRBS and white noise (-).")]
+MapFile = Annotated[Path, typer.Option("--map", help="Region map, as `amb map` writes it.")]
+Params = Annotated[
+    Path | None,
+    typer.Option(help="Parameter file of all nodes, instead of the loop the map was made with.", dir_okay=False),
+]
+Out = Annotated[Path, typer.Option(help="Folder for summary.json and figures.", file_okay=False)]
+
+
+@app.callback()
+def excitation() -> None:
+    """Excitations on a region map."""
+
+
+@app.command()
+def check(
+    kind: Annotated[str, typer.Argument(help="sweep, square, multisine, prbs, white_noise or tones.")],
+    amplitude: Annotated[float, typer.Option(help="Peak amplitude (m); rms for white_noise; none for tones.")] = 0.0,
+    duration: Duration = 4.0,
+    axes: Axes = "",
+    frequency: Frequency = 0.0,
+    frequency_start: Start = 0.0,
+    frequency_end: End = 0.0,
+    spacing: Annotated[str, typer.Option(help="Sweep: linear or logarithmic.")] = "",
+    frequencies: Annotated[list[float] | None, typer.Option(help="Tone (Hz); once for each.")] = None,
+    amplitudes: Annotated[list[float] | None, typer.Option(help="Its peak amplitude (m); once for each.")] = None,
+    phases: Annotated[list[float] | None, typer.Option(help="Its phase (rad); once for each.")] = None,
+    seed: Seed = 0,
+    phasing: Annotated[str, typer.Option(help="Phases of a multisine: random, schroeder or optimised.")] = "",
+    interleaved: Annotated[bool, typer.Option(help="Multisine: x and y share no line.")] = False,
+    simulate: Annotated[bool, typer.Option(help="Simulate the full plant too, and classify what it does.")] = False,
+    map_file: MapFile = Path("results/map/map.json"),
+    params: Params = None,
+    out: Out = Path("results/excitation/check"),
+) -> None:
+    """Superimpose an excitation on a region map: which share of its power lies in A, B, C and D, and what to do."""
+    from rich.console import Console
+
+    from amb_core.excitation import excitation_from_request, generate
+    from amb_core.excitation_design import TrialBench, check_excitation
+    from amb_core.excitation_design.summary import check_summary, trial_summary
+
+    values = _given(locals())
+    region_map, loop = _load(map_file, params)
+    signal = generate(excitation_from_request(kind, values), loop[0].sample_rate)
+    found = check_excitation(signal, region_map, *loop[:2])
+    console = Console()
+    _make_folder(out)
+    summary: dict[str, Any] = {"map": str(map_file), "parameters": signal.parameters.model_dump()}
+    summary["check"] = check_summary(found)
+    _print_check(console, found)
+    if simulate:
+        with _Progress(console) as shown:
+            bench = TrialBench(loop[1], loop[0], loop[2])
+            trial = bench.run(signal, lambda done, total: shown.update("simulated", done, total))
+        summary["trial"] = trial_summary(trial)
+        console.print(_trial_line(trial))
+    _write(out, summary, found, region_map, console)
+
+
+@app.command()
+def design(
+    kind: Annotated[str, typer.Argument(help="square, multisine or prbs.")],
+    duration: Duration = 4.0,
+    axes: Axes = "",
+    frequency: Frequency = 0.0,
+    frequency_start: Start = 0.0,
+    frequency_end: End = 0.0,
+    seed: Seed = 0,
+    phasing: Annotated[str, typer.Option(help="Phases of a multisine instead of optimised: random, schroeder.")] = "",
+    interleaved: Annotated[
+        bool | None, typer.Option(help="Multisine: x and y share no line; by default so with axes both.")
+    ] = None,
+    model_order: Annotated[int, typer.Option(help="States of the model that is to be identified (-).")] = 10,
+    margin: Annotated[float, typer.Option(help="Amplitude over the largest in region A (-).")] = 0.9,
+    tolerance: Annotated[float, typer.Option(help="Relative error of that largest amplitude (-).")] = 0.02,
+    map_file: MapFile = Path("results/map/map.json"),
+    params: Params = None,
+    out: Out = Path("results/excitation/design"),
+) -> None:
+    """Find the largest amplitude that stays in region A, from the map and confirmed by simulation of the full plant."""
+    from rich.console import Console
+
+    from amb_core.excitation_design import design_excitation
+    from amb_core.excitation_design.summary import design_summary
+
+    values = _given(locals())
+    region_map, loop = _load(map_file, params)
+    console = Console()
+    _make_folder(out)
+    with _Progress(console) as shown:
+        designed = design_excitation(
+            kind,
+            values,
+            region_map,
+            *loop,
+            model_order=model_order,
+            margin=margin,
+            tolerance=tolerance,
+            progress=lambda amplitude, done, total: shown.update(f"{UM * amplitude:8.3f} um", done, total),
+        )
+    _print_check(console, designed.check)
+    console.print(_trial_line(designed.trial))
+    console.print(_design_table(designed))
+    _write(out, {"map": str(map_file), **design_summary(designed)}, designed.check, region_map, console)
+
+
+class _Progress:
+    """A bar for the simulation under way; a new description starts a new one."""
+
+    def __init__(self, console: Console) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self._bars = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(20),
+            TextColumn("{task.completed:>9,.0f} / {task.total:,.0f} steps"),
+            TimeElapsedColumn(),
+            console=console,
+        )
+        self._task: Any = None
+        self._shown = ""
+
+    def __enter__(self) -> _Progress:
+        self._bars.start()
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self._bars.stop()
+
+    def update(self, description: str, done: int, total: int) -> None:
+        """Show how far a simulation is."""
+        if description != self._shown:
+            self._task, self._shown = self._bars.add_task(description, total=total), description
+        self._bars.update(self._task, completed=done)
+
+
+def _given(options: dict[str, Any]) -> dict[str, Any]:
+    """The fields of an excitation among a command's options, those that were given."""
+    from amb_core.excitation import KINDS
+
+    fields = {name for kind in KINDS.values() for name in kind.model_fields}
+    # A switch that is off is given; a number that is 0 is not.
+    return {name: value for name, value in options.items() if name in fields and (value or value is False)}
+
+
+def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:
+    """The map, and the loop: that of a parameter file, or the one the map was made with."""
+    from amb_core.control import ControllerParameters
+    from amb_core.errors import RegionError
+    from amb_core.excitation_design.notes import made_with
+    from amb_core.parameters import load_parameters
+    from amb_core.plant import PlantParameters
+    from amb_core.region_map import RegionMap
+    from amb_core.regions import RegionParameters
+
+    if not map_file.exists():
+        raise RegionError(f"region map {map_file}: there is no such file; `amb map` makes one (results/map/map.json)")
+    region_map = RegionMap.load(map_file)
+    if params is None:
+        regions = made_with(region_map, "regions", RegionParameters) if "regions" in region_map.provenance else None
+        controller = made_with(region_map, "controller", ControllerParameters)
+        return region_map, (controller, made_with(region_map, "plant", PlantParameters), regions)
+    return region_map, (
+        load_parameters(ControllerParameters, params, "pd_controller", part=True),
+        load_parameters(PlantParameters, params, "simulator", part=True),
+        load_parameters(RegionParameters, params, "region_monitor", part=True),
+    )
+
+
+def _make_folder(out: Path) -> None:
+    """Before the work, not after."""
+    from amb_core.errors import ExcitationError
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise ExcitationError(f"folder {out}: cannot be made: {problem.strerror}") from None
+
+
+def _print_check(console: Console, found: ExcitationCheck) -> None:
+    colour = {"A": "green" if found.certain else "yellow", "B": "yellow"}.get(found.predicted.name, "red")
+    console.print(_check_table(found))
+    console.print(f"[{colour}]{found.verdict}[/{colour}]")
+    for note in found.notes:
+        console.print(f"[yellow]note: {note}[/yellow]")
+
+
+def _check_table(found: ExcitationCheck) -> Table:
+    from rich.table import Table
+
+    from amb_core.regions import Region
+
+    axes = found.axes
+    table = Table("quantity", *(axis.axis for axis in axes), "limit", title=f"{found.kind} on the region map")
+    for region in Region:
+        table.add_row(f"share of the power in {region.name}", *(f"{100 * axis.shares[region]:.1f} %" for axis in axes))
+    for region in (Region.B, Region.C, Region.D):
+        table.add_row(f"load towards {region.name}", *(f"{axis.load.towards[region]:.2f}" for axis in axes), "1")
+    table.add_row("load, the unknown counted in full", *(f"{axis.load.linear:.2f}" for axis in axes), "1")
+    table.add_row("rms, peak (um)", *(f"{UM * axis.rms:.2f}, {UM * axis.peak:.2f}" for axis in axes))
+    table.add_row("crest factor", *(f"{axis.crest_factor:.2f}" for axis in axes))
+    table.add_row(
+        "control current asked for, rms and peak (A)",
+        *(f"{axis.command_rms:.2f}, {axis.command_peak:.2f}" for axis in axes),
+        f"{min(found.current_limit, found.bias_current):.2f}",
+    )
+    table.add_row(
+        "its slew, rms and peak (kA/s)",
+        *(f"{1e-3 * axis.slew_rms:.2f}, {1e-3 * axis.slew_peak:.2f}" for axis in axes),
+        f"{1e-3 * found.slew_rate:.2f}",
+    )
+    table.add_row("time beyond the limit of the current", *(f"{100 * axis.limited:.2f} %" for axis in axes))
+    return table
+
+
+def _trial_line(trial: Trial) -> str:
+    x, y = UM * trial.bias_shift
+    begins = "".join(f", {region.name} from {onset.time:.2f} s on" for region, onset in trial.onsets.items())
+    colour = "green" if trial.region == 0 else "yellow"
+    return f"[{colour}]simulation: region {trial.region.name}[/{colour}] (bias moved by {x:.2f} and {y:.2f} um{begins})"
+
+
+def _design_table(designed: DesignedExcitation) -> Table:
+    from rich.table import Table
+
+    persistence = designed.persistence
+    table = Table("quantity", "value", title=f"Designed {designed.signal.kind}")
+    table.add_row("amplitude", f"{UM * designed.amplitude:.3f} um")
+    table.add_row("largest in region A by simulation", f"{UM * designed.largest_amplitude:.3f} um")
+    table.add_row("largest by the map", f"{UM * designed.predicted_amplitude:.3f} um")
+    table.add_row("simulations", str(len(designed.tried)))
+    table.add_row("lines", ", ".join(map(str, persistence.lines)) + f" ({', '.join(persistence.axes)})")
+    table.add_row("persistently exciting of order", f"{persistence.order}, needed {persistence.wanted}")
+    return table
+
+
+def _write(out: Path, summary: dict[str, Any], found: ExcitationCheck, region_map: RegionMap, console: Console) -> None:
+    """Summary and figure."""
+    import json
+
+    from amb_core.errors import ExcitationError
+    from amb_core.figures import overlay_figure, overlay_page, save_figure
+
+    try:
+        (out / "summary.json").write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n")
+    except OSError as problem:
+        raise ExcitationError(f"{out / 'summary.json'}: cannot be written: {problem.strerror}") from None
+    save_figure(out, "overlay", overlay_figure(found, region_map), overlay_page(found, region_map))
+    console.print(f"summary.json, overlay.png, overlay.html: {out}")
