@@ -23,7 +23,7 @@ def test_the_orbit_is_in_um_with_plant_model_and_backup_bearing(measured: LoopRe
     figure = orbit_figure(measured, replace(measured, position=1.01 * measured.position), 250e-6)
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (µm)", "y (µm)")
-    assert axes.get_title()
+    assert figure.get_suptitle()
     plant, model, bearing = axes.get_lines()
     assert np.array_equal(plant.get_xydata(), 1e6 * measured.position)
     assert "fit x" in model.get_label()
@@ -39,7 +39,8 @@ def test_the_response_is_in_um_over_s_with_the_fit_of_each_axis(measured: LoopRe
         assert reference.get_label() == "reference"
         assert plant.get_xdata()[0] == pytest.approx(0.1)
         assert np.array_equal(plant.get_ydata(), 1e6 * measured.position[:, axis])
-        assert "fit" in model.get_label()
+        assert model.get_label() == "model"
+        assert "fit" in axes.get_title()
 
 
 def test_the_plant_is_drawn_alone_where_there_is_no_model(measured: LoopRecord) -> None:

@@ -1,0 +1,86 @@
+"""The rotor's orbit (the paper's Fig. 13) and its response over time (Fig. 14 and 15), plant and model together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from amb_core.figures.chart import Axis, Chart, Curve, Panel
+from amb_core.figures.renderers import renderers
+from amb_core.figures.style import MODEL, PLANT, REFERENCE, UM
+from amb_core.figures.thinning import extremes, thinned_path
+from amb_core.identification.validation import nrmse_fit
+from amb_core.records import LoopRecord
+
+HIDDEN = 0.2e-6  # movement in an orbit that is narrower than its line (m)
+
+
+def orbit_chart(
+    measured: LoopRecord,
+    modelled: LoopRecord | None = None,
+    backup_bearing_radius: float | None = None,
+    title: str = "Orbit of the rotor",
+) -> Chart:
+    """Orbit of the rotor in the bearing plane, axes in um.
+
+    Parameters
+    ----------
+    measured : LoopRecord
+        Record of the plant.
+    modelled : LoopRecord, optional
+        Record of the model under the same reference.
+    backup_bearing_radius : float, optional
+        Radial displacement at which the rotor touches the backup bearing (m), drawn as a circle.
+    title : str
+        Title of the figure.
+    """
+    reach = UM * np.abs(measured.position).max(axis=0)
+    alt = f"Orbit of the rotor in the bearing plane: it reaches {reach[0]:.0f} µm on x and {reach[1]:.0f} µm on y."
+    curves = [Curve(*(UM * thinned_path(measured.position, HIDDEN)).T, "plant", PLANT)]
+    if modelled is not None:
+        fit = nrmse_fit(measured.position, modelled.position)
+        label = f"model, fit x {fit[0]:.1f} %, y {fit[1]:.1f} %"
+        curves.append(Curve(*(UM * thinned_path(modelled.position, HIDDEN)).T, label, MODEL))
+        alt += f" The identified model follows it with a fit of {fit[0]:.1f} % on x and {fit[1]:.1f} % on y."
+    if backup_bearing_radius is not None:
+        angle = np.linspace(0.0, 2.0 * np.pi, 361)
+        radius = UM * backup_bearing_radius
+        curves.append(Curve(radius * np.cos(angle), radius * np.sin(angle), "backup bearing", REFERENCE))
+    panel = Panel(Axis("x (µm)"), Axis("y (µm)"), tuple(curves), equal=True)
+    return Chart(title, alt, (panel,), size=(6.4, 6.0))
+
+
+orbit_figure, orbit_page = renderers(orbit_chart)
+
+
+def response_chart(
+    measured: LoopRecord, modelled: LoopRecord | None = None, title: str = "Response of the rotor to the reference"
+) -> Chart:
+    """Reference and rotor position over time, one panel per axis, axes in s and um.
+
+    Parameters
+    ----------
+    measured : LoopRecord
+        Record of the plant.
+    modelled : LoopRecord, optional
+        Record of the model under the same reference.
+    title : str
+        Title of the figure.
+    """
+    fit = None if modelled is None else nrmse_fit(measured.position, modelled.position)
+    panels = []
+    for axis, name in enumerate("xy"):
+        curves = [
+            Curve(*extremes(measured.time, UM * measured.reference[:, axis]), "reference", REFERENCE),
+            Curve(*extremes(measured.time, UM * measured.position[:, axis]), "plant", PLANT),
+        ]
+        if modelled is not None:
+            curves.append(Curve(*extremes(modelled.time, UM * modelled.position[:, axis]), "model", MODEL))
+        heading = "" if fit is None else f"{name}: fit of the model {fit[axis]:.1f} %"
+        panels.append(Panel(Axis("time (s)"), Axis(f"{name} (µm)"), tuple(curves), heading))
+    alt = f"Reference and position of the rotor on x and y from {measured.time[0]:.2f} s to {measured.time[-1]:.2f} s."
+    if fit is not None:
+        alt += f" The identified model fits to {fit[0]:.1f} % on x and {fit[1]:.1f} % on y."
+    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 6.0))
+
+
+response_figure, response_page = renderers(response_chart)

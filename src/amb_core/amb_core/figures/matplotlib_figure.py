@@ -1,0 +1,163 @@
+"""Draws a chart with matplotlib, without pyplot: no display is needed and no state is left behind."""
+
+from __future__ import annotations
+
+import math
+from functools import singledispatch
+from typing import Any
+
+from matplotlib import ticker
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis as DrawnAxis
+from matplotlib.figure import Figure
+
+from amb_core.figures.chart import Axis, Band, Chart, Curve, Heat, HoverGrid, Note, Panel, Points, Rule, Span
+from amb_core.figures.style import OPACITY, Stroke
+
+NARROW = 0.04  # share of a panel in which a letter has no room
+LETTER_WIDTH = 0.075  # of the legend's font (inch)
+DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
+MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle": "^", "cross": "x"}
+
+
+def draw_figure(chart: Chart) -> Figure:
+    """Draw a chart; save the figure with `savefig`, or together with its page by `save_figure`."""
+    figure = Figure(figsize=chart.size, layout="constrained", dpi=150)
+    grid = figure.subplots(chart.rows, chart.columns, sharex="col" if chart.shared_x else "none", squeeze=False)
+    entries: dict[str, Any] = {}
+    for number, axes in enumerate(grid.flat):
+        if number >= len(chart.panels):
+            axes.remove()
+            continue
+        panel = chart.panels[number]
+        lowest = number + chart.columns >= len(chart.panels)
+        _prepare(axes, panel, labelled=lowest or not chart.shared_x)
+        for item in panel.items:
+            draw(item, axes)
+        # last, so that nothing drawn changes them
+        if panel.x.limits:
+            axes.set_xlim(*panel.x.limits)
+        if panel.y.limits:
+            axes.set_ylim(*panel.y.limits)
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    figure.suptitle(chart.title, fontsize=12, wrap=True)
+    if entries:
+        fitting = chart.size[0] / (LETTER_WIDTH * (7 + max(map(len, entries))))
+        figure.legend(
+            entries.values(), entries.keys(), loc="outside lower center", ncols=max(1, min(4, int(fitting))), fontsize=9
+        )
+    return figure
+
+
+def _prepare(axes: Axes, panel: Panel, labelled: bool) -> None:
+    axes.set_xlabel(panel.x.label if labelled else "")
+    axes.set_ylabel(panel.y.label)
+    if panel.title:
+        axes.set_title(panel.title, fontsize=10)
+    if panel.x.log:
+        axes.set_xscale("log")
+        _number_logarithmic(axes.xaxis, panel.x)
+    if panel.y.log:
+        axes.set_yscale("log")
+        _number_logarithmic(axes.yaxis, panel.y)
+    axes.grid(True, alpha=0.3, linewidth=0.6)
+    if panel.equal:
+        axes.set_aspect("equal", adjustable="datalim")
+
+
+def _number_logarithmic(drawn: DrawnAxis, axis: Axis) -> None:
+    """Plain numbers instead of powers of ten, and 2 and 5 between them where there is room."""
+    decades = math.log10(axis.limits[1] / axis.limits[0]) if axis.limits else math.inf
+    drawn.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0) if decades < 3.5 else (1.0,)))
+    drawn.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+    drawn.set_minor_formatter(ticker.NullFormatter())
+
+
+@singledispatch
+def draw(item: object, axes: Axes) -> None:
+    """Draw an item of a chart into axes."""
+    raise TypeError(f"charts hold no {type(item).__name__}")
+
+
+@draw.register
+def _(item: Curve, axes: Axes) -> None:
+    axes.plot(item.x, item.y, label=item.label, **_line(item.stroke))
+
+
+@draw.register
+def _(item: Points, axes: Axes) -> None:
+    face = item.colour if item.filled else "none"
+    axes.plot(
+        item.x,
+        item.y,
+        label=item.label,
+        linestyle="none",
+        marker=MARKERS[item.marker],
+        markersize=5,
+        color=item.colour,
+        markerfacecolor=face,
+        zorder=3,
+    )
+
+
+@draw.register
+def _(item: Band, axes: Axes) -> None:
+    axes.fill_between(item.x, item.low, item.high, label=item.label, **_area(item))
+
+
+@draw.register
+def _(item: Span, axes: Axes) -> None:
+    axes.axvspan(item.start, item.stop, label=item.label, zorder=0.5, **_area(item))
+    low, high = axes.get_xlim()
+    start, stop = max(item.start, low), min(item.stop, high)
+    if item.letter and stop - start > NARROW * (high - low):
+        axes.text(
+            0.5 * (start + stop),
+            0.98,
+            item.letter,
+            transform=axes.get_xaxis_transform(),
+            ha="center",
+            va="top",
+            fontsize=12,
+            fontweight="bold",
+        )
+
+
+@draw.register
+def _(item: Rule, axes: Axes) -> None:
+    axes.axvline(item.x, label=item.label, **_line(item.stroke))
+
+
+@draw.register
+def _(item: Note, axes: Axes) -> None:
+    axes.text(item.x, item.y, item.text, ha="center", va="center", fontsize=11, fontweight="bold", clip_on=True)
+
+
+@draw.register
+def _(item: Heat, axes: Axes) -> None:
+    mesh = axes.pcolormesh(item.x, item.y, item.values, cmap="cividis", shading="nearest", rasterized=True)
+    figure = axes.get_figure()
+    assert isinstance(figure, Figure)
+    figure.colorbar(mesh, ax=axes, label=item.label)
+
+
+@draw.register
+def _(item: HoverGrid, axes: Axes) -> None:
+    """Nothing: a figure on paper cannot be pointed at."""
+
+
+def _line(stroke: Stroke) -> dict[str, Any]:
+    return {"color": stroke.colour, "linestyle": DASHES[stroke.dash], "linewidth": stroke.width}
+
+
+def _area(item: Band | Span) -> dict[str, Any]:
+    """Look of an area: light enough for what is drawn over it, its hatch a little stronger."""
+    from matplotlib.colors import to_rgba
+
+    return {
+        "facecolor": to_rgba(item.colour, OPACITY),
+        "edgecolor": to_rgba(item.colour, 0.6),
+        "hatch": 2 * item.hatch,
+        "linewidth": 0.0,
+    }

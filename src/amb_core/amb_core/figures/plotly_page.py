@@ -1,0 +1,202 @@
+"""Draws a chart with plotly: to zoom in, and to read values by pointing at them."""
+
+from __future__ import annotations
+
+import math
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go  # type: ignore[import-untyped]
+from plotly.subplots import make_subplots  # type: ignore[import-untyped]
+
+from amb_core.figures.chart import Axis, Band, Chart, Curve, Heat, HoverGrid, Note, Points, Rule, Span, Values
+from amb_core.figures.style import OPACITY, Stroke
+
+PIXELS_PER_INCH = 100
+MARKERS = {"circle": "circle", "square": "square", "diamond": "diamond", "triangle": "triangle-up", "cross": "x-thin"}
+TEXT = "#767676"  # readable on white and on black alike, where no style sheet gives texts the page's colour
+GRID = "rgba(128, 128, 128, 0.25)"
+
+
+def draw_page(chart: Chart) -> go.Figure:
+    """Draw a chart as a plotly figure.
+
+    Its `layout.meta` has `alt`, the text for those who cannot see it, and `table`, its main numbers: `save_figure`
+    and `page_fragment` put them into the HTML.
+    """
+    page = make_subplots(
+        rows=chart.rows,
+        cols=chart.columns,
+        shared_xaxes="columns" if chart.shared_x else False,
+        subplot_titles=[panel.title for panel in chart.panels] if any(panel.title for panel in chart.panels) else None,
+        vertical_spacing=0.14 / chart.rows if chart.shared_x else 0.3 / chart.rows,
+    )
+    shown: set[str] = set()
+    for number, panel in enumerate(chart.panels):
+        row, column = divmod(number, chart.columns)
+        place = {"row": row + 1, "col": column + 1}
+        for item in panel.items:
+            draw(item, page, place)
+        lowest = number + chart.columns >= len(chart.panels)
+        page.update_xaxes(**_axis(panel.x, labelled=lowest or not chart.shared_x), **place)
+        page.update_yaxes(**_axis(panel.y, labelled=True), **place)
+        if panel.equal:
+            page.update_yaxes(scaleanchor=f"x{number + 1 if number else ''}", **place)
+    for trace in page.data:  # one entry for what several panels show
+        if trace.name:
+            trace.update(showlegend=trace.name not in shown, legendgroup=trace.name)
+            shown.add(trace.name)
+    table = chart.table and {"header": chart.table.header, "rows": chart.table.rows}
+    page.update_layout(
+        title={"text": chart.title},
+        meta={"alt": chart.alt, "table": table},
+        template="none",
+        height=PIXELS_PER_INCH * chart.size[1] + 60,
+        margin={"l": 70, "r": 15, "t": 50, "b": 60},
+        font={"size": 14, "color": TEXT},
+        legend={"orientation": "h", "yanchor": "top", "y": -0.16 * 4.8 / chart.size[1], "x": 0},
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        hovermode="closest",
+    )
+    return page
+
+
+def _axis(axis: Axis, labelled: bool) -> dict[str, Any]:
+    settings: dict[str, Any] = {
+        "title": {"text": axis.label if labelled else None},
+        "gridcolor": GRID,
+        "zeroline": False,
+        "showline": True,
+        "linecolor": TEXT,
+        "ticks": "outside",
+        "tickcolor": TEXT,
+        "automargin": True,
+    }
+    if axis.log:
+        settings |= {"type": "log", "dtick": "D2"}  # numbers at 1, 2 and 5 of each power of ten
+    if axis.limits:
+        settings["range"] = [math.log10(end) for end in axis.limits] if axis.log else list(axis.limits)
+    return settings
+
+
+@singledispatch
+def draw(item: object, page: go.Figure, place: dict[str, int]) -> None:
+    """Draw an item of a chart into the subplot at a place (row and column)."""
+    raise TypeError(f"charts hold no {type(item).__name__}")
+
+
+@draw.register
+def _(item: Curve, page: go.Figure, place: dict[str, int]) -> None:
+    page.add_scatter(
+        x=_short(item.x),
+        y=_short(item.y),
+        mode="lines",
+        name=item.label,
+        line=_line(item.stroke),
+        **_hover(item),
+        **place,
+    )
+
+
+@draw.register
+def _(item: Points, page: go.Figure, place: dict[str, int]) -> None:
+    symbol = MARKERS[item.marker] + ("" if item.filled or item.marker == "cross" else "-open")
+    marker = {"color": item.colour, "symbol": symbol, "size": 9, "line": {"color": item.colour, "width": 1.5}}
+    page.add_scatter(
+        x=_short(item.x), y=_short(item.y), mode="markers", name=item.label, marker=marker, **_hover(item), **place
+    )
+
+
+@draw.register
+def _(item: Band, page: go.Figure, place: dict[str, int]) -> None:
+    page.add_scatter(
+        x=_short(np.concatenate([item.x, item.x[::-1]])),
+        y=_short(np.concatenate([item.high, item.low[::-1]])),
+        mode="lines",
+        line={"width": 0},
+        fill="toself",
+        name=item.label,
+        hoverinfo="skip",
+        **_area(item),
+        **place,
+    )
+
+
+@draw.register
+def _(item: Span, page: go.Figure, place: dict[str, int]) -> None:
+    page.add_vrect(
+        x0=item.start,
+        x1=item.stop,
+        fillcolor=item.colour,
+        opacity=OPACITY,
+        line_width=0,
+        layer="below",
+        annotation_text=f"<b>{item.letter}</b>" if item.letter else None,
+        annotation_position="top",
+        **place,
+    )
+
+
+@draw.register
+def _(item: Rule, page: go.Figure, place: dict[str, int]) -> None:
+    page.add_vline(x=item.x, line=_line(item.stroke), **place)
+    # a shape has no place in the legend
+    page.add_scatter(x=[None], y=[None], mode="lines", name=item.label, line=_line(item.stroke), **place)
+
+
+@draw.register
+def _(item: Note, page: go.Figure, place: dict[str, int]) -> None:
+    page.add_scatter(
+        x=[item.x], y=[item.y], mode="text", text=[f"<b>{item.text}</b>"], hoverinfo="skip", showlegend=False, **place
+    )
+
+
+@draw.register
+def _(item: Heat, page: go.Figure, place: dict[str, int]) -> None:
+    page.add_heatmap(
+        x=_short(item.x),
+        y=_short(item.y),
+        z=_short(item.values),
+        colorscale="Cividis",
+        colorbar={"title": item.label},
+        **place,
+    )
+
+
+@draw.register
+def _(item: HoverGrid, page: go.Figure, place: dict[str, int]) -> None:
+    page.add_heatmap(
+        x=_short(item.x),
+        y=_short(item.y),
+        z=np.zeros(item.text.shape, dtype=np.int8),
+        text=item.text,
+        hovertemplate="%{text}<extra></extra>",
+        opacity=0.0,
+        showscale=False,
+        **place,
+    )
+
+
+def _short(values: Values) -> Values:
+    """In single precision: seven digits are more than a screen shows, and half the size of the page."""
+    return np.asarray(values, dtype=np.float32)
+
+
+def _hover(item: Curve | Points) -> dict[str, Any]:
+    if not item.hover:
+        return {}
+    return {"text": item.hover, "hovertemplate": "%{text}<extra></extra>"}
+
+
+def _line(stroke: Stroke) -> dict[str, Any]:
+    return {"color": stroke.colour, "dash": stroke.dash, "width": stroke.width}
+
+
+def _area(item: Band) -> dict[str, Any]:
+    red, green, blue = (int(item.colour[start : start + 2], 16) for start in (1, 3, 5))
+    light = f"rgba({red}, {green}, {blue}, {OPACITY})"
+    if not item.hatch:
+        return {"fillcolor": light}
+    return {"fillpattern": {"shape": item.hatch, "bgcolor": light, "fgcolor": item.colour, "fgopacity": 0.4, "size": 8}}

@@ -1,0 +1,72 @@
+"""Looks that all figures share: colours that colour-blind readers can tell apart, and strokes that differ in dash too.
+
+Colours: Okabe and Ito, "Color Universal Design", https://jfly.uni-koeln.de/color/. Each has a contrast of some 2:1 or
+more with white and with the dark background of the pages. No figure tells anything by colour alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from amb_core.regions import Region
+
+BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
+VERMILION, PURPLE, GREY = "#D55E00", "#CC79A7", "#8C8C8C"
+
+UM = 1e6
+"""Micrometres in a metre: figures show um, the library computes in m."""
+
+OPACITY = 0.22
+"""Of the areas of regions: light enough for what is drawn over them."""
+
+Dash = Literal["solid", "dash", "dot", "dashdot"]
+Hatch = Literal["", "/", "\\", "x", "."]
+Marker = Literal["circle", "square", "diamond", "triangle", "cross"]
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """How a line is drawn: colour, dash and width (pt)."""
+
+    colour: str
+    dash: Dash = "solid"
+    width: float = 1.4
+
+
+PLANT = Stroke(BLUE)
+MODEL = Stroke(VERMILION, "dash", 1.1)
+REFERENCE = Stroke(GREY, width=0.8)
+BIAS = Stroke(ORANGE, "dashdot", 1.8)
+
+
+@dataclass(frozen=True)
+class RegionLook:
+    """How a region is drawn: its colour, hatch, the dash of the line at which it begins, and a marker.
+
+    `meaning` is what the region is, in a few words.
+    """
+
+    colour: str
+    hatch: Hatch
+    dash: Dash
+    marker: Marker
+    meaning: str
+
+    @property
+    def boundary(self) -> Stroke:
+        """The line at which the region begins."""
+        return Stroke(self.colour, self.dash, 2.0)
+
+
+REGIONS: dict[Region, RegionLook] = {
+    Region.A: RegionLook(SKY, "", "solid", "circle", "linear"),
+    Region.B: RegionLook(ORANGE, "/", "dash", "square", "drifting bias"),
+    Region.C: RegionLook(PURPLE, ".", "dashdot", "triangle", "slow oscillation"),
+    Region.D: RegionLook(VERMILION, "x", "solid", "diamond", "delevitated"),
+}
+
+
+def region_label(region: Region) -> str:
+    """A region as legends name it, such as `B drifting bias`."""
+    return f"{region.name} {REGIONS[region].meaning}"
