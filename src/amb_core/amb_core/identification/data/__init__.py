@@ -1,6 +1,7 @@
 """Data for identification: experiments from bags and files, made fit for estimation, and checked."""
 
 from amb_core.identification.data.bag_data import read_bag_data
+from amb_core.identification.data.checks import DataReport, Finding, Severity, check_data
 from amb_core.identification.data.conditioning import advance_inputs, decimate, detrend, restore, split_at_invalid
 from amb_core.identification.data.csv_files import read_csv
 from amb_core.identification.data.dataset import Experiment, Gap, IdentificationData, merge
@@ -9,10 +10,14 @@ from amb_core.identification.data.mat_files import read_mat
 from amb_core.identification.data.npz_files import read_npz
 
 __all__ = [
+    "DataReport",
     "Experiment",
+    "Finding",
     "Gap",
     "IdentificationData",
+    "Severity",
     "advance_inputs",
+    "check_data",
     "decimate",
     "detrend",
     "merge",

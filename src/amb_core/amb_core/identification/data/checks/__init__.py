@@ -1,0 +1,32 @@
+"""Checks of data for identification: each a function with one finding, and all of them at once."""
+
+from amb_core.identification.data.checks.all_checks import check_data
+from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
+from amb_core.identification.data.checks.excitation import check_amount, check_excitation, check_inputs
+from amb_core.identification.data.checks.region import check_region
+from amb_core.identification.data.checks.report import DataReport, Finding, Severity
+from amb_core.identification.data.checks.samples import (
+    check_clipping,
+    check_finite,
+    check_gaps,
+    check_offsets,
+    check_sample_time,
+)
+
+__all__ = [
+    "DataReport",
+    "Finding",
+    "Severity",
+    "check_amount",
+    "check_clipping",
+    "check_data",
+    "check_delay",
+    "check_excitation",
+    "check_feedback",
+    "check_finite",
+    "check_gaps",
+    "check_inputs",
+    "check_offsets",
+    "check_region",
+    "check_sample_time",
+]

@@ -1,0 +1,85 @@
+"""All checks of a data set at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from threadpoolctl import threadpool_limits
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
+from amb_core.identification.data.checks.excitation import check_amount, check_excitation, check_inputs
+from amb_core.identification.data.checks.region import check_region
+from amb_core.identification.data.checks.report import DataReport, Severity
+from amb_core.identification.data.checks.samples import (
+    check_clipping,
+    check_finite,
+    check_gaps,
+    check_offsets,
+    check_sample_time,
+)
+from amb_core.identification.data.conditioning import split_at_invalid
+from amb_core.identification.data.dataset import IdentificationData
+
+if TYPE_CHECKING:
+    from amb_core.regions import RegionParameters
+
+
+def check_data(
+    data: IdentificationData,
+    order: int = 10,
+    *,
+    sample_time: float | None = None,
+    limits: Mapping[str, float] | None = None,
+    regions: RegionParameters | None = None,
+) -> DataReport:
+    """Check whether data can determine a model of an order, and what will make it worse; never raises for bad data.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        The data.
+    order : int
+        Number of states of the model.
+    sample_time : float, optional
+        The sample time expected, as that of the controller (s).
+    limits : mapping of str to float, optional
+        Known limits on the magnitude of signals by name, such as the controller's current limit for i_x and i_y.
+    regions : RegionParameters, optional
+        Thresholds of the classifier of regions.
+
+    Raises
+    ------
+    IdentificationError
+        If the order is below 1.
+    """
+    if order < 1:
+        raise IdentificationError(f"order {order} is not allowed; it must be 1 or more")
+    findings = [check_finite(data), check_gaps(data), check_sample_time(data, sample_time)]
+    if findings[0].severity is Severity.ERROR:
+        try:
+            data = split_at_invalid(data)  # the other checks judge what would be left
+        except IdentificationError:
+            return DataReport(_title(data), tuple(findings))
+    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
+    with threadpool_limits(limits=1, user_api="blas"):
+        findings += [
+            check_amount(data, order),
+            check_inputs(data),
+            check_excitation(data, order),
+            check_clipping(data, limits),
+            check_offsets(data),
+        ]
+        feedback = check_feedback(data)
+        controlled = bool(feedback.where) or all(item.reference is not None for item in data.experiments)
+        findings += [feedback, check_delay(data, feedback=controlled), check_region(data, regions)]
+    return DataReport(_title(data), tuple(findings))
+
+
+def _title(data: IdentificationData) -> str:
+    count = len(data.experiments)
+    return (
+        f"{count} experiment{'s' if count > 1 else ''}, {data.samples} samples of {data.sample_time:g} s; "
+        f"inputs {', '.join(data.input_names)}; outputs {', '.join(data.output_names)}"
+    )

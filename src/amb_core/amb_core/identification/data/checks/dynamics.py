@@ -1,0 +1,210 @@
+"""Checks of how inputs and outputs depend on each other: feedback, delay.
+
+Both use a high-order ARX model, y[k] from the last L values of inputs and outputs: with L long enough its residuals
+are the innovations, in open loop and in closed loop.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, special
+
+from amb_core.identification.data.checks.lagged import centred, rows_of, triangle_of
+from amb_core.identification.data.checks.report import Finding, Severity
+from amb_core.identification.data.dataset import IdentificationData
+
+LEVEL = 0.01  # probability of a false statement of each check
+_LONGEST_LAG = 20
+_ROWS_PER_COLUMN = 8
+_EARLY = 0.1  # share of the largest coefficient that may come before an evident delay
+_LONG_DELAY = 3  # samples, from which on taking the delay out of the data pays
+_NO_RESIDUE = 1e-12  # variance relative to the signal's, below which what is left is rounding
+
+
+def check_feedback(data: IdentificationData) -> Finding:
+    """Whether outputs act on the inputs: whether later inputs help to explain an output.
+
+    Without feedback the innovations of an output are independent of all inputs, those to come included. With it, inputs
+    answer to innovations, so later inputs correlate with what the past and the present input leave of an output. Where
+    that does not show, the present input alone may: that is feedback within the sample or direct feedthrough, which no
+    data can tell apart; it is taken for feedback where there is a reference, hence a controller. F tests at 1 % for all
+    pairs of output and input together.
+
+    References
+    ----------
+    C. A. Sims, Money, income, and causality, Am. Econ. Rev. 62 (1972); P. E. Caines and C. W. Chan, Feedback between
+    stationary stochastic processes, IEEE Trans. Autom. Control 20 (1975).
+    """
+    lags = _lags(data)
+    if lags is None:
+        return Finding("feedback", Severity.INFO, "not judged: too few samples")
+    lead = (lags + 1) // 2
+    m, p = len(data.input_names), len(data.output_names)
+    factor, rows = _factor(data, lags, lead)
+    later, past = np.arange(m * lead), np.arange(m * (lead + 1), factor.shape[1] - p)
+    present = np.arange(m * lead, m * (lead + 1))
+    found = _explained(data, factor, rows, np.concatenate([present, past]), later)
+    if not found and all(item.reference is not None for item in data.experiments):
+        found = _explained(data, factor, rows, past, present)
+    if not found:
+        return Finding(
+            "feedback", Severity.INFO, "none seen (1 % level); where noise is far below the excitation it does not show"
+        )
+    return Finding(
+        "feedback",
+        Severity.INFO,
+        f"inputs answer to the outputs (they explain up to {100.0 * max(found.values()):.2g} % of the innovations)",
+        ", ".join(found),
+        "use ssarx or pem; n4sid, moesp and cva are biased on such data",
+    )
+
+
+def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
+    """Samples after which each output first answers to each input, from the ARX model.
+
+    The delay is the largest d for which the coefficients of all inputs less than d samples old can be zero (F test at
+    1 % for all lags together). With feedback a controller may answer within the sample, so that this test cannot tell
+    an output that does: then one sample is the least.
+
+    References
+    ----------
+    L. Ljung, System Identification, 2nd edition, 1999, sections 16.4 and II.3.
+    """
+    lags = _lags(data)
+    if lags is None:
+        return Finding("delay", Severity.INFO, "not judged: too few samples")
+    m, p = len(data.input_names), len(data.output_names)
+    first = 1 if feedback else 0
+    factor, rows = _factor(data, lags)
+    tested = [_delays(factor, rows, column, m, p, lags, first) for column in range(m)]
+    delays, nearest = [delays for delays, _ in tested], [min(delays) for delays, _ in tested]
+    table = "; ".join(
+        f"{name} to "
+        + ", ".join(
+            f"{output} {'none' if delay > lags else delay}"
+            for output, delay in zip(data.output_names, of_input, strict=True)
+        )
+        for name, of_input in zip(data.input_names, delays, strict=True)
+    )
+    what = f"samples until outputs answer: {table}"
+    silent = [name for name, delay in zip(data.input_names, nearest, strict=True) if delay > lags]
+    if silent:
+        return Finding(
+            "delay",
+            Severity.WARNING,
+            f"no output answers to it within {lags} samples",
+            ", ".join(silent),
+            "excite it more, or leave it out with select",
+        )
+    if 0 in nearest:
+        advance = [-1 if delay == 0 else 0 for delay in nearest]
+        return Finding(
+            "delay",
+            Severity.WARNING,
+            what,
+            advice="models have no direct feedthrough (D = 0): unless a controller answers within the sample, use "
+            f"advance_inputs(data, {advance})",
+        )
+    advance = [delay - 1 if evident else 0 for delay, (_, evident) in zip(nearest, tested, strict=True)]
+    if max(advance) + 1 >= _LONG_DELAY:
+        return Finding(
+            "delay",
+            Severity.WARNING,
+            what,
+            advice=f"dead time costs a state for each sample: take it out with advance_inputs(data, {advance})",
+        )
+    return Finding("delay", Severity.INFO, what)
+
+
+def _lags(data: IdentificationData) -> int | None:
+    """Length of the ARX model; None where the samples do not suffice for two lags."""
+    width = len(data.input_names) + len(data.output_names)
+    longest = max(item.steps for item in data.experiments)
+    lags = min(_LONGEST_LAG, longest // (_ROWS_PER_COLUMN * width + 1))
+    return lags if lags >= 2 else None
+
+
+def _factor(data: IdentificationData, lags: int, lead: int = 0) -> tuple[NDArray[np.float64], int]:
+    """Triangular factor of rows [u[k+lead] ... u[k] ... u[k-lags]  y[k-1] ... y[k-lags]  y[k]], and their number."""
+    matrices = []
+    for u, y in centred(data):
+        if len(u) > lags + lead:
+            inputs = rows_of(u, range(lags + lead + 1))
+            outputs = rows_of(y, range(lags + 1))[: len(inputs)]
+            p = y.shape[1]
+            matrices.append(np.hstack([inputs, outputs[:, p:], outputs[:, :p]]))
+    return triangle_of(matrices)
+
+
+def _explained(
+    data: IdentificationData,
+    factor: NDArray[np.float64],
+    rows: int,
+    known: NDArray[np.intp],
+    tested: NDArray[np.intp],
+) -> dict[str, float]:
+    """Pairs `output to input` of which the tested columns of the input help, and the share that they explain."""
+    m, p = len(data.input_names), len(data.output_names)
+    found = {}
+    for column, name in enumerate(data.input_names):
+        own = tested[column::m]
+        freedom = rows - len(known) - len(own)
+        for row, output in enumerate(data.output_names):
+            added, residual = _added(factor, known, own, factor.shape[1] - p + row)
+            gain = float(added @ added)
+            ratio = gain / len(own) / max(residual / freedom, _NO_RESIDUE)
+            if special.fdtrc(len(own), freedom, ratio) < LEVEL / (m * p):
+                found[f"{output} to {name}"] = gain / (gain + residual)
+    return found
+
+
+def _added(
+    factor: NDArray[np.float64], known: NDArray[np.intp], own: NDArray[np.intp], target: int
+) -> tuple[NDArray[np.float64], float]:
+    """What regressors add to the fit of a target, in order, and the squared sum that is left.
+
+    Squared and summed up, the first of the numbers are what the first of the columns `own` take from the residual of
+    the columns `known`.
+    """
+    turned = linalg.qr(factor[:, [*known, *own, target]], mode="r", check_finite=False)[0]
+    count = len(known) + len(own)
+    return turned[len(known) : count, -1], float(np.sum(turned[count:, -1] ** 2))
+
+
+def _delays(
+    factor: NDArray[np.float64], rows: int, column: int, m: int, p: int, lags: int, first: int
+) -> tuple[list[int], bool]:
+    """Delay from one input to each output, `lags` + 1 where there is no answer, and whether it is evident.
+
+    With the values of this input from the oldest to the most recent, the last of the numbers added are what the most
+    recent ones do. That an answer does not show is no evidence of dead time, as noise may hide it. Evident is a delay
+    before which no coefficient can be a tenth of the largest one.
+    """
+    inputs, outputs = np.arange(m * first, m * (lags + 1)), m * (lags + 1) + np.arange(p * lags)
+    own = inputs[column::m][::-1]
+    known = np.concatenate([outputs, np.setdiff1d(inputs, own)])
+    freedom = rows - len(known) - len(own)
+    numbers = np.arange(1, len(own) + 1)
+    # The part of this input's values that the others do not determine; its inverse tells how noise enters.
+    part = linalg.qr(factor[:, [*known, *own]], mode="r", check_finite=False)[0][len(known) : len(known) + len(own)]
+    part = part[:, len(known) :]
+    inverse, unknown = linalg.pinv(part, check_finite=False), np.abs(np.diag(part)) < _NO_RESIDUE * rows
+    delays, evident = [], True
+    for target in range(factor.shape[1] - p, factor.shape[1]):
+        added, residual = _added(factor, known, own, target)
+        variance = max(residual / freedom, _NO_RESIDUE)
+        ratio = np.cumsum(added[::-1] ** 2) / numbers / variance
+        significant = special.fdtrc(numbers, freedom, ratio) < LEVEL / (m * p * len(own))
+        if not significant.any():
+            delays.append(lags + 1)
+            continue
+        late = int(np.argmax(significant))
+        delays.append(first + late)
+        coefficients = inverse @ added
+        largest = np.abs(coefficients) + 3.0 * math.sqrt(variance) * linalg.norm(inverse, axis=1)
+        early = (largest > _EARLY * np.abs(coefficients).max()) | unknown
+        evident = evident and not early[::-1][:late].any()
+    return delays, evident

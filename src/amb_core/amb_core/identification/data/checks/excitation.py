@@ -1,0 +1,127 @@
+"""Checks of whether the data can determine a model of an order: enough samples, independent and rich inputs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import linalg
+
+from amb_core.identification.data.checks.lagged import centred, rows_of, triangle_of
+from amb_core.identification.data.checks.report import Finding, Severity
+from amb_core.identification.data.dataset import IdentificationData
+
+_PER_PARAMETER = 10  # values for each parameter, below which estimates are poor
+_COLLINEAR = 1e-6  # smallest singular value of the inputs, of unit variance each, that tells them apart
+_NEARLY_COLLINEAR = 0.05
+_EXCITED = 1e-6  # singular value of the lagged inputs, relative to the largest: excitation 120 dB below the strongest
+
+
+def check_amount(data: IdentificationData, order: int) -> Finding:
+    """Samples against what a model of the order needs.
+
+    An innovations form of order n with m inputs and p outputs has n (m + 2 p) parameters (D = 0). A subspace estimate
+    needs as many rows of its data matrix as columns, for a past of n / p + 1 and a future of 2 n steps.
+    """
+    m, p = len(data.input_names), len(data.output_names)
+    horizon = math.ceil(order / p) + 2 * order + 2
+    columns = (m + p) * horizon
+    rows = sum(max(0, item.steps - horizon + 1) for item in data.experiments)
+    parameters = order * (m + 2 * p)
+    short = [index for index, item in enumerate(data.experiments) if item.steps < horizon]
+    if rows < columns:
+        return Finding(
+            "amount",
+            Severity.ERROR,
+            f"{data.samples} samples are too few for order {order}; at least {columns + horizon - 1} are needed",
+            advice="record longer, or ask for a lower order",
+        )
+    if data.samples * p < _PER_PARAMETER * parameters:
+        return Finding(
+            "amount",
+            Severity.WARNING,
+            f"{data.samples} samples of {p} outputs for {parameters} parameters of order {order}",
+            advice=f"record at least {math.ceil(_PER_PARAMETER * parameters / p)} samples, or ask for a lower order",
+        )
+    if short:
+        return Finding(
+            "amount",
+            Severity.WARNING,
+            f"{len(short)} of {len(data.experiments)} experiments have fewer than {horizon} samples and add little",
+            f"experiment {short[0]}" + (" ..." if len(short) > 1 else ""),
+            "leave them out with subset",
+        )
+    return Finding("amount", Severity.INFO, f"{data.samples} samples for {parameters} parameters of order {order}")
+
+
+def check_inputs(data: IdentificationData) -> Finding:
+    """Inputs that do not move, or of which one is a sum of multiples of the others."""
+    constant = [
+        name
+        for column, name in enumerate(data.input_names)
+        if all(np.ptp(item.inputs[:, column]) == 0.0 for item in data.experiments)
+    ]
+    if constant:
+        return Finding(
+            "inputs",
+            Severity.ERROR,
+            "constant",
+            ", ".join(constant),
+            "excite every input, or leave it out with select",
+        )
+    factor, rows = triangle_of([u for u, _ in centred(data)])
+    _, strengths, directions = linalg.svd(factor / math.sqrt(rows))
+    if strengths[-1] < _NEARLY_COLLINEAR:
+        weights = directions[-1] / np.abs(directions[-1]).max()
+        names = [name for name, weight in zip(data.input_names, weights, strict=True) if abs(weight) > 0.1]
+        refused = strengths[-1] < _COLLINEAR
+        return Finding(
+            "inputs",
+            Severity.ERROR if refused else Severity.WARNING,
+            "one is a sum of multiples of the others"
+            if refused
+            else f"nearly a sum of multiples of each other, but for {100.0 * strengths[-1]:.1g} %",
+            ", ".join(names),
+            "excite them one after another, or with independent signals",
+        )
+    return Finding("inputs", Severity.INFO, f"{len(data.input_names)} independent inputs")
+
+
+def check_excitation(data: IdentificationData, order: int) -> Finding:
+    """Order of persistent excitation of the inputs against the order of the model.
+
+    Inputs are persistently exciting of order L if the matrix of L lagged inputs has full rank. Order 2 n is enough for
+    any model of order n; with p outputs that share its states evenly 2 n / p is. What feedback of noise adds counts.
+
+    References
+    ----------
+    L. Ljung, System Identification, 2nd edition, 1999, section 13.2.
+    """
+    p = len(data.output_names)
+    wanted, least = 2 * order, 2 * math.ceil(order / p)
+    m = len(data.input_names)
+    usable = min(wanted, max(item.steps for item in data.experiments) // (2 * m))
+    if usable < least:
+        return Finding("excitation", Severity.INFO, "not judged: too few samples")
+    factor, _ = triangle_of([rows_of(u, range(usable)) for u, _ in centred(data)])
+    reached = usable
+    while reached and _weakest(factor[: m * reached, : m * reached]) < _EXCITED:
+        reached -= 1
+    if reached >= wanted:
+        return Finding("excitation", Severity.INFO, f"persistently exciting of order {reached} or more")
+    what = f"persistently exciting of order {reached} only; order {order} needs {least} to {wanted}"
+    if reached >= usable:
+        return Finding("excitation", Severity.INFO, f"persistently exciting of order {reached} or more")
+    return Finding(
+        "excitation",
+        Severity.ERROR if reached < least else Severity.WARNING,
+        what,
+        ", ".join(data.input_names),
+        f"use more frequencies (multisine, PRBS, sweep), or ask for order {max(1, reached // 2)}",
+    )
+
+
+def _weakest(factor: np.ndarray) -> float:
+    """Smallest singular value relative to the largest."""
+    strengths = linalg.svdvals(factor, check_finite=False)
+    return float(strengths[-1] / strengths[0]) if strengths[0] > 0.0 else 0.0

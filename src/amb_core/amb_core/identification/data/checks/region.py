@@ -1,0 +1,50 @@
+"""Check of the region of operation: a linear model holds in region A only."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from amb_core.errors import AmbError
+from amb_core.identification.data.checks.report import Finding, Severity
+from amb_core.identification.data.dataset import IdentificationData
+
+if TYPE_CHECKING:
+    from amb_core.regions import Onset, Region, RegionParameters
+
+_MEANING = {"B": "the bias drifts", "C": "slow oscillation", "D": "delevitated"}
+
+
+def check_region(data: IdentificationData, parameters: RegionParameters | None = None) -> Finding:
+    """Regions that the classifier finds in the records of the loop; see `amb_core.regions`.
+
+    Judged are data with two positions in m, two currents in A and the reference, at a rate that the classifier takes.
+    What detrending took away is added again, since the backup bearing stands about the centre.
+    """
+    from amb_core.regions import classify  # loads filters, which programs that only estimate should not wait for
+
+    found: list[tuple[Region, int, Onset]] = []
+    judged = False
+    for index in range(len(data.experiments)):
+        try:
+            classification = classify(data.record(index), parameters)
+        except AmbError as reason:
+            return Finding("region", Severity.INFO, f"not judged: {reason}")
+        judged = judged or any(state.settled for state in classification.states)
+        found += [(region, index, onset) for region, onset in classification.onsets.items()]
+    if found:
+        region, index, onset = max(found, key=lambda item: item[0])
+        frequency = "" if math.isnan(onset.input_frequency) else f" at {onset.input_frequency:.0f} Hz"
+        first = min((entry for entry in found if entry[1] == index), key=lambda entry: entry[2].step)[2]
+        resonance = region.name == "D" and onset.resonance
+        return Finding(
+            "region",
+            Severity.WARNING,
+            f"region {region.name} ({_MEANING[region.name]}) from step {onset.step} ({onset.time:.3f} s){frequency}",
+            f"experiment {index}",
+            f"a linear model holds in region A only: keep the steps before {first.step} (window)"
+            + (", or excite the resonance less" if resonance else ", or excite less"),
+        )
+    if not judged:
+        return Finding("region", Severity.INFO, "not judged: the record is too short")
+    return Finding("region", Severity.INFO, "region A throughout")

@@ -1,0 +1,204 @@
+"""Checks of the samples themselves: finite, gaps, sample time, clipping, offsets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.identification.data.checks.report import Finding, Severity
+from amb_core.identification.data.dataset import IdentificationData
+
+_SHORT_GAP = 100  # steps: one block of telemetry
+_HELD_SHARE = 0.4  # of samples equal to the one before in all outputs, from which on the outputs are held
+_FLAT_RUN = 3  # samples in a row at an extreme value
+_PILE = 5  # times as often as the next value, for a value to be where a signal is cut off
+_FEW_VALUES = 16  # of a signal that has levels, such as a square or PRBS
+_DRIFT = 0.25  # share of the variance that a line over an experiment explains
+
+
+def check_finite(data: IdentificationData) -> Finding:
+    """NaN and infinite values; they rule out every method."""
+    wrong = 0
+    where = ""
+    for index, item in enumerate(data.experiments):
+        invalid = ~np.isfinite(item.signals)
+        wrong += int(invalid.any(axis=1).sum())
+        if invalid.any() and not where:
+            row, column = np.argwhere(invalid)[0]
+            names = [*data.input_names, *data.output_names, *(f"reference of {name}" for name in data.output_names)]
+            where = f"{names[column]}, first at step {item.first_step + row} of experiment {index}"
+    if not wrong:
+        return Finding("finite", Severity.INFO, "all values are finite")
+    return Finding(
+        "finite",
+        Severity.ERROR,
+        f"{wrong} of {data.samples} samples hold NaN or infinite values",
+        where,
+        "leave them out with split_at_invalid",
+    )
+
+
+def check_gaps(data: IdentificationData) -> Finding:
+    """Missing samples between experiments of one run; each experiment costs an initial state of its own."""
+    gaps = data.gaps
+    if not gaps:
+        return Finding("gaps", Severity.INFO, "no samples are missing")
+    missing = sum(gap.steps for gap in gaps)
+    short = sum(gap.steps < _SHORT_GAP for gap in gaps)
+    return Finding(
+        "gaps",
+        Severity.WARNING,
+        f"{len(gaps)} gaps of {missing} samples in all, {short} of them shorter than {_SHORT_GAP}",
+        ", ".join(f"steps {gap.first_step} to {gap.stop - 1}" for gap in gaps[:3]) + (" ..." if len(gaps) > 3 else ""),
+        "each part has an initial state of its own; if this happens often, record telemetry instead of single samples",
+    )
+
+
+def check_sample_time(data: IdentificationData, expected: float | None = None) -> Finding:
+    """The sample time against the one expected, and whether the outputs look sampled more slowly than they say.
+
+    Outputs that repeat in all channels at once are held by something slower than the record, as when a record at the
+    controller's rate is resampled to a higher one: a model of them describes the hold, not the plant.
+    """
+    sample_time = data.sample_time
+    if expected is not None and abs(sample_time - expected) > 1e-6 * expected:
+        return Finding(
+            "sample time",
+            Severity.ERROR,
+            f"{sample_time:g} s, but {expected:g} s is expected",
+            advice=f"decimate by {expected / sample_time:.0f}"
+            if expected > 1.5 * sample_time
+            else "take data at the rate of the controller, or set its rate right",
+        )
+    moves, pairs = 0, 0
+    for item in data.experiments:
+        moves += int(np.any(np.diff(item.outputs, axis=0) != 0.0, axis=1).sum())
+        pairs += item.steps - 1
+    held = 1.0 - moves / pairs if pairs else 0.0
+    if moves and held > _HELD_SHARE:
+        factor = max(2, round(pairs / moves))
+        return Finding(
+            "sample time",
+            Severity.WARNING,
+            f"{100.0 * held:.0f} % of the samples repeat the one before in all outputs, as if each were held for "
+            f"{factor} samples of {sample_time:g} s",
+            "outputs",
+            f"if they were recorded every {factor * sample_time:g} s, keep every {factor}. sample; else the sensor is "
+            "too coarse for this excitation",
+        )
+    return Finding("sample time", Severity.INFO, f"{sample_time:g} s")
+
+
+def check_clipping(data: IdentificationData, limits: Mapping[str, float] | None = None) -> Finding:
+    """Signals at a known limit, and flat tops: many samples in a row at exactly the largest or the smallest value.
+
+    A value is taken for a cut when it occurs in runs of three samples and five times as often as the next value;
+    quantised signals turn round with less. Signals of few levels (squares, PRBS) are left out.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        The data.
+    limits : mapping of str to float, optional
+        Known limits on the magnitude of signals by name, in their units; offsets taken away are counted in.
+    """
+    found: list[str] = []
+    outputs_cut = False
+    for name, signal, offset in _signals(data):
+        limit = (limits or {}).get(name)
+        at_limit = None if limit is None else np.abs(signal + offset) >= limit * (1.0 - 1e-9)
+        share = float(np.mean(at_limit)) if at_limit is not None else _cut_share(signal)
+        if share > 0.0:
+            reason = "at the limit" if at_limit is not None else "at a flat top"
+            found.append(f"{name} {100.0 * share:.2g} % {reason}")
+            outputs_cut = outputs_cut or name in data.output_names
+    if not found:
+        return Finding("clipping", Severity.INFO, "no signal is cut off")
+    advice = (
+        "the sensor cannot see these samples: reduce the excitation, or leave them out"
+        if outputs_cut
+        else "inputs recorded behind the limit are still the true ones; if these are not, reduce the excitation"
+    )
+    return Finding("clipping", Severity.WARNING, f"cut off: {', '.join(found)} of the samples", advice=advice)
+
+
+def check_offsets(data: IdentificationData) -> Finding:
+    """Means and drift: identification takes the mean of each signal away, which is right for one operating point."""
+    drifting, apart = [], []
+    for kind in ("input", "output"):
+        for column, name in enumerate(getattr(data, f"{kind}_names")):
+            parts = [getattr(item, f"{kind}s")[:, column] for item in data.experiments]
+            if any(_line_share(part) > _DRIFT for part in parts):
+                drifting.append(name)
+            spread = max(float(np.ptp(part)) for part in parts)
+            if np.ptp([part.mean() for part in parts]) > 0.5 * spread > 0.0:
+                apart.append(name)
+    if drifting:
+        return Finding(
+            "offsets",
+            Severity.WARNING,
+            f"a straight line explains more than {100.0 * _DRIFT:.0f} % of the variance",
+            ", ".join(drifting),
+            "the operating point drifts: take it away with detrend(data, 'linear'), or choose a part without drift",
+        )
+    if apart:
+        return Finding(
+            "offsets",
+            Severity.WARNING,
+            "the means of the experiments differ by more than half of what the signals span",
+            ", ".join(apart),
+            "the experiments have different operating points: detrend each by itself, and expect the plant to differ",
+        )
+    means = np.concatenate([data.input_offset, data.output_offset]) + np.average(
+        [np.hstack([item.inputs, item.outputs]).mean(axis=0) for item in data.experiments],
+        axis=0,
+        weights=[item.steps for item in data.experiments],
+    )
+    labels = zip((*data.input_names, *data.output_names), means, (*data.input_units, *data.output_units), strict=True)
+    return Finding(
+        "offsets",
+        Severity.INFO,
+        "operating point " + ", ".join(f"{name} {mean:.4g} {unit}".strip() for name, mean, unit in labels),
+    )
+
+
+def _signals(data: IdentificationData) -> Iterator[tuple[str, NDArray[np.float64], NDArray[np.float64]]]:
+    """Name, samples of all experiments and what detrending took away, of each input and output."""
+    for kind in ("input", "output"):
+        for column, name in enumerate(getattr(data, f"{kind}_names")):
+            yield (
+                name,
+                np.concatenate([getattr(item, f"{kind}s")[:, column] for item in data.experiments]),
+                np.concatenate(
+                    [
+                        getattr(item, f"{kind}_trend")[0, column]
+                        + getattr(item, f"{kind}_trend")[1, column] * item.time(data.sample_time)
+                        for item in data.experiments
+                    ]
+                ),
+            )
+
+
+def _cut_share(signal: NDArray[np.float64]) -> float:
+    """Share of the samples at a largest or smallest value where the signal is cut off."""
+    values, counts = np.unique(signal, return_counts=True)
+    if len(values) <= _FEW_VALUES:
+        return 0.0
+    cut = 0
+    for extreme, neighbour in ((-1, -2), (0, 1)):
+        at = np.concatenate([[0], signal == values[extreme], [0]]).astype(np.int8)
+        runs = np.flatnonzero(np.diff(at) == -1) - np.flatnonzero(np.diff(at) == 1)
+        if runs.max() >= _FLAT_RUN and counts[extreme] >= _PILE * counts[neighbour]:
+            cut += int(counts[extreme])
+    return cut / len(signal)
+
+
+def _line_share(signal: NDArray[np.float64]) -> float:
+    """Share of the variance that a straight line explains."""
+    time = np.arange(len(signal)) - 0.5 * (len(signal) - 1)
+    rest = signal - signal.mean()
+    rest = rest / (np.abs(rest).max() or 1.0)  # so that no square over- or underflows
+    variance = float(rest @ rest)
+    return float((time @ rest) ** 2 / (time @ time) / variance) if variance > 0.0 and len(signal) > 2 else 0.0
