@@ -39,7 +39,7 @@ class RegionWatch:
     """
 
     def __init__(self, parameters: RegionParameters, publish_period: float) -> None:
-        self._parameters = parameters
+        self._thresholds = parameters
         self._period = publish_period
         self.run: int | None = None
         self.sample_time = 0.0
@@ -88,7 +88,7 @@ class RegionWatch:
         self.run, self.sample_time = run, block.sample_time
         self.state, self.problem = None, ""
         self._classifier = None
-        self._classifier = RegionClassifier(self._parameters, block.sample_time)
+        self._classifier = RegionClassifier(self._thresholds, block.sample_time)
         self._next = block.first_step
         self._told_periods = -1
 

@@ -96,11 +96,13 @@ class Graph:
         self.node.destroy_client(client)
         return future.result()
 
-    def wait_until(self, condition: Callable[[], object], what: str = "the condition") -> None:
+    def wait_until(
+        self, condition: Callable[[], object], what: str = "the condition", timeout: float = TIMEOUT
+    ) -> None:
         """Wait until a condition holds, and fail if it does not in time."""
-        deadline = time.monotonic() + TIMEOUT
+        deadline = time.monotonic() + timeout
         while not condition():
-            assert time.monotonic() < deadline, f"{what} did not come within {TIMEOUT} s"
+            assert time.monotonic() < deadline, f"{what} did not come within {timeout} s"
             time.sleep(0.005)
 
     def close(self) -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tests.graph.conftest import Graph
 
 MONITOR = "amb_ident_node.region_monitor"
+MAP_TIMEOUT = 60.0  # s; on a busy machine the processes of the cluster take their time
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus
 SMALL_MAP = {
     "amplitude_low": 50e-6,
@@ -43,7 +44,7 @@ class MapBuilder:
         self.maps: list[RegionMap] = []
         graph.environment["XDG_CACHE_HOME"] = str(graph.folder / "cache")
         graph.node.create_subscription(RegionMap, "/amb/region_map", self.maps.append, LATCHED)
-        self.start()
+        self.process = graph.start(MONITOR, parameters={"parameter_timeout": 0.1})
         graph.start("amb_controller_node.excitation_generator", parameters={"parameter_timeout": 0.1})
         self.action = ActionClient(graph.node, BuildMap, "/amb/region_monitor/build_map")
         self.parameter_file = graph.folder / "heavy.yaml"
@@ -51,9 +52,6 @@ class MapBuilder:
             "/amb/simulator: {ros__parameters: {rotor.mass: 6.5, autostart: true}}\n"
             "/amb/pd_controller: {ros__parameters: {proportional_gain: 21000.0, telemetry_block: 10}}\n"
         )
-
-    def start(self) -> None:
-        self.process = self.graph.start(MONITOR, parameters={"parameter_timeout": 0.1})
 
     def send(self, **goal: Any) -> tuple[Any, list[Any]]:
         """Send a goal; its handle, and the feedback as it comes."""
@@ -68,7 +66,7 @@ class MapBuilder:
 
     def result(self, handle: Any) -> tuple[int, Any]:
         ended = handle.get_result_async()
-        self.graph.wait_until(ended.done, "the result")
+        self.graph.wait_until(ended.done, "the result", MAP_TIMEOUT)
         return ended.result().status, ended.result().result
 
     def preview(self, **request: Any) -> Any:
@@ -119,7 +117,7 @@ def test_a_map_is_built_with_feedback_and_serves_the_preview(builder: MapBuilder
 
 def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
     handle, feedback = builder.send(**SMALL_MAP | {"amplitude_low": 30e-6, "initial_sweeps": 40, "max_sweeps": 40})
-    builder.graph.wait_until(lambda: feedback and feedback[-1].done, "the first sweep")
+    builder.graph.wait_until(lambda: feedback and feedback[-1].done, "the first sweep", MAP_TIMEOUT)
     handle.cancel_goal_async()
     status, result = builder.result(handle)
     assert (status, result.success) == (CANCELED, False)
@@ -129,7 +127,7 @@ def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
     assert not result.map.complete
 
     handle, feedback = builder.send(**SMALL_MAP | {"amplitude_low": 30e-6, "initial_sweeps": 40, "max_sweeps": 40})
-    builder.graph.wait_until(lambda: any(told.reused >= kept for told in feedback), "what is there already")
+    builder.graph.wait_until(lambda: any(told.reused >= kept for told in feedback), "what is there", MAP_TIMEOUT)
     handle.cancel_goal_async()
     builder.result(handle)
 
@@ -143,7 +141,6 @@ def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
         ({"amplitude_high": 300e-6}, "beyond the clearance"),
         ({"spacing": "square"}, "'spacing' = 'square' is not allowed; allowed: one of linear, logarithmic"),
         ({"path": "/nowhere/map.json"}, "path = '/nowhere/map.json' is not allowed"),
-        ({"scheduler": "tcp://127.0.0.1:9"}, "scheduler tcp://127.0.0.1:9"),
     ],
 )
 def test_a_bad_goal_is_aborted_with_the_reason(builder: MapBuilder, goal: dict[str, Any], reason: str) -> None:
@@ -161,11 +158,9 @@ def test_a_map_of_a_loop_that_does_not_run_is_refused(builder: MapBuilder) -> No
     assert "node /amb/simulator did not tell its parameters within 0.1 s; is it running?" in result.message
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_node_in_the_middle_of_a_map(builder: MapBuilder, number: signal.Signals) -> None:
+def test_a_signal_ends_the_node_in_the_middle_of_a_map(builder: MapBuilder) -> None:
     _, feedback = builder.send(**SMALL_MAP | {"amplitude_low": 20e-6, "initial_sweeps": 40, "max_sweeps": 40})
-    builder.graph.wait_until(lambda: feedback, "the start of the map")
-    code, errors = builder.graph.stop(builder.process, number)
+    builder.graph.wait_until(lambda: feedback, "the start of the map", MAP_TIMEOUT)
+    code, errors = builder.graph.stop(builder.process, signal.SIGINT)
     assert code == 0, errors
     assert "Traceback" not in errors
-    builder.start()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 import subprocess
 import sys
 from array import array
@@ -194,9 +195,11 @@ def played(
     with open_graph(tmp_path_factory.mktemp("played")) as graph:
         loop, listener = Loop(graph), Listener(graph)
         bearing = watch_bearing(graph)
-        graph.start(MONITOR)
+        process = graph.start(MONITOR)
         graph.wait_until(listener.subscription.get_publisher_count, "the monitor")
         yield loop, listener, bearing
+        code, errors = graph.stop(process, signal.SIGTERM)
+        assert code == 0, errors
 
 
 def test_states_do_not_depend_on_the_blocks(played: tuple[Loop, Listener, Any], drifting: LoopRecord) -> None:

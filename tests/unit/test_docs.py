@@ -16,11 +16,13 @@ from types import ModuleType
 import pytest
 
 import amb_core
+from amb_bringup.client import NODES
 from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
 from amb_core.excitation import KINDS, Excitation
 from amb_core.parameters import Declaration, Parameters, declarations
 from amb_ident_node.identifier import IdentifierParameters
 from amb_ident_node.recorder import RecorderParameters
+from amb_ident_node.region_monitor import RegionMonitorParameters
 from amb_ros import topics
 from amb_sim_node.parameters import SimulatorParameters
 
@@ -29,7 +31,7 @@ NODE_PACKAGES = ("amb_sim_node", "amb_controller_node", "amb_ident_node")
 PACKAGES = ("amb_msgs", *NODE_PACKAGES, "src/amb_core", "src/amb_ros", "src/amb_bringup")
 READMES = [ROOT / "README.md", *(ROOT / package / "README.md" for package in PACKAGES)]
 SECTIONS = ["Purpose", "Design", "Assumptions and known limits", "Inputs and outputs", "Parameters", "Examples"]
-UNITS = {"-", "A", "A, m", "Hz", "N", "T", "m", "m/A", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
+UNITS = {"-", "A", "A, m", "Hz", "N", "T", "m", "m/A", "m/s", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
 
 TABLE = re.compile(r"(<!-- parameters: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 TOPIC_NAMES = {name: value for name, value in vars(topics).items() if name.isupper() and name != "NAMESPACE"}
@@ -68,6 +70,7 @@ TABLES: dict[str, tuple[Callable[[type[Parameters]], str], type[Parameters]]] = 
             PdControllerParameters,
             GeneratorParameters,
             RecorderParameters,
+            RegionMonitorParameters,
             IdentifierParameters,
         )
     },
@@ -173,12 +176,12 @@ def sources(package: str) -> dict[str, str]:
     return {path.stem: path.read_text() for path in sorted((ROOT / package).glob("amb_*/*.py"))}
 
 
-def services(package: str) -> dict[str, str]:
-    """Full relative names and types of the services that the nodes of a package create."""
+def calls(package: str, kind: str) -> dict[str, str]:
+    """Full relative names and types of the services or actions (`kind`) that the nodes of a package create."""
     return {
-        f"{node}/{name}": kind
+        f"{node}/{name}": message_type
         for node, text in sources(package).items()
-        for kind, name in re.findall(r'create_service\(\s*self, (\w+), "~/(\w+)"', text)
+        for message_type, name in re.findall(rf'create_{kind}\(\s*self, (\w+), "~/(\w+)"', text)
     }
 
 
@@ -199,15 +202,16 @@ def test_message_types_in_the_readme_are_those_of_the_code(package: str) -> None
         assert re.search(rf"\b{kind.rsplit('/', 1)[-1]}\b", code) or topic == "/diagnostics"
 
 
+@pytest.mark.parametrize("kind", ["service", "action"])
 @pytest.mark.parametrize("package", NODE_PACKAGES)
-def test_services_in_the_readme_are_those_of_the_nodes(package: str) -> None:
-    assert documented(package, "service") == services(package)
+def test_services_and_actions_in_the_readme_are_those_of_the_nodes(package: str, kind: str) -> None:
+    assert documented(package, kind) == calls(package, kind)
 
 
 def test_names_in_the_top_readme_exist() -> None:
-    every_service = {name for package in NODE_PACKAGES for name in services(package)}
-    named = set(re.findall(r"`((?:simulator|pd_controller|excitation_generator|recorder|identifier)/\w+)`", _top()))
-    assert named == every_service | {topics.SIMULATOR_STATE}
+    called = {name for package in NODE_PACKAGES for kind in ("service", "action") for name in calls(package, kind)}
+    nodes = "|".join(NODES)
+    assert set(re.findall(rf"`((?:{nodes})/\w+)`", _top())) == called | {topics.SIMULATOR_STATE}
     for topic in TOPIC_NAMES.values():
         assert f"`{topic}`" in _top()
 
@@ -238,7 +242,9 @@ def fields_with_comments(path: Path) -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(
-    "path", sorted((ROOT / "amb_msgs").glob("[ms][sr][gv]/*.[ms][sr][gv]")), ids=lambda path: path.name
+    "path",
+    [path for kind in ("msg", "srv", "action") for path in sorted((ROOT / "amb_msgs" / kind).glob(f"*.{kind}"))],
+    ids=lambda path: path.name,
 )
 def test_every_field_of_a_message_has_its_unit(path: Path) -> None:
     for field, comment in fields_with_comments(path):

@@ -24,7 +24,7 @@ LAUNCH_FOLDER = Path(__file__).parents[2] / "src" / "amb_bringup" / "launch"
 NODES = {
     "amb_sim_node": ["simulator"],
     "amb_controller_node": ["pd_controller", "excitation_generator"],
-    "amb_ident_node": ["recorder", "identifier"],
+    "amb_ident_node": ["recorder", "region_monitor", "identifier"],
     "amb_bringup": ["composed_loop"],
 }
 POLITE = "trap 'echo bye; exit 0' INT; echo ready $ROS_DOMAIN_ID; while true; do sleep 0.02; done"
@@ -86,8 +86,8 @@ def node(**extra: object) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("file", "names"),
     [
-        ("bearing", ["simulator", "pd_controller", "excitation_generator", "recorder", "identifier"]),
-        ("composed", ["composed_loop", "excitation_generator", "recorder", "identifier"]),
+        ("bearing", ["simulator", "pd_controller", "excitation_generator", "recorder", "region_monitor", "identifier"]),
+        ("composed", ["composed_loop", "excitation_generator", "recorder", "region_monitor", "identifier"]),
     ],
 )
 def test_shipped_launch_files_describe_the_whole_graph(bench: Path, file: str, names: list[str]) -> None:
@@ -240,11 +240,11 @@ def amb(*arguments: str) -> subprocess.Popen[str]:
 def test_amb_up_shows_all_nodes_and_ends_cleanly(bench: Path, number: signal.Signals) -> None:
     process = amb("up")
     assert process.stdout is not None
-    ready = {process.stdout.readline().strip() for _ in range(5)}
-    assert ready == {f"[{name}] ready 42" for names in NODES.values() for name in names if name != "composed_loop"}
+    expected = {f"[{name}] ready 42" for names in NODES.values() for name in names if name != "composed_loop"}
+    assert {process.stdout.readline().strip() for _ in expected} == expected
     process.send_signal(number)
     rest, _ = process.communicate(timeout=10.0)
-    assert rest.count("bye") == 5
+    assert rest.count("bye") == len(expected)
     assert process.returncode == 0
 
 

@@ -1,0 +1,72 @@
+"""Regions and region maps as messages and back."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from builtin_interfaces.msg import Time
+
+from amb_core.errors import RegionError
+from amb_core.messages import map_settings_from_message, region_map_from_message, region_state_from_message
+from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap
+from amb_core.regions import AxisState, Onset, Region, RegionState
+from amb_msgs.action import BuildMap
+from amb_msgs.msg import RegionState as RegionStateMessage
+from amb_ros.region_maps import region_map_to_message
+from amb_ros.regions import region_state_to_message
+
+
+def axis(region: Region, seed: float) -> AxisState:
+    features = [seed * number for number in range(1, 9)]
+    return AxisState(region, Onset(5, 5e-4, math.nan, True), *features, sampling_beat=True)
+
+
+@pytest.fixture
+def region_map() -> RegionMap:
+    sweeps = (
+        MapSweep(1e-5, {Region.C: Boundary(2_000.0, False)}, ((500.0, 510.5), (700.0, 720.0)), 5_000.0, 210_000),
+        MapSweep(3e-5, {Region.B: Boundary(1 / 3, False), Region.D: Boundary(400.0, True)}, (), 400.0, 30_000),
+    )
+    return RegionMap(MapSettings(amplitude_low=1e-5), sweeps, {"plant": {"rotor": {"mass": 6.25}}}, False)
+
+
+def test_a_state_comes_back_as_it_was() -> None:
+    state = RegionState(
+        12_345, axis(Region.A, 1.5), axis(Region.C, -0.1), Region.C, Onset(5, 5e-4, 330.0, False), 1e-4, True
+    )
+    message = region_state_to_message(state, run=3, sample_time=1e-4)
+    assert (message.run, message.header.stamp.sec, message.header.stamp.nanosec) == (3, 1, 234_500_000)
+    assert repr(region_state_from_message(message)) == repr(state)
+
+
+def test_regions_have_the_numbers_of_the_library() -> None:
+    assert {region.name: getattr(RegionStateMessage, region.name) for region in Region} == Region.__members__
+
+
+def test_a_map_comes_back_as_it_was(region_map: RegionMap) -> None:
+    assert region_map_from_message(region_map_to_message(region_map, Time(sec=1))) == region_map
+
+
+def test_a_message_that_holds_no_map_is_refused(region_map: RegionMap) -> None:
+    message = region_map_to_message(region_map, Time())
+    message.resonance_b = [True]
+    with pytest.raises(RegionError, match="region map of 2 sweeps: the message is none"):
+        region_map_from_message(message)
+    message = region_map_to_message(region_map, Time())
+    message.settings = "{}{"
+    with pytest.raises(RegionError, match="the message is none"):
+        region_map_from_message(message)
+
+
+def test_an_empty_goal_asks_for_the_defaults() -> None:
+    assert map_settings_from_message(BuildMap.Goal()) == MapSettings()
+    goal = BuildMap.Goal(amplitude_high=50e-6, rest=0.0, axes="both", max_sweeps=12)
+    assert map_settings_from_message(goal) == MapSettings(amplitude_high=50e-6, rest=0.0, axes="both", max_sweeps=12)
+    with pytest.raises(RegionError, match=r"'resolution' = 2\.0 is not allowed"):
+        map_settings_from_message(BuildMap.Goal(resolution=2.0))
+
+
+def test_the_goal_has_all_settings_of_a_map() -> None:
+    others = {"parameter_file", "scheduler", "path"}
+    assert set(BuildMap.Goal.get_fields_and_field_types()) == set(MapSettings.model_fields) | others
