@@ -51,9 +51,13 @@ def test_the_unstable_poles_of_the_bearing_are_found(bearing: LinearBearing, ord
     assert np.log(found) == pytest.approx(np.log(bearing.model.unstable_poles()), rel=0.05)
 
 
+@pytest.mark.parametrize("method", ["n4sid", "moesp", "cva"])
 @pytest.mark.parametrize("order", [6, 8, 10])
-def test_a_model_of_a_linear_bearing_is_nearly_perfect_in_closed_loop(bearing: LinearBearing, order: int) -> None:
-    result = identify(bearing.experiment(), order)
+def test_a_model_of_a_linear_bearing_is_nearly_perfect_in_closed_loop(
+    bearing: LinearBearing, method: str, order: int
+) -> None:
+    result = identify(bearing.experiment(), order, method)
+    assert result.model.method == method
     assert np.all(result.model.fit > 99.9)
     assert result.stable
     assert result.simulation is not None
@@ -152,7 +156,9 @@ def test_block_rows_must_exceed_the_order(bearing: LinearBearing) -> None:
 
 
 def test_an_unknown_method_is_refused(bearing: LinearBearing) -> None:
-    with pytest.raises(IdentificationError, match="unknown method 'magic'; allowed: n4sid, ssarx, pem"):
+    with pytest.raises(
+        IdentificationError, match="unknown method 'magic'; allowed: pem, ssarx, pbsid, cva, n4sid, moesp"
+    ):
         identify(bearing.experiment(), method="magic")
 
 

@@ -5,10 +5,14 @@
 """
 
 from amb_core.identification.closed_loop import closed_loop_poles, simulate_closed_loop
+from amb_core.identification.conversion import predictor, to_continuous, to_scipy
+from amb_core.identification.cva import cva
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.identify import METHODS, Identification, identify
 from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.pbsid import pbsid
 from amb_core.identification.pem import pem
+from amb_core.identification.reduction import Reduction, reduce_balanced
 from amb_core.identification.ssarx import ssarx
 from amb_core.identification.subspace import n4sid
 from amb_core.identification.validation import nrmse_fit
@@ -17,12 +21,19 @@ __all__ = [
     "METHODS",
     "Identification",
     "IdentificationData",
+    "Reduction",
     "StateSpaceModel",
     "closed_loop_poles",
+    "cva",
     "identify",
     "n4sid",
     "nrmse_fit",
+    "pbsid",
     "pem",
+    "predictor",
+    "reduce_balanced",
     "simulate_closed_loop",
     "ssarx",
+    "to_continuous",
+    "to_scipy",
 ]

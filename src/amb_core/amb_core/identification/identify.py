@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles, simulate_closed_loop
+from amb_core.identification.cva import cva
 from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.pbsid import pbsid
 from amb_core.identification.pem import pem
 from amb_core.identification.ssarx import ssarx
 from amb_core.identification.subspace import n4sid_horizons
@@ -19,10 +22,15 @@ from amb_core.identification.validation import nrmse_fit
 from amb_core.records import LoopRecord
 
 
-def _ssarx(
-    inputs: NDArray[np.float64], outputs: NDArray[np.float64], sample_time: float, order: int, source: str
+def _one(
+    method: Callable[..., StateSpaceModel],
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+    sample_time: float,
+    order: int,
+    source: str,
 ) -> list[StateSpaceModel]:
-    return [ssarx(inputs, outputs, sample_time, order, source=source)]
+    return [method(inputs, outputs, sample_time, order, source=source)]
 
 
 def _pem(
@@ -32,7 +40,14 @@ def _pem(
 
 
 # A method answers with one or more models of the order asked for.
-METHODS: dict[str, Callable[..., list[StateSpaceModel]]] = {"n4sid": n4sid_horizons, "ssarx": _ssarx, "pem": _pem}
+METHODS: dict[str, Callable[..., list[StateSpaceModel]]] = {
+    "pem": _pem,
+    "ssarx": partial(_one, ssarx),
+    "pbsid": partial(_one, pbsid),
+    "cva": partial(_one, cva),
+    "n4sid": partial(n4sid_horizons, method="n4sid"),
+    "moesp": partial(n4sid_horizons, method="moesp"),
+}
 
 
 @dataclass(frozen=True)
@@ -93,7 +108,7 @@ def identify(
     order : int
         Number of states.
     method : str
-        One of `METHODS`: `pem` starts from `ssarx`.
+        One of `METHODS`; `pem` starts from `ssarx`.
     controller : ControllerParameters, optional
         The controller of the experiment; the paper's by default.
     source : str

@@ -30,6 +30,7 @@ _MOST_ITERATIONS = 22
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
 _FIRST_DAMPING = 0.1  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix; less is refused more often
 _LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
+_REDUNDANT = 1e-6  # singular value of a direction, relative to the largest, below which it changes coordinates only
 _LEAST_DAMPING = 1e-12  # likewise; redundant coordinates need some
 
 
@@ -100,8 +101,8 @@ def _minimise(
     if progress is not None:
         progress(iteration, cost)
     while iteration < most_iterations:
-        step, promised = _damped_step(fit, damping)
-        if not promised >= _LEAST_GAIN:
+        step, promised, possible = _damped_step(fit, damping)
+        if not possible >= _LEAST_GAIN:
             break
         iteration += 1
         trial = _try(fit.modes.moved(step), data, _weight(fit.covariance))
@@ -116,8 +117,8 @@ def _minimise(
     return fit
 
 
-def _damped_step(fit: Fit, damping: float) -> tuple[NDArray[np.float64], float]:
-    """Levenberg-Marquardt step, and the relative decrease of the sum of squares that it promises."""
+def _damped_step(fit: Fit, damping: float) -> tuple[NDArray[np.float64], float, float]:
+    """Levenberg-Marquardt step, and the decrease of the sum of squares promised by it and without damping, relative."""
     scale = np.linalg.norm(fit.sensitivity, axis=0)
     scale = np.maximum(scale, 1e-8 * scale.max() + np.finfo(float).tiny)
     left, singular, right = linalg.svd(fit.sensitivity / scale, full_matrices=False, check_finite=False)
@@ -125,7 +126,9 @@ def _damped_step(fit: Fit, damping: float) -> tuple[NDArray[np.float64], float]:
     level = damping * singular[0] ** 2
     step = right.T @ (singular / (singular**2 + level) * along) / scale
     kept = level / (singular**2 + level)  # share of the errors that stays, per direction
-    return step, float(np.sum((1.0 - kept**2) * along**2) / np.sum(fit.errors**2))
+    squares = float(np.sum(fit.errors**2))
+    certain = singular > _REDUNDANT * singular[0]
+    return step, float(np.sum((1.0 - kept**2) * along**2)) / squares, float(np.sum(along[certain] ** 2)) / squares
 
 
 def _try(modes: Modes, data: ScaledData, weight: NDArray[np.float64]) -> Fit | None:

@@ -1,4 +1,4 @@
-"""Subspace identification (N4SID) of a plant that may be unstable, from data of the closed loop.
+"""Classic subspace identification (N4SID, MOESP) of a plant that may be unstable, from data of the closed loop.
 
 SLICOT's IB01AD and IB01BD estimate the order-n state space and the noise covariances; the Kalman gain comes from
 scipy's Riccati solver, because IB01BD's own (jobck 'K') writes outside its workspace from order 8 on. IB01BD returns a
@@ -15,6 +15,8 @@ system identification, J. Comput. Appl. Math. 170 (2004).
 
 from __future__ import annotations
 
+from typing import Literal
+
 import ctrlsys
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,7 @@ from amb_core.identification.predictor import fit_input_matrix, kalman_gain
 from amb_core.identification.scaled_data import ScaledData, check_order
 
 HORIZONS = (1.2, 1.5, 2.0, 3.0, 5.0)  # block rows in multiples of the order
+_SLICOT_NAMES = {"n4sid": ("N", "C"), "moesp": ("M", "M")}  # of compression and of system matrices
 _MOST_BLOCK_ROWS = 200
 _MOST_ELEMENTS = 30_000_000  # of the data matrix, which SLICOT holds where it must turn from Cholesky to QR: 240 MB
 _LEAST_BLOCK_ROWS = 8
@@ -39,6 +42,7 @@ def n4sid(
     order: int = 10,
     block_rows: int | None = None,
     source: str = "",
+    method: Literal["n4sid", "moesp"] = "n4sid",
 ) -> StateSpaceModel:
     """Identify a state-space model of a given order; means are removed from the data and kept as its offsets.
 
@@ -54,6 +58,8 @@ def n4sid(
         Block rows of the Hankel matrices (past and future horizon), more than the order; twice the order by default.
     source : str
         Where the data come from, kept in the model.
+    method : str
+        Algorithm of SLICOT.
 
     Raises
     ------
@@ -68,9 +74,9 @@ def n4sid(
     # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
     with threadpool_limits(limits=1, user_api="blas"):
         try:
-            a, c, k = _predictor_matrices(u, y, order, block_rows)
+            a, c, k = _predictor_matrices(u, y, order, block_rows, method)
             b, initial_state = fit_input_matrix(a, c, k, u, y)
-            return data.model(a, b, c, k, initial_state, sample_time, "n4sid", source)
+            return data.model(a, b, c, k, initial_state, sample_time, method, source)
         except (linalg.LinAlgError, ValueError) as problem:
             reason = " ".join(str(problem).split())
             raise IdentificationError(f"no model of order {order} from {len(inputs)} samples: {reason}") from None
@@ -82,6 +88,7 @@ def n4sid_horizons(
     sample_time: float,
     order: int = 10,
     source: str = "",
+    method: Literal["n4sid", "moesp"] = "n4sid",
 ) -> list[StateSpaceModel]:
     """Models of one order from horizons of different length, at least one; arguments and errors are those of `n4sid`.
 
@@ -94,7 +101,7 @@ def n4sid_horizons(
     affordable = [block_rows for block_rows in longer if 8 * block_rows * len(inputs) <= _MOST_ELEMENTS]
     for block_rows in [shortest, *affordable]:
         try:
-            models.append(n4sid(inputs, outputs, sample_time, order, block_rows, source))
+            models.append(n4sid(inputs, outputs, sample_time, order, block_rows, source, method))
         except IdentificationError as reason:
             reasons.append(reason)
     if not models:
@@ -124,17 +131,22 @@ def _check_size(order: int, block_rows: int, samples: int) -> None:
 
 
 def _predictor_matrices(
-    inputs: NDArray[np.float64], outputs: NDArray[np.float64], order: int, block_rows: int
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+    order: int,
+    block_rows: int,
+    method: Literal["n4sid", "moesp"],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """A, C and the Kalman gain K of scaled data."""
     m, p = inputs.shape[1], outputs.shape[1]
     u, y = np.asfortranarray(inputs), np.asfortranarray(outputs)
+    compression, system = _SLICOT_NAMES[method]
     # Correlation matrix and Cholesky factor ('C'), 40 times faster than QR; where that fails SLICOT turns to QR itself.
-    _, triangle, _, _, info = ctrlsys.ib01ad("N", "C", "N", "O", "N", "N", block_rows, m, p, u, y, 0.0, 0.0)
+    _, triangle, _, _, info = ctrlsys.ib01ad(compression, "C", "N", "O", "N", "N", block_rows, m, p, u, y, 0.0, 0.0)
     if info != 0:
         raise IdentificationError(f"the data matrix cannot be compressed (SLICOT IB01AD, info {info})")
     # A and C only: with job 'A', B and D too, ctrlsys gives SLICOT too small a workspace for long horizons.
-    a, c, _, _, q, r, s, _, _, info = ctrlsys.ib01bd("N", "C", "C", block_rows, order, m, p, len(u), triangle, 0.0)
+    a, c, _, _, q, r, s, _, _, info = ctrlsys.ib01bd(system, "C", "C", block_rows, order, m, p, len(u), triangle, 0.0)
     if info != 0:
         raise IdentificationError(f"the system matrices cannot be estimated (SLICOT IB01BD, info {info})")
     return a, c, kalman_gain(a, c, q, r, s)
