@@ -100,7 +100,10 @@ def compute(task: SweepTask, key: str, folder: Path) -> MapSweep:
     """
     try:
         if task.key() != key:
-            raise RegionError("a worker has another version of amb_core, its libraries or the plant's data files")
+            raise RegionError(
+                "a worker has another version of amb_core, its libraries or the plant's data files than this program; "
+                "start both anew"
+            )
         sweep = run_sweep(task)
     except (PlantError, OSError) as problem:
         raise RegionError(str(problem)) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import queue
+import time
 from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from amb_core.region_map.cluster import open_cluster
 from amb_core.region_map.region_map import MapSweep
 from amb_core.region_map.sweep_run import SweepTask
 
+START_TIMEOUT = 120.0  # s, ten times what a process takes to start on a busy machine
 PREFIX = "amb-sweep-"  # of the names that dask has for the tasks, before their keys
 
 
@@ -33,6 +35,7 @@ class SweepPool:
         self._scheduler, self._workers = scheduler, workers
         self._resources = contextlib.ExitStack()
         self._client: Client | None = None
+        self._last_seen = 0.0  # when there was a worker
         self._waiting: dict[str, Future[Any]] = {}
         self._finished: queue.Queue[Future[Any]] = queue.Queue()
 
@@ -61,10 +64,17 @@ class SweepPool:
         self._waiting.pop(key).cancel()
 
     def next_finished(self, timeout: float) -> tuple[str, MapSweep | RegionError] | None:
-        """Key of a finished sweep with its result, or why there is none; None if nothing finished in time (s)."""
+        """Key of a finished sweep with its result, or why there is none; None if nothing finished in time (s).
+
+        Raises
+        ------
+        RegionError
+            If the processes of our own cluster do not come up.
+        """
         try:
             future = self._finished.get(timeout=timeout)
         except queue.Empty:
+            self._check_workers()
             return None
         key = str(future.key).removeprefix(PREFIX)
         if self._waiting.pop(key, None) is None:
@@ -78,7 +88,18 @@ class SweepPool:
         except (CancelledError, CommClosedError, TimeoutError):
             return key, RegionError(f"the scheduler {self._scheduler or ''} is gone; finished sweeps are kept")
 
+    def _check_workers(self) -> None:
+        """Without any, ours have ended, and so have those that took their places; on other clusters some may come yet."""
+        if self._scheduler is not None or self._client is None or self._client.scheduler_info()["workers"]:
+            self._last_seen = time.monotonic()
+        elif time.monotonic() - self._last_seen > START_TIMEOUT:
+            raise RegionError(
+                f"no worker process has come up within {START_TIMEOUT:g} s; `python -m dask worker` should run in this "
+                "environment"
+            )
+
     def _open(self) -> Client:
+        self._last_seen = time.monotonic()
         client = self._resources.enter_context(open_cluster(self._scheduler, self._workers))
         self._resources.callback(lambda: client.cancel(list(self._waiting.values())))
         return client
