@@ -18,6 +18,8 @@ import composed
 import first_call
 import lockstep
 import plant
+import region_map
+import region_monitor
 from rich.console import Console
 from rich.table import Table
 
@@ -26,6 +28,8 @@ BENCHMARKS: dict[str, list[Callable[[], dict[str, float | bool]]]] = {
     "simulator": [plant.measure, c_kernel.measure, averaged_plant.measure, first_call.measure],
     "lockstep": [lockstep.measure],
     "composed": [composed.measure],
+    "map": [region_map.measure],
+    "monitor": [region_monitor.measure],
 }
 
 

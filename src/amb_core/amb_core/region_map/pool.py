@@ -89,7 +89,7 @@ class SweepPool:
             return key, RegionError(f"the scheduler {self._scheduler or ''} is gone; finished sweeps are kept")
 
     def _check_workers(self) -> None:
-        """Without any, ours have ended, and so have those that took their places; on other clusters some may come yet."""
+        """Other clusters may get workers later; where ours has none, they have failed, and so have their successors."""
         if self._scheduler is not None or self._client is None or self._client.scheduler_info()["workers"]:
             self._last_seen = time.monotonic()
         elif time.monotonic() - self._last_seen > START_TIMEOUT:
