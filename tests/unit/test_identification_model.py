@@ -126,7 +126,7 @@ def test_files_that_hold_no_model_are_refused_in_one_line(tmp_path: Path) -> Non
         ("cut.npz", "is damaged"),
         ("other.json", "expected the fields"),
         ("list.json", "expected the fields"),
-        ("model.txt", "must end in .json or .npz"),
+        ("model.txt", "must end in .json, .npz or .mat"),
     ]:
         with pytest.raises(IdentificationError, match=message) as refusal:
             StateSpaceModel.load(tmp_path / name)

@@ -5,7 +5,7 @@
 """
 
 from amb_core.identification.closed_loop import closed_loop_poles, simulate_closed_loop
-from amb_core.identification.conversion import predictor, to_continuous, to_scipy
+from amb_core.identification.conversion import to_continuous, to_predictor, to_scipy
 from amb_core.identification.cva import cva
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.identify import METHODS, Identification, identify
@@ -30,10 +30,10 @@ __all__ = [
     "nrmse_fit",
     "pbsid",
     "pem",
-    "predictor",
     "reduce_balanced",
     "simulate_closed_loop",
     "ssarx",
     "to_continuous",
+    "to_predictor",
     "to_scipy",
 ]

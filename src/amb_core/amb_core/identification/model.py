@@ -18,6 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.identification.file_errors import reading
+from amb_core.identification.matlab import load_variables, save_variables
+from amb_core.identification.model_mat import fields_of, variables_of
 
 if TYPE_CHECKING:
     import control
@@ -117,19 +120,22 @@ class StateSpaceModel:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the model as `.json` (readable) or `.npz` (NumPy); neither loses a bit.
+        """Write the model as `.json` (readable), `.npz` (NumPy) or `.mat` (MATLAB, Octave); none loses a bit.
 
         Raises
         ------
         IdentificationError
-            If the ending is neither, or the file cannot be written.
+            If the ending is another, or the file cannot be written.
         """
         path = Path(path)
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         try:
-            if _ending(path) == ".npz":
+            ending = _ending(path)
+            if ending == ".npz":
                 with path.open("wb") as file:
                     np.savez(file, **values)
+            elif ending == ".mat":
+                save_variables(path, variables_of(values))
             else:
                 path.write_text(json.dumps({name: _to_json(value) for name, value in values.items()}, indent=1) + "\n")
         except OSError as problem:
@@ -145,16 +151,15 @@ class StateSpaceModel:
             If the file cannot be read or holds no model.
         """
         path = Path(path)
-        try:
-            if _ending(path) == ".npz":
+        ending = _ending(path)
+        with reading("model", path):
+            if ending == ".npz":
                 with np.load(path, allow_pickle=False) as archive:
                     content: dict[str, Any] = {name: archive[name].tolist() for name in archive.files}
+            elif ending == ".mat":
+                content = fields_of(load_variables(path))
             else:
                 content = json.loads(path.read_text())
-        except OSError as problem:
-            raise IdentificationError(f"model {path}: cannot be read: {problem.strerror}") from None
-        except Exception as problem:  # zip, json, unicode and NumPy each have their own for a damaged file
-            raise IdentificationError(f"model {path}: is damaged: {' '.join(str(problem).split())}") from None
         names = {item.name for item in fields(cls)}
         if not isinstance(content, dict) or set(content) != names:
             found = ", ".join(sorted(content)) if isinstance(content, dict) else type(content).__name__
@@ -193,8 +198,8 @@ class StateSpaceModel:
 
 def _ending(path: Path) -> str:
     ending = path.suffix.lower()
-    if ending not in (".json", ".npz"):
-        raise IdentificationError(f"model {path}: the file name must end in .json or .npz")
+    if ending not in (".json", ".npz", ".mat"):
+        raise IdentificationError(f"model {path}: the file name must end in .json, .npz or .mat")
     return ending
 
 
