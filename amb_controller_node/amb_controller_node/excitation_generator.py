@@ -16,13 +16,10 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_controller_node.parameters import GeneratorParameters
-from amb_core.control import ControllerParameters
 from amb_core.errors import ExcitationError, ParameterError, RegionError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
 from amb_core.messages import region_map_from_message
 from amb_core.parameters import Parameters
-from amb_core.plant import PlantParameters
-from amb_core.regions import Region
 from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
 from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
@@ -105,7 +102,11 @@ class ExcitationGeneratorNode(Node):
     def _on_preview(
         self, request: PreviewExcitation.Request, response: PreviewExcitation.Response
     ) -> PreviewExcitation.Response:
-        from amb_core.excitation_design import check_excitation  # loads what only a preview needs
+        # Loads what a generator that only starts excitations does not need.
+        from amb_core.control import ControllerParameters
+        from amb_core.excitation_design import check_excitation
+        from amb_core.plant import PlantParameters
+        from amb_core.regions import Region
 
         notes: list[str] = []
         check = check_excitation(

@@ -12,7 +12,6 @@ from typing import Literal
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from amb_core.bags import read_bag
 from amb_core.control import ControllerParameters
@@ -28,11 +27,10 @@ from amb_ros import diagnostics, topics
 from amb_ros.models import model_to_message
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import HISTORY, LATCHED
+from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
 
-STATUS_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 QUIET = 0.2  # s; telemetry of a run that has just ended may still be under way: as long as nothing comes, it is not
 LONGEST_ARRIVAL = 2.0  # s
 ASSUMED_CONTROLLER = "controller parameters unknown, the paper's assumed"
@@ -68,7 +66,7 @@ class IdentifierNode(Node):
             LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
         )
         self._status_subscription = self.create_subscription(
-            ExcitationStatus, topics.EXCITATION_STATUS, self._on_excitation_status, STATUS_QOS
+            ExcitationStatus, topics.EXCITATION_STATUS, self._on_excitation_status, EVERY_STATE
         )
         create_service(self, Identify, "~/identify", self._on_identify, self._worker)
         create_service(self, GetModel, "~/get_model", self._on_get_model)

@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
 from amb_core.bags import BagWriter
@@ -40,7 +40,7 @@ from amb_ros import diagnostics, topics
 from amb_ros.definitions import message_definition
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import HISTORY, STREAM
+from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
 
@@ -80,11 +80,7 @@ class RecordedTopic(NamedTuple):
     @property
     def qos(self) -> QoSProfile:
         """As the publishers offer it, with room for a burst."""
-        if not self.latched:
-            return self.stream
-        return QoSProfile(
-            depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-        )
+        return EVERY_STATE if self.latched else self.stream
 
 
 RECORDED = (

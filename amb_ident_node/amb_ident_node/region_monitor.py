@@ -30,7 +30,7 @@ from amb_ros import diagnostics, topics
 from amb_ros.actions import create_action
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import HISTORY, LATCHED
+from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
 from amb_ros.regions import region_state_to_message
 from amb_ros.remote_parameters import RemoteParameters
 
@@ -79,7 +79,7 @@ class RegionMonitorNode(Node):
             LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
         )
         self._state_subscription = self.create_subscription(
-            SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, LATCHED
+            SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, EVERY_STATE
         )
         self._build_map = create_action(self, BuildMap, "~/build_map", self._on_build_map, self._worker)
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)

@@ -64,9 +64,9 @@ def measure() -> dict[str, float]:
         process.send_signal(signal.SIGINT)
         process.wait(30.0)
     return {
-        "monitor_core_share": used / wall,
-        "monitor_lag_ms": 1e3 * float(np.median(lags)),
-        "monitor_longest_lag_ms": 1e3 * max(lags),
+        "core_share": used / wall,
+        "lag_ms": 1e3 * float(np.median(lags)),
+        "longest_lag_ms": 1e3 * max(lags),
     }
 
 

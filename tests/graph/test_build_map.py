@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from rclpy.action import ActionClient
 
+from amb_bringup.client import AmbClient
 from amb_core.messages import region_map_from_message
+from amb_core.region_map import MapProgress
 from amb_core.region_map import RegionMap as CoreMap
 from amb_core.regions import Region
 from amb_msgs.action import BuildMap
@@ -126,10 +128,17 @@ def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
     assert 0 < kept < 40
     assert not result.map.complete
 
-    handle, feedback = builder.send(**SMALL_MAP | {"amplitude_low": 30e-6, "initial_sweeps": 40, "max_sweeps": 40})
-    builder.graph.wait_until(lambda: any(told.reused >= kept for told in feedback), "what is there", MAP_TIMEOUT)
-    handle.cancel_goal_async()
-    builder.result(handle)
+    seen: list[MapProgress] = []
+    with AmbClient(domain_id=int(builder.graph.environment["ROS_DOMAIN_ID"])) as amb:
+        again = amb.build_map(
+            builder.parameter_file,
+            progress=seen.append,
+            cancelled=lambda: any(told.reused >= kept for told in seen),
+            **SMALL_MAP | {"amplitude_low": 30e-6, "initial_sweeps": 40, "max_sweeps": 40},
+        )
+    assert kept <= len(again.sweeps) < 40
+    assert not again.complete
+    assert seen[-1].map is not None
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from amb_bringup.packages import share_folder
 from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
 from amb_core.bags import read_bag
 from amb_core.parameters import load_parameters
+from amb_core.regions import Region
 from amb_sim_node.parameters import SimulatorParameters
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ def test_experiment_is_recorded_and_identified_live_and_from_its_bag(amb: AmbCli
     np.testing.assert_array_equal(live.a, recorded.a)
     np.testing.assert_array_equal(amb.get_model().a, recorded.a)
     assert live.samples == STEPS - SETTLING
+    assert amb.wait_for_region(Region.A).step < STEPS
     content = read_bag(bag)
     assert content.telemetry(run).steps == STEPS
     assert content.parameters()["/amb/pd_controller"]["proportional_gain"] == 20_000.0
@@ -94,6 +96,11 @@ def test_reset_takes_a_parameter_file_of_the_caller(amb: AmbClient, tmp_path: Pa
         (lambda amb: amb.start_excitation("square", amplitude=-1.0, duration=1.0), "'amplitude' = -1.0 is not allowed"),
         (lambda amb: amb.start_excitation("square", amplitud=1e-6), "unknown setting 'amplitud'; allowed:"),
         (lambda amb: amb.identify(bag="/nowhere"), "/nowhere"),
+        (lambda amb: amb.preview_excitation("sweep", amplitud=1e-6), "unknown setting 'amplitud'; allowed:"),
+        (lambda amb: amb.preview_excitation("square", amplitude=1e-6, duration=1.0), "no region map heard"),
+        (lambda amb: amb.build_map(amplitude_low=-1.0), "'amplitude_low' = -1.0 is not allowed"),
+        (lambda amb: amb.build_map(parameter_file="/nowhere"), "/nowhere"),
+        (lambda amb: amb.wait_for_region(Region.C, timeout=0.1), "did not enter region C"),
         (lambda amb: amb.stop_recording(), "recorder/stop"),
     ],
 )

@@ -56,11 +56,12 @@ def play(
     """
     import rclpy
     from rclpy.node import Node
+    from rclpy.signals import SignalHandlerOptions
     from rich.progress import Progress
 
     from amb_ros.bag_player import BagPlayer
 
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C is for Python, not for the context
     try:
         node = Node("bag_player", start_parameter_services=False)
         player = BagPlayer(node, bag)
