@@ -157,7 +157,8 @@ def _area(item: Band | Span) -> dict[str, Any]:
 
     return {
         "facecolor": to_rgba(item.colour, OPACITY),
-        "edgecolor": to_rgba(item.colour, 0.6),
-        "hatch": 2 * item.hatch,
+        "edgecolor": to_rgba(item.colour, 0.45),
+        "hatch": item.hatch,
+        "hatch_linewidth": 0.6,
         "linewidth": 0.0,
     }

@@ -55,7 +55,7 @@ def draw_page(chart: Chart) -> go.Figure:
         height=PIXELS_PER_INCH * chart.size[1] + 60,
         margin={"l": 70, "r": 15, "t": 50, "b": 60},
         font={"size": 14, "color": TEXT},
-        legend={"orientation": "h", "yanchor": "top", "y": -0.16 * 4.8 / chart.size[1], "x": 0},
+        legend={"orientation": "h", "yref": "container", "yanchor": "bottom", "y": 0, "x": 0},
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
         hovermode="closest",
@@ -135,14 +135,17 @@ def _(item: Span, page: go.Figure, place: dict[str, int]) -> None:
         layer="below",
         annotation_text=f"<b>{item.letter}</b>" if item.letter else None,
         annotation_position="top",
+        exclude_empty_subplots=False,
         **place,
     )
+    # a shape has no place in the legend
+    swatch = {"symbol": "square", "size": 14, "color": item.colour, "opacity": 2 * OPACITY}
+    page.add_scatter(x=[None], y=[None], mode="markers", name=item.label, marker=swatch, **place)
 
 
 @draw.register
 def _(item: Rule, page: go.Figure, place: dict[str, int]) -> None:
-    page.add_vline(x=item.x, line=_line(item.stroke), **place)
-    # a shape has no place in the legend
+    page.add_vline(x=item.x, line=_line(item.stroke), exclude_empty_subplots=False, **place)
     page.add_scatter(x=[None], y=[None], mode="lines", name=item.label, line=_line(item.stroke), **place)
 
 

@@ -16,6 +16,14 @@ from amb_core.errors import AmbError
 
 SCRIPT = "plotly.min.js"
 
+CONFIG = {
+    "responsive": True,
+    "displaylogo": False,
+    "plotlyServerURL": "",  # nothing is sent anywhere
+    "showTips": False,
+    "modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
+}
+
 STYLE = """
 :root { color-scheme: light dark; --text: #1a1a1a; --page: #ffffff; --line: #cccccc; }
 @media (prefers-color-scheme: dark) { :root { --text: #e8e8e8; --page: #16181c; --line: #444444; } }
@@ -92,7 +100,7 @@ def page_fragment(page: go.Figure) -> str:
     drawn = chart.to_html(
         full_html=False,
         include_plotlyjs=False,
-        config={"responsive": True, "displaylogo": False, "plotlyServerURL": "", "showTips": False},
+        config=CONFIG,
     )
     parts = [
         "<figure>",

@@ -37,7 +37,7 @@ class Stroke:
 PLANT = Stroke(BLUE)
 MODEL = Stroke(VERMILION, "dash", 1.1)
 REFERENCE = Stroke(GREY, width=0.8)
-BIAS = Stroke(ORANGE, "dashdot", 1.8)
+MEAN = Stroke(ORANGE, "dashdot", 1.8)
 
 
 @dataclass(frozen=True)

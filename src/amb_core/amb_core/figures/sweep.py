@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from amb_core.errors import RegionError
 from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Rule, Span, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import BIAS, GREY, MODEL, PLANT, REGIONS, UM, Stroke, region_label
+from amb_core.figures.style import GREY, MEAN, MODEL, PLANT, REGIONS, UM, Stroke, region_label
 from amb_core.figures.thinning import extremes
 from amb_core.records import LoopRecord
 from amb_core.regions import Classification, Onset, Region
 from amb_core.regions.stretches import stretches
 
 BEAT = Stroke(GREY, width=5.0)
+MEAN_TIME = 0.1  # s, longer than the periods of input and loop, shorter than a drift
 HEADROOM = 0.08  # of the height of a panel, free above and below the curves
 
 
@@ -76,7 +77,7 @@ def sweep_chart(
     regions = _regions(classification, abscissa)
     panels = []
     for name in axes or _excited(record):
-        curves = _curves(record, model, classification, abscissa, "xy".index(name))
+        curves = _curves(record, model, abscissa, "xy".index(name))
         heights = np.concatenate([curve.y for curve in curves])
         low, high = np.nanmin(heights), np.nanmax(heights)
         margin = max(HEADROOM * (high - low), 1e-3)
@@ -134,9 +135,7 @@ def _regions(classification: Classification, abscissa: _Abscissa) -> list[Item]:
     return items
 
 
-def _curves(
-    record: LoopRecord, model: LoopRecord | None, classification: Classification, abscissa: _Abscissa, axis: int
-) -> list[Curve]:
+def _curves(record: LoopRecord, model: LoopRecord | None, abscissa: _Abscissa, axis: int) -> list[Curve]:
     curves = [Curve(*extremes(abscissa.x, UM * record.position[abscissa.shown, axis]), "position", PLANT)]
     if model is not None:
         modelled = np.full(record.steps, np.nan)
@@ -144,17 +143,11 @@ def _curves(
         part = model.position[max(-offset, 0) : record.steps - offset, axis]
         modelled[max(offset, 0) : max(offset, 0) + len(part)] = UM * part
         curves.append(Curve(*extremes(abscissa.x, modelled[abscissa.shown]), "model", MODEL))
-    judged = [
-        state
-        for state in classification.states
-        if state.settled
-        and state.region is not Region.D
-        and abscissa.first_step <= state.step < abscissa.first_step + len(abscissa.x)
-    ]
-    if judged:
-        x = np.array([abscissa.at(state.step) for state in judged])
-        bias = np.array([UM * (state.x, state.y)[axis].bias for state in judged])
-        curves.append(Curve(*extremes(x, bias), "bias", BIAS))
+    window = round(MEAN_TIME / record.sample_time)
+    if len(abscissa.x) > 2 * window:
+        mean = np.convolve(UM * record.position[abscissa.shown, axis], np.full(window, 1.0 / window), "valid")
+        middle = abscissa.x[window // 2 : window // 2 + len(mean)]
+        curves.append(Curve(*extremes(middle, mean, spans=400), f"its mean over {MEAN_TIME:g} s", MEAN))
     return curves
 
 
@@ -179,10 +172,10 @@ def _alt(record: LoopRecord, classification: Classification, with_model: bool, a
     if not classification.onsets:
         return text + "It stays in region A, linear."
     begins = [
-        f"region {region.name} ({REGIONS[region].meaning}) begins at {onset_text(onset)}"
+        f"{region.name} ({REGIONS[region].meaning}) begins at {onset_text(onset)}"
         for region, onset in classification.onsets.items()
     ]
-    return text + "; ".join(begins).capitalize() + "."
+    return text + "Of the regions, " + "; ".join(begins) + "."
 
 
 def _onset_table(classification: Classification) -> Table:
