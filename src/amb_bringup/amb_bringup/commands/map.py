@@ -205,7 +205,7 @@ def _write_map(
     """Map, summary and figures, and the tables on the console."""
     from amb_core.region_map import analytic_lines, compare
 
-    lines = analytic_lines(plant, controller)
+    lines = analytic_lines(plant, controller, found.settings.axes)
     comparisons = compare(found, lines)
     found.save(out / "map.json")
     _write_json(out / "summary.json", _summary(found, comparisons))
@@ -236,7 +236,9 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
             folder.mkdir(exist_ok=True)
             cell.map.save(folder / "map.json")
             summary |= {"map": f"{name}/map.json"}
-            summary |= _summary(cell.map, compare(cell.map, analytic_lines(cell.plant, cell.controller)))
+            summary |= _summary(
+                cell.map, compare(cell.map, analytic_lines(cell.plant, cell.controller, cell.map.settings.axes))
+            )
             row = [str(len(cell.map.sweeps)), *(_range(cell.map, region) for region in BOUNDARIES)]
         summaries.append(summary)
         table.add_row(*(str(value) for value in cell.values.values()), *row)

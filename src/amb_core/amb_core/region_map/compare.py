@@ -24,7 +24,7 @@ class AnalyticLine:
     Attributes
     ----------
     name : str
-        `bias limit`, `slew limit` or `gain-loss limit`.
+        `static-load limit`, `bias limit`, `slew limit` or `gain-loss limit`.
     frequency : ndarray, shape (n,)
         Ascending, to the Nyquist frequency (Hz).
     amplitude : ndarray, shape (n,)
@@ -88,16 +88,20 @@ class Comparison:
 
 
 def analytic_lines(
-    plant: PlantParameters, controller: ControllerParameters, lowest_frequency: float = 10.0
+    plant: PlantParameters, controller: ControllerParameters, axes: str = "y", lowest_frequency: float = 10.0
 ) -> tuple[AnalyticLine, ...]:
     """The lines of a bearing, from its derived constants.
 
-    A limit that the plant does not have (no limited duty cycle, say) has no line.
+    A limit that the loop does not have (of an unlimited duty cycle, say) has no line. The static-load limit is the bias
+    limit with what the weight of the rotor leaves of the current: beyond it the peaks are cut on one side only, so that
+    the mean force falls and the rotor sinks.
 
     Parameters
     ----------
     plant, controller : PlantParameters, ControllerParameters
         The loop.
+    axes : str
+        Axes that are excited, as in `MapSettings`; gravity loads y.
     lowest_frequency : float
         Where the lines begin (Hz).
 
@@ -105,22 +109,25 @@ def analytic_lines(
     ------
     PlantError
         If the plant cannot be built, or the controller holds the rotor nowhere.
+    RegionError
+        If the loop does not levitate the rotor.
     """
     constants = describe(plant, controller)
     frequency = np.geomspace(lowest_frequency, 0.5 * controller.sample_rate, POINTS)
     bias = plant.amplifier.bias_current
-    limit = controller.current_limit
-    found = []
+    limit = min(controller.current_limit, bias) if plant.amplifier.unipolar else controller.current_limit
+    amplitudes = {}
+    static_current = controller.proportional_gain * abs(constants.sag)
+    if axes != "x" and 0.0 < static_current < limit:
+        amplitudes["static-load limit"] = lines.bias_limit(frequency, controller, limit - static_current)
     if plant.amplifier.unipolar and bias > 0.0:
-        limit = min(limit, bias)
-        found.append(AnalyticLine("bias limit", frequency, lines.bias_limit(frequency, controller, bias)))
+        amplitudes["bias limit"] = lines.bias_limit(frequency, controller, bias)
     if constants.slew_rate is not None:
-        slew = lines.slew_limit(frequency, controller, constants.slew_rate)
-        found.append(AnalyticLine("slew limit", frequency, slew))
+        amplitudes["slew limit"] = lines.slew_limit(frequency, controller, constants.slew_rate)
     if limit > 0.0:
-        lost = lines.gain_loss_limit(frequency, controller, limit, constants.current_gain, constants.negative_stiffness)
-        found.append(AnalyticLine("gain-loss limit", frequency, lost))
-    return tuple(found)
+        gains = constants.current_gain, constants.negative_stiffness
+        amplitudes["gain-loss limit"] = lines.gain_loss_limit(frequency, controller, limit, *gains)
+    return tuple(AnalyticLine(name, frequency, amplitude) for name, amplitude in amplitudes.items())
 
 
 def compare(region_map: RegionMap, analytic: Sequence[AnalyticLine]) -> list[Comparison]:
