@@ -97,6 +97,12 @@ def test_a_slow_folded_product_is_told_from_a_slow_motion_of_the_loops_own() -> 
     assert folded.product.label == "10f3 - 3fs"
     assert folded.product.folds == 3
 
+    # The paper's tones are multiples of 100 Hz, so no product lies at 40 Hz: a subharmonic of the loop's own making.
+    subharmonic = analyse(record(sine(t, 40.0, 2 * UM)), PAPER, 0)
+    assert subharmonic.slow is not None
+    assert not subharmonic.slow.forced
+    assert subharmonic.own == pytest.approx(2 * UM / np.sqrt(2.0), rel=1e-9)
+
     spectrum = analyse(record(sine(t, 7.0 / 3.0, 0.1 * UM)), PAPER, 0)
     assert spectrum.state == "steady"  # its lines and bias are; the motion beside them is told as such
     assert spectrum.slow is not None

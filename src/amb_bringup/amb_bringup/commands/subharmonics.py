@@ -285,10 +285,9 @@ def _slow(spectrum: SubharmonicSpectrum) -> str:
     slow = spectrum.slow
     if slow is None:
         return ""
-    what = "" if slow.product is None else f" ({slow.product.label})"
     return (
-        f"; bias {UM * spectrum.bias:.2f} um, slow component {UM * slow.amplitude:.4f} um at {slow.frequency:.2f} Hz"
-        f"{what}, motion of the loop's own {UM * spectrum.own:.4f} um rms"
+        f"; bias {UM * spectrum.bias:.2f} um, slow component {UM * slow.amplitude:.4f} um at {slow.frequency:.2f} Hz "
+        f"({slow.origin}), motion of the loop's own {UM * spectrum.own:.4f} um rms"
     )
 
 
@@ -296,7 +295,7 @@ def _cause_table(results: dict[str, dict[str, SubharmonicSpectrum]]) -> Table:
     """f2 - f1 and the slow component, loop by loop."""
     from rich.table import Table
 
-    table = Table("loop", "test", "state", "bias (um)", "f2 - f1 (um)", "slow (um)", "at (Hz)", "product")
+    table = Table("loop", "test", "state", "bias (um)", "f2 - f1 (um)", "slow (um)", "at (Hz)", "made by")
     for name, tests in results.items():
         for test, spectrum in tests.items():
             line, slow = spectrum.line(*DIFFERENCE), spectrum.slow
@@ -306,7 +305,7 @@ def _cause_table(results: dict[str, dict[str, SubharmonicSpectrum]]) -> Table:
             table.add_row(
                 name, test, spectrum.state, f"{UM * spectrum.bias:.1f}",
                 "" if line is None else f"{UM * abs(line.amplitude):.3f}",
-                f"{UM * slow.amplitude:.3f}", f"{slow.frequency:.2f}", slow.product.label if slow.product else "",
+                f"{UM * slow.amplitude:.3f}", f"{slow.frequency:.2f}", slow.origin,
             )  # fmt: skip
     return table
 
@@ -323,6 +322,6 @@ def _surface_line(name: str, surface: SubharmonicSurface) -> str:
     i, j = np.unravel_index(np.nanargmax(steady), steady.shape)
     return (
         f"{name}: {ended}; largest slow component in steady state {UM * steady[i, j]:.3f} um at "
-        f"{surface.slow_frequency[i, j]:.2f} Hz, inducing tone {UM * surface.inducing_amplitude[i]:.1f} um at "
+        f"{surface.slow_frequency[i, j]:.2f} Hz ({surface.slow_origin[i, j]}), inducing tone {UM * surface.inducing_amplitude[i]:.1f} um at "
         f"{surface.inducing_frequency[j]:g} Hz"
     )

@@ -10,6 +10,7 @@ exactly, and a straight line fitted to sines would itself put power beside them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import gcd
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,7 +109,7 @@ def analyse(
     line_change, bias_change = blocks.change(first, used)
     steps = used * block
     window = position[first * block : first * block + steps]
-    content = _content(window, used, products, bins, settings, record.sample_time)
+    content = _content(window, used, products, gcd(block, *periods), settings, record.sample_time)
     return SubharmonicSpectrum(
         settings=settings,
         state=state,
@@ -176,11 +177,11 @@ def _content(
     window: NDArray[np.float64],
     blocks: int,
     products: dict[int, tuple[Product, ...]],
-    bins: NDArray[np.intp],
+    grid: int,
     settings: SubharmonicSettings,
     sample_time: float,
 ) -> Content:
-    """What a window of whole blocks consists of."""
+    """What a window of whole blocks consists of; products of any order lie on multiples of `grid` bins of a block."""
     if blocks == 0:
         return Content(np.empty(0), (), None, float("nan"), float("nan"))
     transform = 2.0 * np.fft.rfft(window) / len(window)
@@ -190,13 +191,14 @@ def _content(
     amplitude = np.abs(transform)
     resolution = 1.0 / (len(window) * sample_time)
     lines = tuple(
-        Line(float(place * blocks * resolution), complex(transform[place * blocks]), products[int(place)])
-        for place in bins
+        Line(place * blocks * resolution, complex(transform[place * blocks]), found)
+        for place, found in products.items()
+        if place > 0
     )
     power = 0.5 * amplitude**2
     highest = max(1, min(int(settings.slow_limit / resolution + WHOLE), len(power) - 1))
     largest = 1 + int(np.argmax(amplitude[1 : highest + 1]))
-    forced = largest % blocks == 0
+    forced = largest % (grid * blocks) == 0
     slow = SlowComponent(
         largest * resolution,
         float(amplitude[largest]),
@@ -204,7 +206,7 @@ def _content(
         forced,
         products.get(largest // blocks, (None,))[0] if forced else None,
     )
-    power[bins * blocks] = 0.0
+    power[[place * blocks for place in products]] = 0.0
     off_lines = float(np.sqrt(power.sum()))
-    power[::blocks] = 0.0
+    power[:: grid * blocks] = 0.0
     return Content(amplitude, lines, slow, off_lines, float(np.sqrt(power.sum())))

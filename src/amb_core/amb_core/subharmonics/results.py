@@ -53,8 +53,8 @@ class SlowComponent:
     rms : float
         Root mean square of everything in the band (m).
     forced : bool
-        Whether it has whole periods in a block, as every product of any order has. Otherwise it is no answer to the
-        tones but motion of the loop's own, or drift.
+        Whether its frequency is a multiple of the largest one of which the tones and the sample rate are multiples, as
+        that of every product of any order is. Otherwise it is motion of the loop's own, or drift.
     product : Product or None
         The product of lowest order that falls on it; None where there is none up to the order of the settings.
     """
@@ -64,6 +64,13 @@ class SlowComponent:
     rms: float
     forced: bool
     product: Product | None
+
+    @property
+    def origin(self) -> str:
+        """What makes it: a product such as `10f3 - 3fs`, `higher order`, or `own` for motion that is not forced."""
+        if not self.forced:
+            return "own"
+        return "higher order" if self.product is None else self.product.label
 
 
 @dataclass(frozen=True)
@@ -95,8 +102,8 @@ class SubharmonicSpectrum:
     off_lines : float
         Root mean square of what lies on no line (m): products of higher order, noise, and motion of the loop's own.
     own : float
-        Root mean square of the part of it that has no whole periods in a block (m), where products of no order lie:
-        noise, drift, and motion of the loop's own.
+        Root mean square of what lies where products of no order can (m), see `SlowComponent.forced`: noise, drift, and
+        motion of the loop's own.
     line_change, bias_change : float
         Largest difference between two blocks of the window, of a line's complex amplitude and of the bias (m).
     block_time : ndarray, shape (blocks,)
@@ -153,6 +160,8 @@ class SubharmonicSurface:
         Peak amplitude of the line at f2 - f1 (m); NaN where there is no steady state.
     slow_amplitude, slow_frequency, slow_rms : ndarray, shape (n, m)
         Of the slow component, see `SlowComponent` (m, Hz, m); NaN only where the rotor delevitated, so read `state`.
+    slow_origin : ndarray of str, shape (n, m)
+        What makes the slow component, see `SlowComponent.origin`; empty where the rotor delevitated.
     bias : ndarray, shape (n, m)
         Mean position (m); NaN where the rotor delevitated.
     state : ndarray of str, shape (n, m)
@@ -167,5 +176,6 @@ class SubharmonicSurface:
     slow_amplitude: NDArray[np.float64]
     slow_frequency: NDArray[np.float64]
     slow_rms: NDArray[np.float64]
+    slow_origin: NDArray[np.str_]
     bias: NDArray[np.float64]
     state: NDArray[np.str_]

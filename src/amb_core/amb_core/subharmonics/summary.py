@@ -35,8 +35,7 @@ def spectrum_summary(spectrum: SubharmonicSpectrum) -> dict[str, Any]:
             "frequency": slow.frequency,
             "amplitude": slow.amplitude,
             "rms": slow.rms,
-            "forced": slow.forced,
-            "product": None if slow.product is None else slow.product.label,
+            "origin": slow.origin,
         },
         "lines": [_line(line) for line in lines if abs(line.amplitude) >= SMALLEST],
     }
@@ -54,6 +53,7 @@ def surface_summary(surface: SubharmonicSurface) -> dict[str, Any]:
         "slow_amplitude": _numbers(surface.slow_amplitude),
         "slow_frequency": _numbers(surface.slow_frequency),
         "slow_rms": _numbers(surface.slow_rms),
+        "slow_origin": surface.slow_origin.tolist(),
         "bias": _numbers(surface.bias),
     }
 

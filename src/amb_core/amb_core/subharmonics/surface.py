@@ -29,6 +29,7 @@ class SurfacePoint:
     slow_amplitude: float
     slow_frequency: float
     slow_rms: float
+    slow_origin: str
     bias: float
 
     @classmethod
@@ -37,9 +38,9 @@ class SurfacePoint:
         nan = float("nan")
         slow, line = spectrum.slow, spectrum.line(-1, 1)
         if slow is None or spectrum.state == "delevitated":
-            return cls(spectrum.state, nan, nan, nan, nan, nan)
+            return cls(spectrum.state, nan, nan, nan, nan, "", nan)
         difference = abs(line.amplitude) if line is not None and spectrum.state == "steady" else nan
-        return cls(spectrum.state, difference, slow.amplitude, slow.frequency, slow.rms, spectrum.bias)
+        return cls(spectrum.state, difference, slow.amplitude, slow.frequency, slow.rms, slow.origin, spectrum.bias)
 
 
 def subharmonic_surface(
@@ -141,6 +142,7 @@ def _surface(
         slow_amplitude=np.array(grid("slow_amplitude"), dtype=np.float64),
         slow_frequency=np.array(grid("slow_frequency"), dtype=np.float64),
         slow_rms=np.array(grid("slow_rms"), dtype=np.float64),
+        slow_origin=np.array(grid("slow_origin"), dtype=np.str_),
         bias=np.array(grid("bias"), dtype=np.float64),
         state=np.array(grid("state"), dtype=np.str_),
     )
