@@ -4,7 +4,8 @@ from amb_core.identification.data.bag_data import read_bag_data
 from amb_core.identification.data.checks import DataReport, Finding, Severity, check_data
 from amb_core.identification.data.conditioning import advance_inputs, decimate, detrend, restore, split_at_invalid
 from amb_core.identification.data.csv_files import read_csv
-from amb_core.identification.data.dataset import Experiment, Gap, IdentificationData, merge
+from amb_core.identification.data.dataset import Gap, IdentificationData, merge
+from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.files import read_data, write_data
 from amb_core.identification.data.mat_files import read_mat
 from amb_core.identification.data.npz_files import read_npz

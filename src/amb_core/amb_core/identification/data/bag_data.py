@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from amb_core.bags import Bag, read_bag
 from amb_core.errors import BagError
 from amb_core.experiments import last_experiment, select_window
-from amb_core.identification.data.dataset import Experiment, IdentificationData
+from amb_core.identification.data.dataset import IdentificationData
+from amb_core.identification.data.experiment import Experiment
 
 POSITION = "amb_msgs/msg/RotorPosition"
 CURRENT = "amb_msgs/msg/CurrentReference"

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
-from amb_core.identification.data.dataset import Experiment, IdentificationData, line
+from amb_core.identification.data.dataset import IdentificationData
+from amb_core.identification.data.experiment import Experiment, line
 
 _PASS_BAND = 0.8  # share of the new Nyquist frequency that decimation passes
 _ATTENUATION = 80.0  # dB from the new Nyquist frequency on

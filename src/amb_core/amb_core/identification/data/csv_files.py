@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
-from amb_core.identification.data.dataset import Experiment, IdentificationData
+from amb_core.identification.data.dataset import IdentificationData
+from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.matrix_data import needed_sample_time
 from amb_core.identification.file_errors import reading
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.identification.data.dataset import Experiment, IdentificationData
+from amb_core.identification.data.dataset import IdentificationData
+from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.matrix_data import data_of_matrix, only_matrix
 from amb_core.identification.file_errors import reading
 

@@ -56,7 +56,7 @@ def check_feedback(data: IdentificationData) -> Finding:
     return Finding(
         "feedback",
         Severity.INFO,
-        f"inputs answer to the outputs (they explain up to {100.0 * max(found.values()):.2g} % of the innovations)",
+        f"inputs answer to the outputs (they explain up to {100.0 * max(found.values()):.3g} % of the innovations)",
         ", ".join(found),
         "use ssarx or pem; n4sid, moesp and cva are biased on such data",
     )
