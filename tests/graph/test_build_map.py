@@ -49,6 +49,7 @@ class MapBuilder:
         self.process = graph.start(MONITOR, parameters={"parameter_timeout": 0.1})
         graph.start("amb_controller_node.excitation_generator", parameters={"parameter_timeout": 0.1})
         self.action = ActionClient(graph.node, BuildMap, "/amb/region_monitor/build_map")
+        graph.wait_until(self.action.server_is_ready, "the monitor", MAP_TIMEOUT)
         self.parameter_file = graph.folder / "heavy.yaml"
         self.parameter_file.write_text(
             "/amb/simulator: {ros__parameters: {rotor.mass: 6.5, autostart: true}}\n"
@@ -58,7 +59,6 @@ class MapBuilder:
     def send(self, **goal: Any) -> tuple[Any, list[Any]]:
         """Send a goal; its handle, and the feedback as it comes."""
         feedback: list[Any] = []
-        self.graph.wait_until(self.action.server_is_ready, "the action")
         sent = self.action.send_goal_async(
             BuildMap.Goal(parameter_file=str(self.parameter_file), **goal),
             feedback_callback=lambda message: feedback.append(message.feedback),

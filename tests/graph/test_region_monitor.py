@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from tests.graph.conftest import Graph
 
 MONITOR = "amb_ident_node.region_monitor"
+START_TIMEOUT = 60.0  # s; several processes compile and import at once
 REST = 10_000  # steps
 SWEEP = Sweep(amplitude=50e-6, duration=20.0, frequency_start=10.0, frequency_end=5000.0, axes="y")
 PERIOD = 500  # steps; the default of publish_period
@@ -101,7 +102,7 @@ class LiveSweep:
         graph.start("amb_controller_node.excitation_generator")
         graph.start("amb_ident_node.recorder")
         graph.start(MONITOR)
-        graph.wait_until(self.listener.subscription.get_publisher_count, "the monitor")
+        graph.wait_until(self.listener.subscription.get_publisher_count, "the monitor", START_TIMEOUT)
         self.run = bearing.reset()
         self.bag = graph.call(StartRecording, "/amb/recorder/start", uri="sweep").uri
         bearing.excite(SWEEP, self.run, REST)
@@ -164,10 +165,10 @@ def test_health_names_the_region(sweep: LiveSweep) -> None:
 def test_a_played_bag_gives_the_same_states(sweep: LiveSweep, graph: Graph) -> None:
     listener = Listener(graph)
     graph.start(MONITOR)
-    graph.wait_until(listener.subscription.get_publisher_count, "the monitor")
+    graph.wait_until(listener.subscription.get_publisher_count, "the monitor", START_TIMEOUT)
     amb = "from amb_bringup.cli import main; raise SystemExit(main())"
     command = [sys.executable, "-c", amb, "bag", "play", sweep.bag, "--rate", "20"]
-    played = subprocess.run(command, env=graph.environment, capture_output=True, text=True, timeout=30)
+    played = subprocess.run(command, env=graph.environment, capture_output=True, text=True, timeout=START_TIMEOUT)
     assert played.returncode == 0, played.stderr
     messages = listener.wait_for_region(sweep.run, Region.D)
     assert len(messages) == len(sweep.expected)
@@ -196,7 +197,7 @@ def played(
         loop, listener = Loop(graph), Listener(graph)
         bearing = watch_bearing(graph)
         process = graph.start(MONITOR)
-        graph.wait_until(listener.subscription.get_publisher_count, "the monitor")
+        graph.wait_until(listener.subscription.get_publisher_count, "the monitor", START_TIMEOUT)
         yield loop, listener, bearing
         code, errors = graph.stop(process, signal.SIGTERM)
         assert code == 0, errors
