@@ -320,9 +320,8 @@ def _surface_line(name: str, surface: SubharmonicSurface) -> str:
     if np.isnan(steady).all():
         return f"{name}: {ended}"
     i, j = np.unravel_index(np.nanargmax(steady), steady.shape)
-    amplitude, frequency = surface.inducing_amplitude[i], surface.inducing_frequency[j]
     return (
         f"{name}: {ended}; largest slow component in steady state {UM * steady[i, j]:.3f} um at "
-        f"{surface.slow_frequency[i, j]:.2f} Hz ({surface.slow_origin[i, j]}), inducing tone {UM * amplitude:.1f} um at "
-        f"{frequency:g} Hz"
+        f"{surface.slow_frequency[i, j]:.2f} Hz ({surface.slow_origin[i, j]}), inducing tone "
+        f"{UM * surface.inducing_amplitude[i]:.1f} um at {surface.inducing_frequency[j]:g} Hz"
     )
