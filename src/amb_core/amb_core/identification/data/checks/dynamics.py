@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, special
 
-from amb_core.identification.data.checks.lagged import centred, rows_of, triangle_of
+from amb_core.identification.data.checks.lagged import pieces, rows_of, triangle_of
 from amb_core.identification.data.checks.report import Finding, Severity
 from amb_core.identification.data.dataset import IdentificationData
 
@@ -129,14 +129,14 @@ def _lags(data: IdentificationData) -> int | None:
 
 def _factor(data: IdentificationData, lags: int, lead: int = 0) -> tuple[NDArray[np.float64], int]:
     """Triangular factor of rows [u[k+lead] ... u[k] ... u[k-lags]  y[k-1] ... y[k-lags]  y[k]], and their number."""
-    matrices = []
-    for u, y in centred(data):
-        if len(u) > lags + lead:
-            inputs = rows_of(u, range(lags + lead + 1))
-            outputs = rows_of(y, range(lags + 1))[: len(inputs)]
-            p = y.shape[1]
-            matrices.append(np.hstack([inputs, outputs[:, p:], outputs[:, :p]]))
-    return triangle_of(matrices)
+    p = len(data.output_names)
+
+    def matrix(u: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        inputs = rows_of(u, range(lags + lead + 1))
+        outputs = rows_of(y, range(lags + 1))[: len(inputs)]
+        return np.hstack([inputs, outputs[:, p:], outputs[:, :p]])
+
+    return triangle_of(matrix(u, y) for u, y in pieces(data, lags + lead))
 
 
 def _explained(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy import linalg
 
-from amb_core.identification.data.checks.lagged import centred, rows_of, triangle_of
+from amb_core.identification.data.checks.lagged import pieces, rows_of, triangle_of
 from amb_core.identification.data.checks.report import Finding, Severity
 from amb_core.identification.data.dataset import IdentificationData
 
@@ -69,7 +69,7 @@ def check_inputs(data: IdentificationData) -> Finding:
             ", ".join(constant),
             "excite every input, or leave it out with select",
         )
-    factor, rows = triangle_of([u for u, _ in centred(data)])
+    factor, rows = triangle_of(u for u, _ in pieces(data, 0))
     _, strengths, directions = linalg.svd(factor / math.sqrt(rows))
     if strengths[-1] < _NEARLY_COLLINEAR:
         weights = directions[-1] / np.abs(directions[-1]).max()
@@ -103,7 +103,7 @@ def check_excitation(data: IdentificationData, order: int) -> Finding:
     usable = min(wanted, max(item.steps for item in data.experiments) // (2 * m))
     if usable < least:
         return Finding("excitation", Severity.INFO, "not judged: too few samples")
-    factor, _ = triangle_of([rows_of(u, range(usable)) for u, _ in centred(data)])
+    factor, _ = triangle_of(rows_of(u, range(usable)) for u, _ in pieces(data, usable - 1))
     reached = usable
     while reached and _weakest(factor[: m * reached, : m * reached]) < _EXCITED:
         reached -= 1

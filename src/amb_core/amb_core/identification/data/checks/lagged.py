@@ -1,9 +1,11 @@
 """Least squares over lagged signals of several experiments, on a triangular factor of the data matrix.
 
-Rows never reach across the border of an experiment. Time and memory are linear in the samples.
+Rows never reach across the border of an experiment. Time is linear in the samples; the data matrix is never whole.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +39,21 @@ def rows_of(signals: NDArray[np.float64], lags: range) -> NDArray[np.float64]:
     return np.hstack([signals[first - lag : steps - lag] for lag in lags])
 
 
-def triangle_of(matrices: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64], int]:
-    """Triangular factor of the matrices on top of one another, with at least as many rows as columns; their rows."""
-    columns = matrices[0].shape[1]
-    factor = np.zeros((columns, columns))
+def pieces(data: IdentificationData, reach: int) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Inputs and outputs as `centred` has them, in pieces whose rows of `reach` lags are those of the experiments."""
+    for u, y in centred(data):
+        for start in range(0, len(u) - reach, _BLOCK):
+            part = slice(start, start + _BLOCK + reach)
+            yield u[part], y[part]
+
+
+def triangle_of(matrices: Iterable[NDArray[np.float64]]) -> tuple[NDArray[np.float64], int]:
+    """Triangular factor of one or more matrices on top of one another, and their rows; it has as many as columns."""
+    factor, rows = np.empty((0, 0)), 0
     for matrix in matrices:
-        for start in range(0, len(matrix), _BLOCK):
-            stacked = np.vstack([factor, matrix[start : start + _BLOCK]])
-            factor = linalg.qr(stacked, mode="r", overwrite_a=True, check_finite=False)[0][:columns]
-    return factor, sum(map(len, matrices))
+        columns = matrix.shape[1]
+        if not rows:
+            factor = np.zeros((columns, columns))
+        factor = linalg.qr(np.vstack([factor, matrix]), mode="r", overwrite_a=True, check_finite=False)[0][:columns]
+        rows += len(matrix)
+    return factor, rows
