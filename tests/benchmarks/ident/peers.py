@@ -1,0 +1,74 @@
+"""Identification methods of other packages (see peers.txt), as the benchmark calls them; needs NumPy only by itself.
+
+Each gets the data without means and scaled to unit variance, the order, no direct feedthrough where it lets one choose,
+and a horizon of twice the order; everything else is its default.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+Arrays = Any  # numpy arrays, float64
+Matrices = tuple[Arrays, Arrays, Arrays]
+
+
+def _slicot(u: Arrays, y: Arrays, order: int, compression: str, system: str) -> Matrices:
+    import ctrlsys
+
+    u, y = np.asfortranarray(u), np.asfortranarray(y)
+    m, p = u.shape[1], y.shape[1]
+    _, factor, _, _, info = ctrlsys.ib01ad(compression, "C", "N", "O", "N", "N", 2 * order, m, p, u, y, 0.0, 0.0)
+    if info:
+        raise RuntimeError(f"IB01AD: info {info}")
+    a, c, b, *_, info = ctrlsys.ib01bd(system, "A", "N", 2 * order, order, m, p, len(u), factor, 0.0)
+    if info:
+        raise RuntimeError(f"IB01BD: info {info}")
+    return a, b, c
+
+
+def _sippy(u: Arrays, y: Arrays, order: int, method: str) -> Matrices:
+    import sippy_unipi
+
+    horizon = 2 * order
+    model = sippy_unipi.system_identification(
+        y.T, u.T, method, SS_fixed_order=order, SS_f=horizon, SS_p=horizon, SS_D_required=False
+    )
+    return model.A, model.B, model.C
+
+
+def _nfoursid(u: Arrays, y: Arrays, order: int) -> Matrices:
+    import pandas
+    from nfoursid.nfoursid import NFourSID
+
+    table = pandas.DataFrame({"u0": u[:, 0], "u1": u[:, 1], "y0": y[:, 0], "y1": y[:, 1]})
+    method = NFourSID(table, ["y0", "y1"], ["u0", "u1"], num_block_rows=2 * order)
+    method.subspace_identification()
+    model, _ = method.system_identification(rank=order)
+    return model.a, model.b, model.c
+
+
+_METHODS: dict[str, Callable[[Arrays, Arrays, int], Matrices]] = {
+    "ctrlsys N4SID": partial(_slicot, compression="N", system="N"),
+    "ctrlsys MOESP": partial(_slicot, compression="M", system="M"),
+    **{
+        f"sippy-unipi {name}": partial(_sippy, method=name)
+        for name in ("N4SID", "MOESP", "CVA", "PARSIM-P", "PARSIM-S", "PARSIM-K")
+    },
+    "nfoursid": _nfoursid,
+}
+NAMES = tuple(_METHODS)
+
+
+def identify(name: str, inputs: Arrays, outputs: Arrays, sample_time: float, order: int) -> dict[str, Arrays]:
+    """Matrices A, B, C of the model in the units of the data."""
+    input_scale, output_scale = inputs.std(axis=0), outputs.std(axis=0)
+    u, y = (inputs - inputs.mean(axis=0)) / input_scale, (outputs - outputs.mean(axis=0)) / output_scale
+    with contextlib.redirect_stdout(io.StringIO()):
+        a, b, c = (np.asarray(matrix, dtype=float) for matrix in _METHODS[name](u, y, order))
+    return {"a": a, "b": b / input_scale, "c": c * output_scale[:, np.newaxis]}

@@ -1,0 +1,171 @@
+"""Accuracy, time and memory of identification, next to other packages, on a known unstable bearing in closed loop.
+
+Every identification runs in a process of its own with one BLAS thread. Those of other packages run with the interpreter
+of an environment in which peers.txt is installed; without it they are left out. Prints a table per data set and writes
+results/bench_ident.json: medians of the scores (see `scores`), seconds and peak_mb over the runs that gave a model, and
+counts of runs, unstable_poles_right, closed_loop_stable and failures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import ours
+import peers
+import plant
+import real_data
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+from scores import innovation_ratio, score
+
+FOLDER = Path(__file__).parent
+ROOT = FOLDER.parents[2]
+RESULTS = ROOT / "results" / "bench_ident.json"
+PEERS_PYTHON = ROOT / ".venv-peers" / "bin" / "python"
+MEMORY_LIMIT = 8 * 1024**3  # bytes
+COUNTED = ("unstable_poles_right", "closed_loop_stable")
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method, the module that runs it, and the interpreter that has its package."""
+
+    name: str
+    module: str
+    python: Path
+
+
+def main() -> None:
+    """Measure and report."""
+    arguments = _arguments()
+    console = Console()
+    methods = [Method(name, "ours", Path(sys.executable)) for name in ours.NAMES]
+    if arguments.peers.exists():
+        methods += [Method(name, "peers", arguments.peers) for name in peers.NAMES]
+    else:
+        console.print(f"no peers: {arguments.peers} does not exist; make it a venv with {FOLDER / 'peers.txt'}")
+    if arguments.methods:
+        methods = [method for method in methods if method.name in arguments.methods]
+    results: dict[str, dict[str, dict[str, float | None]]] = {}
+    for data_set in arguments.data:
+        results[data_set] = _measure(data_set, methods, arguments.seeds, arguments.limit)
+        console.print(_table(data_set, results[data_set]))
+        _save(results)
+    if (path := real_data.find(ROOT)) is not None:
+        results["cd_player"] = {method.name: _real(method, path, arguments.limit) for method in methods}
+        console.print(_table("cd_player", results["cd_player"]))
+        _save(results)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=20, help="runs per data set and method")
+    parser.add_argument("--data", nargs="*", default=list(plant.DATA_SETS), choices=list(plant.DATA_SETS))
+    parser.add_argument("--methods", nargs="*", help="only these")
+    parser.add_argument("--peers", type=Path, default=PEERS_PYTHON, help="interpreter that has the other packages")
+    parser.add_argument("--limit", type=float, default=120.0, help="seconds after which a run counts as failed")
+    return parser.parse_args()
+
+
+def _measure(data_set: str, methods: list[Method], seeds: int, limit: float) -> dict[str, dict[str, float | None]]:
+    experiment = plant.DATA_SETS[data_set]
+    runs: dict[str, list[dict[str, float] | None]] = {method.name: [] for method in methods}
+    with Progress(transient=True) as progress:
+        task = progress.add_task(data_set, total=seeds * len(methods))
+        for seed in range(seeds):
+            record = plant.record(experiment, seed)
+            for method in methods:
+                progress.update(task, description=f"{data_set}, seed {seed}: {method.name}")
+                found = _identify(method, record.current, record.position, plant.ORDER, limit)
+                scores = None
+                if found is not None:
+                    scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
+                    scores |= score((found["a"], found["b"], found["c"]))
+                    if "innovation_covariance" in found:
+                        scores["innovation_ratio"] = innovation_ratio(found["innovation_covariance"], experiment.noise)
+                runs[method.name].append(scores)
+                progress.advance(task)
+    return {name: _summary(scores) for name, scores in runs.items()}
+
+
+def _real(method: Method, path: Path, limit: float) -> dict[str, float | None]:
+    """Fit on the second half of a real experiment after identification from the first half."""
+    data = real_data.load(path)
+    found = _identify(method, *data.first_half, real_data.ORDER, limit)
+    scores = None
+    if found is not None:
+        scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
+        scores |= real_data.score((found["a"], found["b"], found["c"]), found.get("k"), data)
+    return _summary([scores])
+
+
+def _identify(
+    method: Method, inputs: NDArray[np.float64], outputs: NDArray[np.float64], order: int, limit: float
+) -> dict[str, NDArray[np.float64]] | None:
+    """What the worker saves; None where it fails or takes too long."""
+    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    with tempfile.TemporaryDirectory() as folder:
+        data, result = Path(folder) / "data.npz", Path(folder) / "result.npz"
+        np.savez(data, inputs=inputs, outputs=outputs, sample_time=plant.SAMPLE_TIME, order=order)
+        try:
+            subprocess.run(
+                [method.python, FOLDER / "worker.py", method.module, method.name, data, result],
+                env=os.environ | threads, timeout=limit, check=True, capture_output=True,
+                preexec_fn=_limit_memory,
+            )  # fmt: skip
+        except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
+            return None
+        with np.load(result) as archive:
+            return dict(archive)
+
+
+def _limit_memory() -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
+
+
+def _summary(runs: list[dict[str, float] | None]) -> dict[str, float | None]:
+    """Medians over the runs that gave a model, and counts."""
+    good = [run for run in runs if run is not None]
+    summary: dict[str, float | None] = {}
+    for name in good[0] if good else ():
+        if name not in COUNTED:
+            median = statistics.median(run[name] for run in good)
+            summary[name] = median if math.isfinite(median) else None  # JSON has no infinity
+    counts = {name: sum(bool(run[name]) for run in good) for name in COUNTED if good and name in good[0]}
+    return summary | {"runs": len(runs)} | counts | {"failures": len(runs) - len(good)}
+
+
+def _table(title: str, results: dict[str, dict[str, float | None]]) -> Table:
+    columns = list(dict.fromkeys(name for summary in results.values() for name in summary))
+    table = Table("method", *(column.replace("_", " ") for column in columns), title=title)
+    for method, summary in results.items():
+        table.add_row(method, *(_cell(summary.get(name, "-")) for name in columns))
+    return table
+
+
+def _cell(value: float | str | None) -> str:
+    return "diverges" if value is None else value if isinstance(value, str) else f"{value:.5g}"
+
+
+def _save(results: dict[str, dict[str, dict[str, float | None]]]) -> None:
+    """Write the results; data sets of earlier runs that this run does not measure are kept."""
+    kept = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    RESULTS.parent.mkdir(exist_ok=True)
+    RESULTS.write_text(json.dumps(kept | results, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
