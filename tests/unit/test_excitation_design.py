@@ -111,7 +111,12 @@ def test_a_signal_at_another_rate_and_a_bearing_without_x_are_refused(bench: Tri
     ("kind", "values", "options", "message"),
     [
         ("sweep", {}, {}, "kind 'sweep' is not designed; allowed: square, multisine, prbs"),
-        ("square", {"amplitude": 1e-6}, {}, "amplitude = 1e-06 m is what the design finds; leave it out"),
+        (
+            "square",
+            {"amplitude": 1e-6},
+            {},
+            "amplitude = 1e-06 m: the amplitude is what the design finds; leave it out",
+        ),
         ("square", {}, {"margin": 0.0}, "margin = 0.0 is not allowed; it must be above 0, and 1 at most"),
         ("square", {}, {"tolerance": 2.0}, "tolerance = 2.0 is not allowed"),
         ("square", {}, {"model_order": 0}, "model_order = 0 is not allowed; it must be 1 or more"),

@@ -242,7 +242,7 @@ def _check_table(found: ExcitationCheck) -> Table:
     table.add_row(
         "its slew, rms and peak (kA/s)",
         *(f"{1e-3 * axis.slew_rms:.2f}, {1e-3 * axis.slew_peak:.2f}" for axis in axes),
-        f"{1e-3 * found.slew_rate:.2f}",
+        "none" if found.slew_rate is None else f"{1e-3 * found.slew_rate:.2f}",
     )
     table.add_row("time beyond the limit of the current", *(f"{100 * axis.limited:.2f} %" for axis in axes))
     return table

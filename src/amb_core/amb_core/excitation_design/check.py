@@ -18,7 +18,6 @@ from amb_core.plant import PlantParameters
 from amb_core.plant.closed_forms import inductance
 from amb_core.region_map import RegionMap
 from amb_core.regions import Region
-from amb_core.regions.lines import current_slew_rate
 
 
 def check_excitation(
@@ -74,9 +73,9 @@ def check_excitation(
         notes=notes_on(signal, axes, region_map, controller, plant),
         bias_current=amplifier.bias_current,
         current_limit=controller.current_limit,
-        slew_rate=current_slew_rate(
-            amplifier.supply_voltage * (2.0 * amplifier.maximum_duty - 1.0), inductance(plant.magnetic_circuit)
-        ),
+        slew_rate=amplifier.supply_voltage * (2.0 * amplifier.maximum_duty - 1.0) / inductance(plant.magnetic_circuit)
+        if amplifier.limits
+        else None,
     )
 
 

@@ -93,9 +93,10 @@ class ExcitationCheck:
         One line: where it would run, and what to do.
     notes : tuple of str
         What a reader should know: content outside the map, a map of another axis, sample rate, controller or plant.
-    bias_current, current_limit, slew_rate : float
-        Limits to compare the commands with: bias current (A), limit of the control current (A), fastest change of a
-        coil current (A/s).
+    bias_current, current_limit : float
+        Limits to compare the control currents with (A).
+    slew_rate : float or None
+        Fastest change of a coil current (A/s); None where the amplifiers have no limits.
     """
 
     kind: str
@@ -108,4 +109,4 @@ class ExcitationCheck:
     notes: tuple[str, ...]
     bias_current: float
     current_limit: float
-    slew_rate: float
+    slew_rate: float | None
