@@ -191,7 +191,10 @@ def _delays(
     # The part of this input's values that the others do not determine; its inverse tells how noise enters.
     part = linalg.qr(factor[:, [*known, *own]], mode="r", check_finite=False)[0][len(known) : len(known) + len(own)]
     part = part[:, len(known) :]
-    inverse, unknown = linalg.pinv(part, check_finite=False), np.abs(np.diag(part)) < _NO_RESIDUE * rows
+    inverse, unknown = (
+        linalg.pinv(part, atol=_NO_RESIDUE * rows, check_finite=False),
+        np.abs(np.diag(part)) < _NO_RESIDUE * rows,
+    )
     delays, evident = [], True
     for target in range(factor.shape[1] - p, factor.shape[1]):
         added, residual = _added(factor, known, own, target)
