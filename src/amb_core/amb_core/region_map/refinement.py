@@ -129,17 +129,19 @@ def _uncertainty(amplitude: NDArray[np.float64], frequency: NDArray[np.float64])
     Returns
     -------
     ndarray, shape (sweeps - 1,)
-        Where both sweeps have the boundary, the largest deviation from the straight line: |c| h^2 / 4 for an interval
-        h with the second divided difference c at that of its two ends where it is smaller in magnitude. A jump, which
-        is large at both ends of its own interval, thus does not spread to the next. A boundary that falls cannot
-        deviate by more than it falls. Where only one sweep has it, the width of the interval; where none has it, 0.
+        Where both sweeps have the boundary, how far the straight line between its neighbours misses one of the two, at
+        the end where this is smaller, and with the spacing of neighbours that the interval itself has: |c| h^2 for an
+        interval h and the second divided difference c. A line that holds over neighbours holds within the interval all
+        the more (the error is a quarter of this). A jump, which is large at both ends of its own interval, does not
+        spread to the next. A boundary that falls cannot deviate by more than it falls. Where only one sweep has it, the
+        width of the interval; where none has it, 0.
     """
     width = np.diff(amplitude)
     slope = np.diff(frequency) / width
     curvature = np.full(len(amplitude), np.inf)
     curvature[1:-1] = np.abs(np.diff(slope) / (amplitude[2:] - amplitude[:-2]))
     curvature[np.isnan(curvature)] = np.inf
-    deviation = np.minimum(curvature[:-1], curvature[1:]) * width**2 / 4.0
+    deviation = np.minimum(curvature[:-1], curvature[1:]) * width**2
     deviation = np.minimum(deviation, np.abs(np.diff(frequency)))
     missing = np.isnan(frequency)
     deviation[missing[:-1] != missing[1:]] = width[missing[:-1] != missing[1:]]
