@@ -161,7 +161,7 @@ def test_a_known_limit_is_judged_with_its_offset() -> None:
 
 
 @given(resolution=st.floats(1e-3, 0.3), frequency=st.floats(0.001, 0.2))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_quantised_signals_and_signals_of_levels_are_not_called_clipped(resolution: float, frequency: float) -> None:
     sine = np.sin(2.0 * np.pi * frequency * np.arange(2_000))[:, None] * [1.0, 0.7]
     rounded = resolution * np.round(sine / resolution)
@@ -280,7 +280,7 @@ def test_an_input_without_effect_is_named() -> None:
 # -- region
 
 
-def loop_record(drift: float = 0.0, amplitude: float = 10e-6, steps: int = 20_000) -> LoopRecord:
+def loop_record(drift: float = 0.0, amplitude: float = 10e-6, steps: int = 15_000) -> LoopRecord:
     """A linear answer to a sine of 100 Hz at 10 kHz, whose bias drifts from the middle on (m/s)."""
     time = np.arange(steps) * 1e-4
     reference = np.column_stack([amplitude * np.sin(2.0 * np.pi * 100.0 * time), np.zeros(steps)])
@@ -315,7 +315,7 @@ def test_what_cannot_be_judged_says_why() -> None:
     order=st.integers(1, 12),
     seed=st.integers(0, 10),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_no_data_make_the_checks_fail(steps: int, kinds: list[str], order: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     first = rng.normal(size=steps)

@@ -83,7 +83,7 @@ def test_what_is_written_is_read_bit_for_bit(ending: str, tmp_path_factory: pyte
     path = tmp_path_factory.mktemp("data") / f"data.{ending}"
 
     @given(data=datasets())
-    @settings(max_examples=25, deadline=None)
+    @settings(max_examples=12, deadline=None)
     def round_trip(data: IdentificationData) -> None:
         write_data(data, path)
         assert identical(read_data(path), data)

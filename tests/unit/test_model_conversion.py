@@ -48,7 +48,7 @@ def test_files_keep_every_bit_of_any_model(ending: str, tmp_path_factory: pytest
     path = tmp_path_factory.mktemp("model") / f"model.{ending}"
 
     @given(model=models())
-    @settings(max_examples=25, deadline=None)
+    @settings(max_examples=12, deadline=None)
     def round_trip(model: StateSpaceModel) -> None:
         model.save(path)
         found = StateSpaceModel.load(path)
@@ -126,7 +126,7 @@ def test_the_continuous_system_has_the_physical_poles(bearing: LinearBearing) ->
 
 
 @given(seed=st.integers(0, 1_000), n=st.integers(1, 6))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_sampling_the_continuous_system_gives_the_model_back(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     a = 200.0 * rng.normal(size=(n, n))
