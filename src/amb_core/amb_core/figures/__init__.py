@@ -4,6 +4,30 @@
 """
 
 from amb_core.figures.loop import orbit_figure, orbit_page, response_figure, response_page
-from amb_core.figures.saving import save_figure
+from amb_core.figures.overlay import overlay_figure, overlay_page
+from amb_core.figures.region_map import map_figure, map_grid_figure, map_grid_page, map_page
+from amb_core.figures.saving import page_fragment, save_figure
+from amb_core.figures.spectrum import spectrum_figure, spectrum_page
+from amb_core.figures.surface import surface_figure, surface_page
+from amb_core.figures.sweep import sweep_figure, sweep_page
 
-__all__ = ["orbit_figure", "orbit_page", "response_figure", "response_page", "save_figure"]
+__all__ = [
+    "map_figure",
+    "map_grid_figure",
+    "map_grid_page",
+    "map_page",
+    "orbit_figure",
+    "orbit_page",
+    "overlay_figure",
+    "overlay_page",
+    "page_fragment",
+    "response_figure",
+    "response_page",
+    "save_figure",
+    "spectrum_figure",
+    "spectrum_page",
+    "surface_figure",
+    "surface_page",
+    "sweep_figure",
+    "sweep_page",
+]

@@ -84,21 +84,32 @@ class Note:
 
 @dataclass(frozen=True)
 class Heat:
-    """Values on a grid as colours; `values` has a row for each y. Their scale is `label`."""
+    """Positive values on a grid as colours on a logarithmic scale; NaN is left blank.
+
+    `values` has a row for each y; `limits` are the ends of the scale, which all panels of a chart share; `label` and
+    `unit` tell what the colours mean.
+    """
 
     x: Values
     y: Values
     values: Values
+    limits: tuple[float, float]
     label: str
+    unit: str
 
 
 @dataclass(frozen=True)
 class HoverGrid:
-    """What the page tells about the places of a grid when pointed at; `text` has a row for each y. Figures omit it."""
+    """What the page tells about the places of a grid when pointed at: x, y and a name. Figures omit it.
+
+    `number` has a row for each y, and the place of each name in `names`; `units` are those of x and y.
+    """
 
     x: Values
     y: Values
-    text: Values
+    number: Values
+    names: tuple[str, ...]
+    units: tuple[str, str]
 
 
 Item = Curve | Points | Band | Span | Rule | Note | Heat | HoverGrid

@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib import ticker
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis as DrawnAxis
+from matplotlib.colors import LogNorm, to_rgba
 from matplotlib.figure import Figure
 
 from amb_core.figures.chart import Axis, Band, Chart, Curve, Heat, HoverGrid, Note, Panel, Points, Rule, Span
@@ -45,7 +46,12 @@ def draw_figure(chart: Chart) -> Figure:
     if entries:
         fitting = chart.size[0] / (LETTER_WIDTH * (7 + max(map(len, entries))))
         figure.legend(
-            entries.values(), entries.keys(), loc="outside lower center", ncols=max(1, min(4, int(fitting))), fontsize=9
+            entries.values(),
+            entries.keys(),
+            loc="outside lower center",
+            ncols=max(1, min(4, int(fitting))),
+            fontsize=9,
+            frameon=False,
         )
     return figure
 
@@ -136,10 +142,12 @@ def _(item: Note, axes: Axes) -> None:
 
 @draw.register
 def _(item: Heat, axes: Axes) -> None:
-    mesh = axes.pcolormesh(item.x, item.y, item.values, cmap="cividis", shading="nearest", rasterized=True)
+    scale = LogNorm(*item.limits)
+    mesh = axes.pcolormesh(item.x, item.y, item.values, cmap="cividis", norm=scale, shading="nearest", rasterized=True)
     figure = axes.get_figure()
     assert isinstance(figure, Figure)
-    figure.colorbar(mesh, ax=axes, label=item.label)
+    bar = figure.colorbar(mesh, ax=axes, label=f"{item.label} ({item.unit})", format="%g")
+    bar.ax.yaxis.set_minor_formatter(ticker.NullFormatter())
 
 
 @draw.register
@@ -153,8 +161,6 @@ def _line(stroke: Stroke) -> dict[str, Any]:
 
 def _area(item: Band | Span) -> dict[str, Any]:
     """Look of an area: light enough for what is drawn over it, its hatch a little stronger."""
-    from matplotlib.colors import to_rgba
-
     return {
         "facecolor": to_rgba(item.colour, OPACITY),
         "edgecolor": to_rgba(item.colour, 0.45),

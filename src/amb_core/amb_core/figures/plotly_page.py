@@ -22,8 +22,8 @@ GRID = "rgba(128, 128, 128, 0.25)"
 def draw_page(chart: Chart) -> go.Figure:
     """Draw a chart as a plotly figure.
 
-    Its `layout.meta` has `alt`, the text for those who cannot see it, and `table`, its main numbers: `save_figure`
-    and `page_fragment` put them into the HTML.
+    Its `layout.meta` has `alt`, the text for those who cannot see it, `table`, its main numbers, and the number of
+    `columns`: `save_figure` and `page_fragment` put them into the HTML.
     """
     page = make_subplots(
         rows=chart.rows,
@@ -50,7 +50,7 @@ def draw_page(chart: Chart) -> go.Figure:
     table = chart.table and {"header": chart.table.header, "rows": chart.table.rows}
     page.update_layout(
         title={"text": chart.title},
-        meta={"alt": chart.alt, "table": table},
+        meta={"alt": chart.alt, "table": table, "columns": chart.columns},
         template="none",
         height=PIXELS_PER_INCH * chart.size[1] + 60,
         margin={"l": 70, "r": 15, "t": 50, "b": 60},
@@ -75,7 +75,8 @@ def _axis(axis: Axis, labelled: bool) -> dict[str, Any]:
         "automargin": True,
     }
     if axis.log:
-        settings |= {"type": "log", "dtick": "D2"}  # numbers at 1, 2 and 5 of each power of ten
+        marks = [factor * 10.0**power for power in range(-3, 6) for factor in (1, 2, 5)]
+        settings |= {"type": "log", "tickvals": marks, "ticktext": [f"{mark:g}" for mark in marks]}
     if axis.limits:
         settings["range"] = [math.log10(end) for end in axis.limits] if axis.log else list(axis.limits)
     return settings
@@ -161,25 +162,45 @@ def _(item: Heat, page: go.Figure, place: dict[str, int]) -> None:
     page.add_heatmap(
         x=_short(item.x),
         y=_short(item.y),
-        z=_short(item.values),
-        colorscale="Cividis",
-        colorbar={"title": item.label},
+        z=_short(np.log10(item.values)),
+        customdata=_short(item.values),
+        hovertemplate=f"%{{x:.4g}}, %{{y:.4g}}: %{{customdata:.3g}} {item.unit}<extra></extra>",
+        hoverongaps=False,
+        coloraxis="coloraxis",
         **place,
+    )
+    low, high = (math.log10(end) for end in item.limits)
+    powers = list(range(math.ceil(low), math.floor(high) + 1))
+    page.update_layout(
+        coloraxis={
+            "cmin": low,
+            "cmax": high,
+            "colorscale": "Cividis",
+            "colorbar": {
+                "title": {"text": f"{item.label} ({item.unit})", "side": "right"},
+                "tickvals": powers,
+                "ticktext": [f"{10.0**power:g}" for power in powers],
+                "thickness": 15,
+            },
+        }
     )
 
 
 @draw.register
 def _(item: HoverGrid, page: go.Figure, place: dict[str, int]) -> None:
-    page.add_heatmap(
-        x=_short(item.x),
-        y=_short(item.y),
-        z=np.zeros(item.text.shape, dtype=np.int8),
-        text=item.text,
-        hovertemplate="%{text}<extra></extra>",
-        opacity=0.0,
-        showscale=False,
-        **place,
-    )
+    for number, name in enumerate(item.names):  # an invisible layer for each
+        here = item.number == number
+        if here.any():
+            page.add_heatmap(
+                x=_short(item.x),
+                y=_short(item.y),
+                z=_short(np.where(here, 0.0, np.nan)),
+                hovertemplate=f"%{{x:.3g}} {item.units[0]}, %{{y:.3g}} {item.units[1]}: {name}<extra></extra>",
+                hoverongaps=False,
+                opacity=0.0,
+                showscale=False,
+                **place,
+            )
 
 
 def _short(values: Values) -> Values:

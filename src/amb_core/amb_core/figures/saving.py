@@ -24,6 +24,8 @@ CONFIG = {
     "modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
 }
 
+COLUMN_WIDTH = 20  # of a panel beside others (rem); narrower windows scroll
+
 STYLE = """
 :root { color-scheme: light dark; --text: #1a1a1a; --page: #ffffff; --line: #cccccc; }
 @media (prefers-color-scheme: dark) { :root { --text: #e8e8e8; --page: #16181c; --line: #444444; } }
@@ -34,7 +36,7 @@ figure { margin: 0 0 1.5rem; }
 .chart .main-svg text { fill: var(--text) !important; }
 .chart .hoverlayer text { fill: #ffffff !important; }
 .chart .hoverlayer path { fill: #333333 !important; }
-.numbers { overflow-x: auto; }
+.chart, .numbers { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { border-bottom: 1px solid var(--line); padding: 0.25rem 0.8rem; text-align: left; white-space: nowrap; }
 """
@@ -94,7 +96,8 @@ def page_fragment(page: go.Figure) -> str:
 
     The title is left to the document, whose headings wrap on narrow screens.
     """
-    alt, table = page.layout.meta["alt"], page.layout.meta["table"]
+    alt, table, columns = (page.layout.meta[name] for name in ("alt", "table", "columns"))
+    width = f"min-width: {COLUMN_WIDTH * columns}rem" if columns > 1 else ""
     chart = go.Figure(page)
     chart.update_layout(title=None, meta=None, margin_t=25)
     drawn = chart.to_html(
@@ -104,7 +107,7 @@ def page_fragment(page: go.Figure) -> str:
     )
     parts = [
         "<figure>",
-        f'<div class="chart" role="img" aria-label="{html.escape(alt)}">{drawn}</div>',
+        f'<div class="chart" role="img" aria-label="{html.escape(alt)}"><div style="{width}">{drawn}</div></div>',
         f"<figcaption>{html.escape(alt)}</figcaption>",
         *([_numbers(table)] if table else []),
         "</figure>",
