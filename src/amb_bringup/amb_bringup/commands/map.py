@@ -203,23 +203,26 @@ def _write_map(
     out: Path, found: RegionMap, plant: PlantParameters, controller: ControllerParameters, console: Console
 ) -> None:
     """Map, summary and figures, and the tables on the console."""
+    from amb_core.figures import map_figure, map_page, save_figure
     from amb_core.region_map import analytic_lines, compare
 
     lines = analytic_lines(plant, controller, found.settings.axes)
     comparisons = compare(found, lines)
     found.save(out / "map.json")
     _write_json(out / "summary.json", _summary(found, comparisons))
+    save_figure(out, "map", map_figure(found, lines), map_page(found, lines))
     console.print(_boundary_table(found))
     console.print(_line_table(comparisons))
     if not found.complete:
         console.print("[yellow]not resolved as asked; more sweeps (--max-sweeps) would help[/yellow]")
-    console.print(f"map.json, summary.json: {out}")
+    console.print(f"map.json, summary.json, map.png, map.html: {out}")
 
 
 def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
-    """A folder for each map of a grid, and a summary of all."""
+    """A folder for each map of a grid, and summary and figure of all."""
     from rich.table import Table
 
+    from amb_core.figures import map_grid_figure, map_grid_page, save_figure
     from amb_core.region_map import BOUNDARIES, analytic_lines, compare
 
     summaries, problems = [], []
@@ -243,10 +246,14 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
         summaries.append(summary)
         table.add_row(*(str(value) for value in cell.values.values()), *row)
     _write_json(out / "summary.json", summaries)
+    files = "summary.json, a folder with map.json for each"
+    if any(cell.map is not None for cell in cells):
+        save_figure(out, "grid", map_grid_figure(cells), map_grid_page(cells))
+        files += ", grid.png, grid.html"
     console.print(table)
     for problem in problems:
         console.print(f"[yellow]{problem}[/yellow]")
-    console.print(f"summary.json, a folder with map.json for each: {out}")
+    console.print(f"{files}: {out}")
 
 
 def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
