@@ -171,6 +171,7 @@ def test_the_verdict_changes_with_the_amplitude() -> None:
     assert small.verdict.startswith("region A: ")
     assert f"multiplied by {small.margin:.2f}" in small.verdict
     assert medium.verdict.startswith("region B on ")
+    assert "by all of its content together" in medium.verdict  # none of its bands reaches B alone
     assert f"at most {medium.margin:.2f}" in medium.verdict
     assert small.margin > 1.0 > medium.margin > large.margin
 

@@ -88,6 +88,8 @@ def verdict(axes: tuple[AxisCheck, ...], margin: float) -> str:
         if worst.form == "instantaneous":
             entered = worst.frequency[worst.region > Region.A]
             where = f" at {entered.min():.0f} Hz to {entered.max():.0f} Hz" if len(entered) else ""
+        elif worst.shares[Region.A] > 0.999:
+            where = " by all of its content together"
         return (
             f"region {worst.predicted.name} on {worst.axis}{where}: the load is {load.linear:.2f} times what region A "
             f"bears; multiply the amplitude by at most {margin:.2f}, or lower the frequencies"
