@@ -234,6 +234,7 @@ def _write(
     import json
 
     from amb_core.errors import RegionError
+    from amb_core.figures import save_figure, spectrum_figure, spectrum_page, surface_figure, surface_page
     from amb_core.subharmonics.summary import spectrum_summary, surface_summary
 
     content = {
@@ -247,6 +248,10 @@ def _write(
         (out / "summary.json").write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
     except OSError as problem:
         raise RegionError(f"{out / 'summary.json'}: cannot be written: {problem.strerror}") from None
+    given = next(iter(results.values()))
+    save_figure(out, "spectrum", spectrum_figure(given), spectrum_page(given))
+    for name, found in surfaces.items():
+        save_figure(out, name, surface_figure(found), surface_page(found))
 
 
 def _table(title: str, spectrum: SubharmonicSpectrum) -> Table:
@@ -260,8 +265,7 @@ def _table(title: str, spectrum: SubharmonicSpectrum) -> Table:
     )  # fmt: skip
     for column in table.columns[:2]:
         column.justify = "right"
-    for column in table.columns:
-        column.no_wrap = True
+    table.columns[2].no_wrap = True
     for line in sorted(spectrum.lines, key=lambda line: -abs(line.amplitude))[:SHOWN]:
         table.add_row(
             f"{line.frequency:.2f}",
