@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 UM = 1e6
 SHOWN = 12  # lines in a table
 DIFFERENCE = (-1, 1, 0)  # f2 - f1
+TONE_ERROR = 0.1  # of its amplitude, by which a recorded tone may differ from that asked for
 RIVAL = 4  # a product of an order that much higher than another's on the same line may still make it
 
 
@@ -169,12 +170,25 @@ def _progress(console: Console) -> Progress:
 
 
 def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectrum:
-    """Spectrum of the last experiment of a bag, from the time of the fade-in on."""
+    """Spectrum of the last experiment of a bag, from the time of the fade-in on; refused if it lacks the tones."""
+    from dataclasses import replace
+
     from amb_core.bags import read_bag
+    from amb_core.errors import RegionError
     from amb_core.subharmonics import analyse
 
     record = read_bag(bag).experiment(-1, 0)
-    return analyse(record, settings, record.first_step + round(settings.fade_in / record.sample_time))
+    first = record.first_step + round(settings.fade_in / record.sample_time)
+    reference = analyse(replace(record, position=record.reference), settings, first)
+    for tone, (frequency, asked) in enumerate(zip(settings.frequencies, settings.amplitudes, strict=True)):
+        line = reference.line(*(int(tone == index) for index in range(3)))
+        found = 0.0 if line is None else abs(line.amplitude)
+        if abs(found - asked) > TONE_ERROR * asked:
+            raise RegionError(
+                f"bag {bag}: the reference {settings.axis} has {UM * found:.3g} um at {frequency:g} Hz, asked for are "
+                f"{UM * asked:.3g} um; give the tones that were recorded"
+            )
+    return analyse(record, settings, first)
 
 
 def _simulate(
