@@ -117,8 +117,8 @@ def test_the_filter_bank_predicts_as_the_state_space_form_does() -> None:
     f = random.normal(size=(5, 5))
     modes = Modes.of(0.9 * f / np.max(np.abs(np.linalg.eigvals(f))), random.normal(size=(2, 5)))
     fit = fit_gains(modes, inputs, outputs, np.eye(2))
-    a, b, c, k, initial_state = fit.matrices(2)
-    errors = innovations(a, b, c, k, initial_state, inputs, outputs)
+    a, b, c, k, initial_states = fit.matrices(2)
+    errors = innovations(a, b, c, k, initial_states, inputs, outputs)
     assert errors.T @ errors / 500 == pytest.approx(fit.covariance, rel=1e-9)
 
 

@@ -122,7 +122,7 @@ def test_the_input_matrix_and_first_state_that_made_the_data_are_recovered() -> 
             break
     found, found_first = fit_input_matrix(a, c, k, inputs, outputs)
     assert found == pytest.approx(b, abs=1e-9)
-    assert found_first == pytest.approx(first, abs=1e-9)
+    assert found_first[0] == pytest.approx(first, abs=1e-9)
     assert np.max(np.abs(innovations(a, found, c, k, found_first, inputs, outputs))) < 1e-9 * np.max(np.abs(outputs))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from amb_core.identification.predictor import experiments
 from amb_core.identification.scaled_data import ScaledData
 
 _BLOCK = 4_000  # rows of the data matrix held at once
@@ -27,7 +28,7 @@ class DataTriangle:
     p, q : int
         Number of outputs, and of outputs and inputs.
     rows : int
-        Rows of the data matrix.
+        Rows of the data matrix: steps whose past and future lie within one experiment.
     """
 
     def __init__(self, data: ScaledData, past: int, future: int) -> None:
@@ -35,13 +36,15 @@ class DataTriangle:
         self.p, self.q = data.outputs.shape[1], data.outputs.shape[1] + data.inputs.shape[1]
         z = np.hstack([data.outputs, data.inputs])
         lags = np.concatenate([np.arange(-1, -past - 1, -1), np.arange(future + 1)])
-        self.rows = len(z) - past - future
+        self.rows = 0
         factor = np.zeros((0, self.q * len(lags)))
-        for start in range(past, past + self.rows, _BLOCK):
-            stop = min(start + _BLOCK, past + self.rows)
-            block = np.hstack([z[start + lag : stop + lag] for lag in lags])
-            # NumPy's is a third faster than SciPy's.
-            factor = np.asarray(np.linalg.qr(np.vstack([factor, block]), mode="r"))
+        for part in experiments(len(z), data.lengths):
+            for start in range(part.start + past, part.stop - future, _BLOCK):
+                stop = min(start + _BLOCK, part.stop - future)
+                block = np.hstack([z[start + lag : stop + lag] for lag in lags])
+                # NumPy's is a third faster than SciPy's.
+                factor = np.asarray(np.linalg.qr(np.vstack([factor, block]), mode="r"))
+                self.rows += stop - start
         self._factor = factor / math.sqrt(self.rows)
 
     def before(self, steps: int, lead: int = 0) -> NDArray[np.float64]:

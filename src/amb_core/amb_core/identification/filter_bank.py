@@ -7,8 +7,8 @@ With t = tr M and d = det M the contribution of a block to the prediction is
 
 where w holds inputs and outputs, G the block's rows of (B, K). The derivatives by the entries of M are sums of v, z v
 and the once more filtered s = v / (z^2 - t z + d), z s. So four signals per block and channel are all that is needed of
-the data, whatever the number of parameters. The first state enters as one more channel, an impulse before the first
-sample. An odd order is padded with a state that is neither reached nor seen.
+the data, whatever the number of parameters. The first state of each experiment enters as one more channel, an
+impulse before its first sample. An odd order is padded with a state that is neither reached nor seen.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 10.3 (gradients by filtering).
 """
@@ -16,12 +16,15 @@ Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 1
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
+
+from amb_core.identification.predictor import experiments
 
 _BLOCK = 1_000  # samples whose signals are held at once
 _SMALLEST_SINGULAR_VALUE = 1e-12  # of the regressors, relative to the largest
@@ -112,7 +115,7 @@ class Fit:
     modes : Modes
         F and C.
     gains : ndarray, shape (blocks, 2, channels)
-        Effect of inputs, outputs and the impulse before the first sample on the states: B, K, x[0].
+        Effect of inputs, outputs and the impulse before each experiment on the states: B, K, every x[0].
     covariance : ndarray, shape (p, p)
         Mean products of the one-step prediction errors.
     errors : ndarray, shape (p * rows,)
@@ -128,15 +131,19 @@ class Fit:
     sensitivity: NDArray[np.float64]
 
     def matrices(self, inputs: int) -> tuple[NDArray[np.float64], ...]:
-        """A, B, C, K and x[0] of a model with that many inputs."""
+        """A, B, C, K of a model with that many inputs, and x[0] of each experiment, shape (experiments, n)."""
         f, c = self.modes.matrices()
         gains = np.vstack(list(self.gains))[: self.modes.order]
-        b, k, initial_state = gains[:, :inputs], gains[:, inputs:-1], gains[:, -1]
-        return f + k @ c, b, c, k, initial_state
+        b, k, initial_states = np.split(gains, [inputs, inputs + len(c)], axis=1)
+        return f + k @ c, b, c, k, initial_states.T
 
 
 def fit_gains(
-    modes: Modes, inputs: NDArray[np.float64], outputs: NDArray[np.float64], weight: NDArray[np.float64]
+    modes: Modes,
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    lengths: Sequence[int] | None = None,
 ) -> Fit:
     """Least-squares gains for given modes (variable projection), with errors and sensitivities.
 
@@ -148,9 +155,11 @@ def fit_gains(
         Data without offsets, each column scaled to the order of 1.
     weight : ndarray, shape (p, p)
         Errors are weighted as weight @ error; the sum of squares is taken.
+    lengths : sequence of int, optional
+        Steps of each experiment; one experiment by default.
     """
     p, blocks = outputs.shape[1], len(modes.m)
-    factor = _factor(modes, inputs, outputs)
+    factor = _factor(modes, inputs, outputs, experiments(len(inputs), lengths))
     signals = factor[:, :-p].reshape(len(factor), blocks, 4, -1)
     v, zv = signals[:, :, 0], signals[:, :, 1]
     c = weight @ modes.c
@@ -195,19 +204,22 @@ def _sensitivity(
     return np.hstack([by_m.reshape(rows, -1), np.einsum("il,rba->irbla", weight, by_c).reshape(rows, -1)])
 
 
-def _factor(modes: Modes, inputs: NDArray[np.float64], outputs: NDArray[np.float64]) -> NDArray[np.float64]:
+def _factor(
+    modes: Modes, inputs: NDArray[np.float64], outputs: NDArray[np.float64], parts: list[slice]
+) -> NDArray[np.float64]:
     """Triangular factor of the filters' signals (block, kind, channel) and the outputs, over the root of the steps."""
-    steps, blocks = len(inputs), len(modes.m)
-    w = np.hstack([inputs, outputs, np.zeros((steps, 1))])
-    state = np.zeros((blocks, 4, w.shape[1]))
-    state[:, 1, -1] = 1.0  # z v of the impulse one step before the first sample
-    triangle = np.zeros((0, state.size + outputs.shape[1]))
-    for start in range(0, steps, _BLOCK):
-        part = slice(start, start + _BLOCK)
-        signals = np.empty((len(w[part]), *state.shape))
-        _filter(modes.trace, modes.determinant, w[part], state, signals)
-        rows = np.vstack([triangle, np.hstack([signals.reshape(len(signals), -1), outputs[part]])])
-        triangle = np.asarray(np.linalg.qr(rows, mode="r"))  # NumPy's is a third faster than SciPy's
+    steps, measured = len(inputs), inputs.shape[1] + outputs.shape[1]
+    w = np.hstack([inputs, outputs, np.zeros((steps, len(parts)))])
+    triangle = np.zeros((0, len(modes.m) * 4 * w.shape[1] + outputs.shape[1]))
+    for index, experiment in enumerate(parts):
+        state = np.zeros((len(modes.m), 4, w.shape[1]))
+        state[:, 1, measured + index] = 1.0  # z v of the impulse one step before the first sample
+        for start in range(experiment.start, experiment.stop, _BLOCK):
+            part = slice(start, min(start + _BLOCK, experiment.stop))
+            signals = np.empty((len(w[part]), *state.shape))
+            _filter(modes.trace, modes.determinant, w[part], state, signals)
+            rows = np.vstack([triangle, np.hstack([signals.reshape(len(signals), -1), outputs[part]])])
+            triangle = np.asarray(np.linalg.qr(rows, mode="r"))  # NumPy's is a third faster than SciPy's
     return triangle / math.sqrt(steps)
 
 

@@ -17,12 +17,13 @@ from scipy import linalg
 
 from amb_core.identification.data_triangle import PastRegression
 from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.scaled_data import Samples
 from amb_core.identification.state_regression import identify_by_states
 
 
 def pbsid(
-    inputs: NDArray[np.float64],
-    outputs: NDArray[np.float64],
+    inputs: Samples,
+    outputs: Samples,
     sample_time: float,
     order: int = 10,
     past: int | None = None,

@@ -24,9 +24,10 @@ from threadpoolctl import threadpool_limits
 from amb_core.errors import IdentificationError
 from amb_core.identification.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.model import StateSpaceModel
-from amb_core.identification.scaled_data import ScaledData
+from amb_core.identification.scaled_data import Samples, ScaledData
 
 _MOST_ITERATIONS = 22
+_MOST_EXPERIMENTS = 10  # each has a first state of its own, and time grows with their square
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
 _FIRST_DAMPING = 0.1  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix; less is refused more often
 _LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
@@ -35,8 +36,8 @@ _LEAST_DAMPING = 1e-12  # likewise; redundant coordinates need some
 
 
 def pem(
-    inputs: NDArray[np.float64],
-    outputs: NDArray[np.float64],
+    inputs: Samples,
+    outputs: Samples,
     start: StateSpaceModel,
     progress: Callable[[int, float], None] | None = None,
     most_iterations: int = _MOST_ITERATIONS,
@@ -46,8 +47,9 @@ def pem(
 
     Parameters
     ----------
-    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2)
-        Control current references (A) and positions (m). Means are removed and kept as the model's offsets.
+    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2), or lists of such
+        Control current references (A) and positions (m) of one experiment, or of each of several, which cost more each.
+        Means over all are removed and kept as the model's offsets.
     start : StateSpaceModel
         Where to start: gives order, sample time, A, C and K. B and the initial state are estimated anew.
     progress : callable, optional
@@ -69,7 +71,11 @@ def pem(
         raise IdentificationError(
             f"the start has {start.b.shape[1]} inputs and {len(start.c)} outputs, not those of the data"
         )
-    unknowns = start.order * (1 + 2 * data.outputs.shape[1] + data.inputs.shape[1])
+    if len(data.lengths) > _MOST_EXPERIMENTS:
+        raise IdentificationError(
+            f"{len(data.lengths)} experiments are not allowed; allowed: up to {_MOST_EXPERIMENTS}, use the longest"
+        )
+    unknowns = start.order * (len(data.lengths) + 2 * data.outputs.shape[1] + data.inputs.shape[1])
     if data.outputs.size <= unknowns:
         raise IdentificationError(
             f"{len(data.outputs)} samples are too few for the {unknowns} unknowns of order {start.order}"
@@ -82,8 +88,8 @@ def pem(
         try:
             modes = Modes.of(start.a - start.k @ start.c, start.c / data.output_scale[:, np.newaxis])
             fit = _minimise(modes, data, progress, most_iterations)
-            a, b, c, k, initial_state = fit.matrices(data.inputs.shape[1])
-            return data.model(a, b, c, k, initial_state, start.sample_time, "pem", source)
+            a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
+            return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source)
         except (linalg.LinAlgError, ValueError) as problem:
             reason = " ".join(str(problem).split())
             raise IdentificationError(
@@ -95,8 +101,8 @@ def _minimise(
     modes: Modes, data: ScaledData, progress: Callable[[int, float], None] | None, most_iterations: int
 ) -> Fit:
     """The best fit from `modes` on."""
-    first = fit_gains(modes, data.inputs, data.outputs, np.eye(data.outputs.shape[1]))
-    fit = fit_gains(modes, data.inputs, data.outputs, _weight(first.covariance))
+    first = fit_gains(modes, data.inputs, data.outputs, np.eye(data.outputs.shape[1]), data.lengths)
+    fit = fit_gains(modes, data.inputs, data.outputs, _weight(first.covariance), data.lengths)
     iteration, cost, damping, growth = 0, _cost(fit), _FIRST_DAMPING, 2.0
     if progress is not None:
         progress(iteration, cost)
@@ -136,7 +142,7 @@ def _try(modes: Modes, data: ScaledData, weight: NDArray[np.float64]) -> Fit | N
     if not modes.radius < _LARGEST_RADIUS:
         return None
     try:
-        return fit_gains(Modes.of(*modes.matrices()), data.inputs, data.outputs, weight)
+        return fit_gains(Modes.of(*modes.matrices()), data.inputs, data.outputs, weight, data.lengths)
     except linalg.LinAlgError:
         return None
 

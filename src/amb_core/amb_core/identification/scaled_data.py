@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,8 @@ HIGHEST_ORDER = 30
 _SMALLEST_MAGNITUDE = 1e-30  # far from the limits of floating point, so that variances are neither zero nor infinite
 _SMALLEST_EIGENVALUE = 1e-12  # of the correlation matrix of all signals
 
+Samples = NDArray[np.float64] | Sequence[NDArray[np.float64]]  # of one experiment, or of each of several
+
 
 @dataclass(frozen=True)
 class ScaledData:
@@ -23,36 +26,46 @@ class ScaledData:
     Attributes
     ----------
     inputs, outputs : ndarray, shapes (steps, 2), (steps, 2)
-        The scaled signals.
+        The scaled signals, experiments one after the other.
+    lengths : tuple of int
+        Steps of each experiment.
     input_offset, output_offset, input_scale, output_scale : ndarray, shape (2,)
         Means and standard deviations of the originals (A, m).
     """
 
     inputs: NDArray[np.float64]
     outputs: NDArray[np.float64]
+    lengths: tuple[int, ...]
     input_offset: NDArray[np.float64]
     output_offset: NDArray[np.float64]
     input_scale: NDArray[np.float64]
     output_scale: NDArray[np.float64]
 
     @classmethod
-    def of(cls, inputs: NDArray[np.float64], outputs: NDArray[np.float64]) -> ScaledData:
+    def of(cls, inputs: Samples, outputs: Samples) -> ScaledData:
         """Check and scale control current references (A) and positions (m), both of shape (steps, 2).
+
+        Of several experiments, given as two lists of such arrays, the mean over all is removed.
 
         Raises
         ------
         IdentificationError
-            If a signal is not finite, constant, absurdly large or small, or follows from the others.
+            If a signal is not finite, constant, absurdly large or small, or follows from the others, or if inputs and
+            outputs differ in length.
         """
-        inputs = np.ascontiguousarray(inputs, dtype=np.float64)
-        outputs = np.ascontiguousarray(outputs, dtype=np.float64)
+        inputs, input_lengths = _joined(inputs)
+        outputs, lengths = _joined(outputs)
+        if input_lengths != lengths:
+            raise IdentificationError(
+                f"inputs and outputs must have the same numbers of samples, not {input_lengths} and {lengths}"
+            )
         _check_samples("input", inputs)
         _check_samples("output", outputs)
         input_offset, output_offset = inputs.mean(axis=0), outputs.mean(axis=0)
         input_scale, output_scale = inputs.std(axis=0), outputs.std(axis=0)
         u, y = (inputs - input_offset) / input_scale, (outputs - output_offset) / output_scale
         _check_independence(np.hstack([u, y]))
-        return cls(u, y, input_offset, output_offset, input_scale, output_scale)
+        return cls(u, y, lengths, input_offset, output_offset, input_scale, output_scale)
 
     def model(
         self,
@@ -60,13 +73,16 @@ class ScaledData:
         b: NDArray[np.float64],
         c: NDArray[np.float64],
         k: NDArray[np.float64],
-        initial_state: NDArray[np.float64],
+        initial_states: NDArray[np.float64],
         sample_time: float,
         method: str,
         source: str,
     ) -> StateSpaceModel:
-        """A model of the scaled signals in the original units, with the covariance of its innovations on these data."""
-        errors = innovations(a, b, c, k, initial_state, self.inputs, self.outputs)
+        """A model of the scaled signals in the original units, with the covariance of its innovations on these data.
+
+        Its initial state is that of the first experiment.
+        """
+        errors = innovations(a, b, c, k, initial_states, self.inputs, self.outputs, self.lengths)
         return StateSpaceModel(
             a=a,
             b=b / self.input_scale,
@@ -76,7 +92,7 @@ class ScaledData:
             innovation_covariance=errors.T @ errors / len(errors) * np.outer(self.output_scale, self.output_scale),
             input_offset=self.input_offset,
             output_offset=self.output_offset,
-            initial_state=initial_state,
+            initial_state=initial_states[0],
             sample_time=sample_time,
             method=method,
             source=source,
@@ -94,6 +110,12 @@ def check_order(order: int) -> None:
     """
     if not 1 <= order <= HIGHEST_ORDER:
         raise IdentificationError(f"order {order} is not allowed; allowed: 1 to {HIGHEST_ORDER}")
+
+
+def _joined(samples: Samples) -> tuple[NDArray[np.float64], tuple[int, ...]]:
+    """All experiments in one array, and the steps of each."""
+    parts = [samples] if isinstance(samples, np.ndarray) else list(samples)
+    return np.ascontiguousarray(np.vstack(parts), dtype=np.float64), tuple(len(part) for part in parts)
 
 
 def _check_samples(kind: str, samples: NDArray[np.float64]) -> None:

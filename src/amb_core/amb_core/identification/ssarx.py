@@ -15,12 +15,13 @@ from scipy import linalg
 
 from amb_core.identification.data_triangle import PastRegression
 from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.scaled_data import Samples
 from amb_core.identification.state_regression import identify_by_states
 
 
 def ssarx(
-    inputs: NDArray[np.float64],
-    outputs: NDArray[np.float64],
+    inputs: Samples,
+    outputs: Samples,
     sample_time: float,
     order: int = 10,
     past: int | None = None,
@@ -31,8 +32,8 @@ def ssarx(
 
     Parameters
     ----------
-    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2)
-        Control current references (A) and positions (m).
+    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2), or lists of such
+        Control current references (A) and positions (m) of one experiment, or of each of several.
     sample_time : float
         Sample time of the data (s).
     order : int

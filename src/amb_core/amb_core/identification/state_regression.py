@@ -21,8 +21,8 @@ from threadpoolctl import threadpool_limits
 from amb_core.errors import IdentificationError
 from amb_core.identification.data_triangle import DataTriangle, PastRegression
 from amb_core.identification.model import StateSpaceModel
-from amb_core.identification.predictor import fit_input_matrix, innovations, kalman_gain
-from amb_core.identification.scaled_data import ScaledData, check_order
+from amb_core.identification.predictor import experiments, fit_input_matrix, innovations, kalman_gain
+from amb_core.identification.scaled_data import Samples, ScaledData, check_order
 
 _LONGEST_PAST = 60  # steps; by then the predictor of a bearing has forgotten most, at any noise worth the name
 _SAMPLES_PER_STEP = 20  # at least, so that short data leave the long ARX model enough freedom
@@ -35,8 +35,8 @@ FutureMap = Callable[[PastRegression, float], NDArray[np.float64]]
 
 
 def identify_by_states(
-    inputs: NDArray[np.float64],
-    outputs: NDArray[np.float64],
+    inputs: Samples,
+    outputs: Samples,
     sample_time: float,
     order: int,
     past: int | None,
@@ -50,31 +50,33 @@ def identify_by_states(
     Parameters and errors are those of `ssarx`.
     """
     check_order(order)
+    data = ScaledData.of(inputs, outputs)
+    steps = len(data.inputs)
     shortest = math.ceil(order / 2) + 1
-    longest = max(shortest, min(_LONGEST_PAST, len(inputs) // _SAMPLES_PER_STEP)) if past is None else past
+    longest = max(shortest, min(_LONGEST_PAST, steps // _SAMPLES_PER_STEP)) if past is None else past
     future = max(shortest, 2 * order) if future is None else future
     for name, horizon in (("past", longest), ("future", future)):
         if horizon < shortest:
             raise IdentificationError(
                 f"{name} {horizon} is not allowed; allowed: at least {shortest} for order {order}"
             )
-    data = ScaledData.of(inputs, outputs)
-    needed = (data.inputs.shape[1] + data.outputs.shape[1] + 1) * (longest + future + 1)
-    if len(data.inputs) < needed:
-        raise IdentificationError(
-            f"{len(data.inputs)} samples are too few for order {order}; at least {needed} are needed"
-        )
+    usable = sum(max(length - longest - future, 0) for length in data.lengths)
+    needed = (data.inputs.shape[1] + data.outputs.shape[1]) * (longest + future + 1) + 1
+    if usable < needed:
+        lost = f", each less {longest + future} for the horizons," if len(data.lengths) > 1 else ""
+        needed += longest + future if len(data.lengths) == 1 else 0
+        raise IdentificationError(f"{steps} samples{lost} are too few for order {order}; at least {needed} are needed")
     # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
     with threadpool_limits(limits=1, user_api="blas"):
         try:
             triangle = DataTriangle(data, longest, future)
-            steps = triangle.best_past(shortest) if past is None else past
-            a, c, k = _best_predictor(data, PastRegression(triangle, steps), order, future_map)
-            b, initial_state = fit_input_matrix(a, c, k, data.inputs, data.outputs)
-            return data.model(a, b, c, k, initial_state, sample_time, method, source)
+            used = triangle.best_past(shortest) if past is None else past
+            a, c, k = _best_predictor(data, PastRegression(triangle, used), order, future_map)
+            b, initial_states = fit_input_matrix(a, c, k, data.inputs, data.outputs, data.lengths)
+            return data.model(a, b, c, k, initial_states, sample_time, method, source)
         except (linalg.LinAlgError, ValueError) as problem:
             reason = " ".join(str(problem).split())
-            raise IdentificationError(f"no model of order {order} from {len(data.inputs)} samples: {reason}") from None
+            raise IdentificationError(f"no model of order {order} from {steps} samples: {reason}") from None
 
 
 def _best_predictor(
@@ -88,7 +90,8 @@ def _best_predictor(
         except IdentificationError as problem:
             reason = problem
             continue
-        errors = innovations(a, b, c, k, np.zeros(order), data.inputs, data.outputs)[regression.steps :]
+        errors = innovations(a, b, c, k, np.zeros(order), data.inputs, data.outputs, data.lengths)
+        errors = np.vstack([errors[part][regression.steps :] for part in experiments(len(errors), data.lengths)])
         size = float(np.linalg.slogdet(errors.T @ errors)[1])
         if size < least:
             best, least = (a, c, k), size

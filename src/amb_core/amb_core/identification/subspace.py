@@ -68,15 +68,17 @@ def n4sid(
     """
     if block_rows is None:
         block_rows = _horizon(order, 2.0)
-    _check_size(order, block_rows, len(inputs))
     data = ScaledData.of(inputs, outputs)
+    if len(data.lengths) > 1:
+        raise IdentificationError(f"{method} takes one experiment; ssarx, pbsid, cva and pem take several")
+    _check_size(order, block_rows, len(data.inputs))
     u, y = data.inputs, data.outputs
     # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
     with threadpool_limits(limits=1, user_api="blas"):
         try:
             a, c, k = _predictor_matrices(u, y, order, block_rows, method)
-            b, initial_state = fit_input_matrix(a, c, k, u, y)
-            return data.model(a, b, c, k, initial_state, sample_time, method, source)
+            b, initial_states = fit_input_matrix(a, c, k, u, y)
+            return data.model(a, b, c, k, initial_states, sample_time, method, source)
         except (linalg.LinAlgError, ValueError) as problem:
             reason = " ".join(str(problem).split())
             raise IdentificationError(f"no model of order {order} from {len(inputs)} samples: {reason}") from None
