@@ -118,7 +118,7 @@ def analytic_lines(
     limit = min(controller.current_limit, bias) if plant.amplifier.unipolar else controller.current_limit
     amplitudes = {}
     static_current = controller.proportional_gain * abs(constants.sag)
-    if axes != "x" and 0.0 < static_current < limit:
+    if axes != "x" and 1e-3 * limit < static_current < limit:
         amplitudes["static-load limit"] = lines.bias_limit(frequency, controller, limit - static_current)
     if plant.amplifier.unipolar and bias > 0.0:
         amplitudes["bias limit"] = lines.bias_limit(frequency, controller, bias)
