@@ -15,10 +15,12 @@ from amb_core.figures.style import Hatch, Marker, Stroke
 
 Values = NDArray[Any]
 
+WIDE = 3000.0  # ratio of the ends of a logarithmic axis from which on it is numbered by powers of ten alone
+
 
 @dataclass(frozen=True)
 class Curve:
-    """A line through points; NaN interrupts it. `hover` has a text per point for the page."""
+    """A line through points; NaN interrupts it. Without a label it is not in the legend; `hover` is as for points."""
 
     x: Values
     y: Values
@@ -122,6 +124,12 @@ class Axis:
     label: str
     log: bool = False
     limits: tuple[float, float] | None = None
+
+    @property
+    def factors(self) -> tuple[int, ...]:
+        """Numbers that a logarithmic axis has in each power of ten: 1, 2 and 5, or 1 alone where they are many."""
+        narrow = self.limits is not None and self.limits[1] / self.limits[0] < WIDE
+        return (1, 2, 5) if narrow else (1,)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import singledispatch
 from typing import Any
 
@@ -73,9 +72,8 @@ def _prepare(axes: Axes, panel: Panel, labelled: bool) -> None:
 
 
 def _number_logarithmic(drawn: DrawnAxis, axis: Axis) -> None:
-    """Plain numbers instead of powers of ten, and 2 and 5 between them where there is room."""
-    decades = math.log10(axis.limits[1] / axis.limits[0]) if axis.limits else math.inf
-    drawn.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0) if decades < 3.5 else (1.0,)))
+    """Plain numbers instead of powers of ten."""
+    drawn.set_major_locator(ticker.LogLocator(subs=axis.factors))
     drawn.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
     drawn.set_minor_formatter(ticker.NullFormatter())
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 HEARD = 1e-4  # share of the power below which a point is not drawn
 REACH = 20.0  # factor by which the figure may go below the smallest amplitude of the map
-FORMS = {"instantaneous": "sweep", "lines": "lines", "bands": "thirds of an octave"}
+FORMS = {"instantaneous": "the sweep", "lines": "its sines", "bands": "its thirds of an octave"}
 
 
 def overlay_chart(check: ExcitationCheck, region_map: RegionMap, title: str = "") -> Chart:
@@ -39,8 +39,10 @@ def overlay_chart(check: ExcitationCheck, region_map: RegionMap, title: str = ""
         for axis in check.axes
         for region in Region
     ]
-    shares = ", ".join(f"{100 * share:.0f} % in {region.name}" for region, share in check.shares.items() if share > 0)
-    alt = f"Spectrum of the excitation {check.kind} on the region map. Of its power lie {shares}. {check.verdict}"
+    alt = (
+        f"Spectrum of the excitation {check.kind} on the region map; power {_shares(check.shares)}. "
+        f"Verdict: {check.verdict}."
+    )
     columns = len(panels)
     heading = title or f"{check.kind.replace('_', ' ').capitalize()} on the region map"
     size = (8.0, 6.0) if columns == 1 else (11.5, 6.0)
@@ -58,14 +60,14 @@ def _panel(axis: AxisCheck, region_map: RegionMap) -> Panel:
     amplitude, frequency = UM * axis.amplitude[heard], axis.frequency[heard]
     low = min(horizontal.limits[0], max(0.8 * amplitude.min(), horizontal.limits[0] / REACH))
     high = max(horizontal.limits[1], 1.2 * amplitude.max())
-    ends = (min(vertical.limits[0], frequency.min()), max(vertical.limits[1], frequency.max()))
+    ends = (min(vertical.limits[0], 0.8 * frequency.min()), max(vertical.limits[1], frequency.max()))
     items: list[Item] = list(region_items(region_map))
-    name = f"{axis.axis}: {FORMS[axis.form]}"
+    name = FORMS[axis.form]
     if axis.form == "instantaneous":
         items.append(Curve(amplitude, frequency, name, Stroke(BLUE, width=2.5)))
     else:
         x = np.column_stack([np.full(len(amplitude), low), amplitude, np.full(len(amplitude), np.nan)]).ravel()
-        items.append(Curve(x, np.repeat(frequency, 3), name, Stroke(BLUE, width=0.8)))
+        items.append(Curve(x, np.repeat(frequency, 3), "", Stroke(BLUE, width=0.8)))
     for covered in (True, False):
         chosen = axis.covered[heard] == covered
         if chosen.any() and (axis.form != "instantaneous" or not covered):
@@ -80,11 +82,15 @@ def _panel(axis: AxisCheck, region_map: RegionMap) -> Panel:
                     strict=True,
                 )
             )
-            label = "sines" if covered else "sines outside of the map"
+            label = name if covered else f"{name}, outside of the map"
             items.append(Points(amplitude[chosen], frequency[chosen], label, BLUE, "circle", covered, hover))
     return Panel(
         Axis(AMPLITUDE.replace(" of the reference", ""), log=True, limits=(low, high)),
         Axis(FREQUENCY, log=True, limits=ends),
         tuple(items),
-        f"{axis.axis}: " + ", ".join(f"{100 * axis.shares[region]:.0f} % in {region.name}" for region in Region),
+        f"{axis.axis}: power {_shares(axis.shares)}",
     )
+
+
+def _shares(shares: dict[Region, float]) -> str:
+    return ", ".join(f"{100 * share:.0f} % in {region.name}" for region, share in shares.items() if share > 0.0)

@@ -44,9 +44,8 @@ def draw_page(chart: Chart) -> go.Figure:
         if panel.equal:
             page.update_yaxes(scaleanchor=f"x{number + 1 if number else ''}", **place)
     for trace in page.data:  # one entry for what several panels show
-        if trace.name:
-            trace.update(showlegend=trace.name not in shown, legendgroup=trace.name)
-            shown.add(trace.name)
+        trace.update(showlegend=bool(trace.name) and trace.name not in shown, legendgroup=trace.name)
+        shown.add(trace.name)
     table = chart.table and {"header": chart.table.header, "rows": chart.table.rows}
     page.update_layout(
         title={"text": chart.title},
@@ -75,7 +74,7 @@ def _axis(axis: Axis, labelled: bool) -> dict[str, Any]:
         "automargin": True,
     }
     if axis.log:
-        marks = [factor * 10.0**power for power in range(-3, 6) for factor in (1, 2, 5)]
+        marks = [factor * 10.0**power for power in range(-3, 6) for factor in axis.factors]
         settings |= {"type": "log", "tickvals": marks, "ticktext": [f"{mark:g}" for mark in marks]}
     if axis.limits:
         settings["range"] = [math.log10(end) for end in axis.limits] if axis.log else list(axis.limits)

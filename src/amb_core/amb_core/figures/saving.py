@@ -99,7 +99,7 @@ def page_fragment(page: go.Figure) -> str:
     alt, table, columns = (page.layout.meta[name] for name in ("alt", "table", "columns"))
     width = f"min-width: {COLUMN_WIDTH * columns}rem" if columns > 1 else ""
     chart = go.Figure(page)
-    chart.update_layout(title=None, meta=None, margin_t=25)
+    chart.update_layout(title=None, meta=None, margin_t=50)
     drawn = chart.to_html(
         full_html=False,
         include_plotlyjs=False,

@@ -16,9 +16,8 @@ if TYPE_CHECKING:
     from amb_core.subharmonics import Line, SubharmonicSpectrum
 
 FLOOR = 1e-4  # um, below is nothing to see
-SHOWN = 1e-3  # um, smallest line that is marked
+SHOWN = 1e-2  # um, smallest line that is marked
 LISTED = 12  # lines in the table of numbers, the largest ones
-NAMED_ORDER = 2  # highest order of products of the first two tones that have their names beside them
 KINDS: dict[str, tuple[str, Marker]] = {
     "tone": (BLUE, "circle"),
     "product of the loop": (VERMILION, "diamond"),
@@ -75,7 +74,7 @@ def _panel(name: str, spectrum: SubharmonicSpectrum) -> Panel:
             items += [
                 Note(line.frequency, 2.2 * UM * abs(line.amplitude), line.product.label)
                 for line in lines
-                if _kind(line) == "tone" or (line.product.c == 0 and line.product.order <= NAMED_ORDER)
+                if kind == "tone" or line is spectrum.line(-1, 1)
             ]
     slow = spectrum.slow
     if slow is not None and UM * slow.amplitude >= FLOOR:
