@@ -12,7 +12,7 @@ import pytest
 from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import IdentificationError
 from amb_core.excitation import excitation_from_request, generate
-from amb_core.identification import Identification, identify, n4sid
+from amb_core.identification import METHODS, Identification, identify, n4sid
 from amb_core.identification.predictor import fit_input_matrix, innovations
 from amb_core.loop import simulate
 from amb_core.plant import Plant
@@ -32,7 +32,7 @@ def paper_identification() -> Identification:
 def test_the_papers_experiment_gives_a_model_that_fits_in_closed_loop() -> None:
     fit_x, fit_y = paper_identification().model.fit
     assert fit_x >= 98.0
-    assert fit_y >= 96.5
+    assert fit_y >= 97.0
 
 
 def test_the_papers_experiment_gives_two_unstable_real_poles_and_a_stable_closed_loop() -> None:
@@ -46,7 +46,7 @@ def test_the_papers_experiment_gives_two_unstable_real_poles_and_a_stable_closed
 @pytest.mark.parametrize("order", [6, 8, 10])
 @pytest.mark.parametrize("noise", [1e-9, 5e-8])
 def test_the_unstable_poles_of_the_bearing_are_found(bearing: LinearBearing, order: int, noise: float) -> None:
-    found = identify(bearing.experiment(noise), order).model.unstable_poles()
+    found = identify(bearing.experiment(noise), order, "n4sid").model.unstable_poles()
     # In 1/s the poles are 230 and 225; noise through the feedback lowers the estimates by a few per cent.
     assert np.log(found) == pytest.approx(np.log(bearing.model.unstable_poles()), rel=0.05)
 
@@ -67,11 +67,11 @@ def test_a_model_of_a_linear_bearing_is_nearly_perfect_in_closed_loop(
 @pytest.mark.parametrize("kind", ["multisine", "prbs", "white_noise", "sweep"])
 def test_every_kind_of_excitation_identifies_the_bearing(bearing: LinearBearing, kind: str) -> None:
     amplitude = 10e-6 if kind == "white_noise" else 50e-6
-    assert np.all(identify(bearing.experiment(kind=kind, amplitude=amplitude), 10).model.fit > 99.5)
+    assert np.all(identify(bearing.experiment(kind=kind, amplitude=amplitude), 10, "n4sid").model.fit > 99.5)
 
 
 def test_a_model_of_known_order_has_the_frequency_response_of_the_bearing(bearing: LinearBearing) -> None:
-    model, truth = identify(bearing.experiment(), 6).model, bearing.model
+    model, truth = identify(bearing.experiment(), 6, "n4sid").model, bearing.model
     for frequency in (1.0, 60.0, 500.0):
         z = np.exp(2j * np.pi * frequency * 1e-4)
         found, right = (part.c @ np.linalg.solve(z * np.eye(6) - part.a, part.b) for part in (model, truth))
@@ -96,14 +96,14 @@ def test_the_innovations_of_the_model_are_the_noise_of_the_sensor(bearing: Linea
 
 
 def test_the_same_data_give_the_same_model_bit_for_bit(bearing: LinearBearing) -> None:
-    one, other = (identify(bearing.experiment(), 10).model for _ in range(2))
+    one, other = (identify(bearing.experiment(), 10, "n4sid").model for _ in range(2))
     for name in ("a", "b", "c", "k", "initial_state", "fit"):
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
 
 
 def test_data_from_amid_a_run_are_identified_as_well(bearing: LinearBearing) -> None:
     record = bearing.experiment(lead=2_000)
-    result = identify(record.window(2_000, record.steps - 2_000), 6)
+    result = identify(record.window(2_000, record.steps - 2_000), 6, "n4sid")
     assert np.all(result.model.fit > 99.9)
 
 
@@ -129,7 +129,7 @@ def test_the_input_matrix_and_first_state_that_made_the_data_are_recovered() -> 
 def test_an_order_too_low_for_the_plant_gives_a_bad_fit_and_no_error(
     bearing: LinearBearing,
 ) -> None:
-    result = identify(bearing.experiment(), 1)
+    result = identify(bearing.experiment(), 1, "n4sid")
     assert not np.any(np.isnan(result.model.fit))
     assert np.min(result.model.fit) < 50.0
 
@@ -146,7 +146,7 @@ def test_an_order_that_does_not_suit_the_data_is_refused(
     bearing: LinearBearing, order: int, steps: int, message: str
 ) -> None:
     with pytest.raises(IdentificationError, match=message):
-        identify(bearing.experiment().window(0, steps), order)
+        identify(bearing.experiment().window(0, steps), order, "n4sid")
 
 
 def test_block_rows_must_exceed_the_order(bearing: LinearBearing) -> None:
@@ -185,10 +185,13 @@ def test_a_constant_signal_is_refused_with_its_axis(
         identify(replace(bearing.experiment(), **{name: samples}))
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("order", [2, 10])
-def test_degenerate_data_are_refused_in_one_line_or_give_a_finite_model(bearing: LinearBearing, order: int) -> None:
+def test_degenerate_data_are_refused_in_one_line_or_give_a_finite_model(
+    bearing: LinearBearing, method: str, order: int
+) -> None:
     random = np.random.default_rng(0)
-    record = bearing.experiment().window(0, 4_000)
+    record = bearing.experiment().window(0, 2_000)
     steps = record.steps
     ramp = np.column_stack([np.arange(steps), -np.arange(steps)]) * 1e-9
     impulse = np.zeros((steps, 2))
@@ -208,7 +211,7 @@ def test_degenerate_data_are_refused_in_one_line_or_give_a_finite_model(bearing:
         (record.current, record.position * 1e200),
     ]:
         try:
-            result = identify(replace(record, current=current, position=position), order)
+            result = identify(replace(record, current=current, position=position), order, method)
         except IdentificationError as refusal:
             assert "\n" not in str(refusal)
         else:
@@ -218,4 +221,4 @@ def test_degenerate_data_are_refused_in_one_line_or_give_a_finite_model(bearing:
 def test_inputs_that_cannot_be_told_apart_are_refused(bearing: LinearBearing) -> None:
     record = bearing.experiment()
     with pytest.raises(IdentificationError, match=r"not independent .* excite the axes independently"):
-        identify(replace(record, current=record.current[:, [0, 0]]), 6)
+        identify(replace(record, current=record.current[:, [0, 0]]), 6, "n4sid")

@@ -1,4 +1,4 @@
-"""Identification methods of other packages (see peers.txt), as the benchmark calls them; needs NumPy only by itself.
+"""Identification methods of other packages (see peers.txt), as the benchmark calls them.
 
 Each gets the data without means and scaled to unit variance, the order, no direct feedthrough where it lets one choose,
 and a horizon of twice the order; everything else is its default.
@@ -13,9 +13,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 Arrays = Any  # numpy arrays, float64
-Matrices = tuple[Arrays, Arrays, Arrays]
+Matrices = tuple[Arrays, Arrays, Arrays, Arrays | None]  # A, B, C and K, None where the package has none
 
 
 def _slicot(u: Arrays, y: Arrays, order: int, compression: str, system: str) -> Matrices:
@@ -26,10 +27,19 @@ def _slicot(u: Arrays, y: Arrays, order: int, compression: str, system: str) -> 
     _, factor, _, _, info = ctrlsys.ib01ad(compression, "C", "N", "O", "N", "N", 2 * order, m, p, u, y, 0.0, 0.0)
     if info:
         raise RuntimeError(f"IB01AD: info {info}")
-    a, c, b, *_, info = ctrlsys.ib01bd(system, "A", "N", 2 * order, order, m, p, len(u), factor, 0.0)
+    a, c, b, _, q, r, s, _, _, info = ctrlsys.ib01bd(system, "A", "C", 2 * order, order, m, p, len(u), factor, 0.0)
     if info:
         raise RuntimeError(f"IB01BD: info {info}")
-    return a, b, c
+    return a, b, c, _kalman_gain(a, c, q, r, s)
+
+
+def _kalman_gain(a: Arrays, c: Arrays, q: Arrays, r: Arrays, s: Arrays) -> Arrays | None:
+    """By SciPy, because IB01BD's own fails on some data."""
+    try:
+        variance = solve_discrete_are(a.T, c.T, q, r, s=s)
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    return np.linalg.solve(c @ variance @ c.T + r, (a @ variance @ c.T + s).T).T
 
 
 def _sippy(u: Arrays, y: Arrays, order: int, method: str) -> Matrices:
@@ -39,7 +49,7 @@ def _sippy(u: Arrays, y: Arrays, order: int, method: str) -> Matrices:
     model = sippy_unipi.system_identification(
         y.T, u.T, method, SS_fixed_order=order, SS_f=horizon, SS_p=horizon, SS_D_required=False
     )
-    return model.A, model.B, model.C
+    return model.A, model.B, model.C, model.K
 
 
 def _nfoursid(u: Arrays, y: Arrays, order: int) -> Matrices:
@@ -50,7 +60,7 @@ def _nfoursid(u: Arrays, y: Arrays, order: int) -> Matrices:
     method = NFourSID(table, ["y0", "y1"], ["u0", "u1"], num_block_rows=2 * order)
     method.subspace_identification()
     model, _ = method.system_identification(rank=order)
-    return model.a, model.b, model.c
+    return model.a, model.b, model.c, None
 
 
 _METHODS: dict[str, Callable[[Arrays, Arrays, int], Matrices]] = {
@@ -66,9 +76,10 @@ NAMES = tuple(_METHODS)
 
 
 def identify(name: str, inputs: Arrays, outputs: Arrays, sample_time: float, order: int) -> dict[str, Arrays]:
-    """Matrices A, B, C of the model in the units of the data."""
+    """Matrices A, B, C, and K where there is one, of the model in the units of the data."""
     input_scale, output_scale = inputs.std(axis=0), outputs.std(axis=0)
     u, y = (inputs - inputs.mean(axis=0)) / input_scale, (outputs - outputs.mean(axis=0)) / output_scale
     with contextlib.redirect_stdout(io.StringIO()):
-        a, b, c = (np.asarray(matrix, dtype=float) for matrix in _METHODS[name](u, y, order))
-    return {"a": a, "b": b / input_scale, "c": c * output_scale[:, np.newaxis]}
+        a, b, c, k = _METHODS[name](u, y, order)
+    found = {"a": np.asarray(a), "b": np.asarray(b) / input_scale, "c": np.asarray(c) * output_scale[:, np.newaxis]}
+    return found if k is None else found | {"k": np.asarray(k) / output_scale}

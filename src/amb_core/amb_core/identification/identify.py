@@ -92,7 +92,7 @@ class Identification:
 def identify(
     record: LoopRecord,
     order: int = 10,
-    method: str = "n4sid",
+    method: str = "pem",
     controller: ControllerParameters | None = None,
     source: str = "",
 ) -> Identification:
