@@ -206,9 +206,9 @@ def _write_map(
     from amb_core.figures import map_figure, map_page, save_figure
     from amb_core.region_map import analytic_lines, compare
 
+    found.save(out / "map.json")
     lines = analytic_lines(plant, controller, found.settings.axes)
     comparisons = compare(found, lines)
-    found.save(out / "map.json")
     _write_json(out / "summary.json", _summary(found, comparisons))
     save_figure(out, "map", map_figure(found, lines), map_page(found, lines))
     console.print(_boundary_table(found))

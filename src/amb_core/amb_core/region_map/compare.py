@@ -92,9 +92,9 @@ def analytic_lines(
 ) -> tuple[AnalyticLine, ...]:
     """The lines of a bearing, from its derived constants.
 
-    A limit that the loop does not have (of an unlimited duty cycle, say) has no line. The static-load limit is the bias
-    limit with what the weight of the rotor leaves of the current: beyond it the peaks are cut on one side only, so that
-    the mean force falls and the rotor sinks.
+    A limit that the loop does not have (of an unlimited duty cycle, or of a gain too small to lose any) has no line. The
+    static-load limit is the bias limit with what the weight of the rotor leaves of the current: beyond it the peaks are
+    cut on one side only, so that the mean force falls and the rotor sinks.
 
     Parameters
     ----------
@@ -109,8 +109,6 @@ def analytic_lines(
     ------
     PlantError
         If the plant cannot be built, or the controller holds the rotor nowhere.
-    RegionError
-        If the loop does not levitate the rotor.
     """
     constants = describe(plant, controller)
     frequency = np.geomspace(lowest_frequency, 0.5 * controller.sample_rate, POINTS)
@@ -124,7 +122,7 @@ def analytic_lines(
         amplitudes["bias limit"] = lines.bias_limit(frequency, controller, bias)
     if constants.slew_rate is not None:
         amplitudes["slew limit"] = lines.slew_limit(frequency, controller, constants.slew_rate)
-    if limit > 0.0:
+    if limit > 0.0 and constants.current_gain * controller.proportional_gain > constants.negative_stiffness:
         gains = constants.current_gain, constants.negative_stiffness
         amplitudes["gain-loss limit"] = lines.gain_loss_limit(frequency, controller, limit, *gains)
     return tuple(AnalyticLine(name, frequency, amplitude) for name, amplitude in amplitudes.items())
