@@ -92,9 +92,9 @@ def analytic_lines(
 ) -> tuple[AnalyticLine, ...]:
     """The lines of a bearing, from its derived constants.
 
-    A limit that the loop does not have (of an unlimited duty cycle, or of a gain too small to lose any) has no line. The
-    static-load limit is the bias limit with what the weight of the rotor leaves of the current: beyond it the peaks are
-    cut on one side only, so that the mean force falls and the rotor sinks.
+    A limit that the loop does not have (of an unlimited duty cycle, or of a gain too small to lose any) has no line.
+    The static-load limit is the bias limit with what the weight of the rotor leaves of the current: beyond it the peaks
+    are cut on one side only, so that the mean force falls and the rotor sinks.
 
     Parameters
     ----------
