@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from amb_bringup.commands import bag, demo, excitation, graph, identify, map, plant, subharmonics
+from amb_bringup.commands import bag, demo, excitation, graph, identify, map, plant, regions, subharmonics
 from amb_core.errors import AmbError
 
 app = typer.Typer(
@@ -21,6 +21,7 @@ app.command()(graph.up)
 app.command(context_settings={"allow_extra_args": True, "allow_interspersed_args": False})(graph.run)
 app.command()(identify.identify)
 app.command("map")(map.region_map)
+app.command()(regions.regions)
 app.command()(subharmonics.subharmonics)
 app.add_typer(bag.app, name="bag")
 app.add_typer(excitation.app, name="excitation")

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -34,7 +36,10 @@ if TYPE_CHECKING:
 
 TELEMETRY = "amb_msgs/msg/LoopSamples"
 PLANT_STATE = "amb_msgs/msg/PlantState"
+EXCITATION = "amb_msgs/msg/Excitation"
 EXCITATION_STATUS = "amb_msgs/msg/ExcitationStatus"
+SIMULATOR_STATE = "amb_msgs/msg/SimulatorState"
+DELEVITATED = 3  # its mode, see there
 MODEL = "amb_msgs/msg/StateSpaceModel"
 
 CONTROLLER_NODE = "pd_controller"
@@ -184,6 +189,44 @@ class Bag:
         run = self.runs[-1] if run is None else run
         answers = (excitation_from_message(message) for message in self._decoded(EXCITATION_STATUS))
         return [answer for answer in answers if answer.run == run]
+
+    def input_frequency(self, first_step: int, stop: int, run: int | None = None) -> NDArray[np.float64]:
+        """Instantaneous input frequency at the steps of a run (by default the last with telemetry), as excited (Hz).
+
+        Parameters
+        ----------
+        first_step, stop : int
+            The steps wanted, `stop` not included.
+        run : int, optional
+            The run.
+
+        Returns
+        -------
+        ndarray, shape (stop - first_step,)
+            NaN where nothing was excited, or by a signal without an instantaneous frequency.
+        """
+        known = {(int(item.run), int(item.id)): item.frequency for item in self._decoded(EXCITATION)}
+        frequency = np.full(max(stop, 0), np.nan)
+        for answer in self.excitations(run):
+            if answer.accepted:  # also of a stop: an excitation ends where the next one begins
+                frequency[answer.first_step :] = np.nan
+                part = np.asarray(known.get((answer.run, answer.id), ()), dtype=np.float64)
+                part = part[: max(len(frequency) - answer.first_step, 0)]
+                frequency[answer.first_step : answer.first_step + len(part)] = part
+        return frequency[first_step:]
+
+    def delevitation(self, run: int | None = None) -> int | None:
+        """Step before which the simulator ended a run (by default the last one) since the rotor delevitated, or None.
+
+        A simulation that goes on after contact, and a real bearing, have none.
+        """
+        if run is None and not self.runs:
+            return None
+        run = self.runs[-1] if run is None else run
+        for message in self._decoded(SIMULATOR_STATE):
+            if message.run == run and message.mode == DELEVITATED:
+                return int(message.step)
+        return None
 
     def parameters(self) -> dict[str, dict[str, ParameterValue]]:
         """The last known parameters of each node, by full node name and parameter name."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from amb_core.figures.chart import Axis, Chart, Curve, Panel
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import MODEL, PLANT, REFERENCE, UM
+from amb_core.figures.style import MODEL, PLANT, REFERENCE, UM, Stroke
 from amb_core.figures.thinning import extremes, thinned_path
 from amb_core.identification.validation import nrmse_fit
 from amb_core.records import LoopRecord
@@ -35,11 +35,11 @@ def orbit_chart(
     """
     reach = UM * np.abs(measured.position).max(axis=0)
     alt = f"Orbit of the rotor in the bearing plane: it reaches {reach[0]:.0f} µm on x and {reach[1]:.0f} µm on y."
-    curves = [Curve(*(UM * thinned_path(measured.position, HIDDEN)).T, "plant", PLANT)]
+    curves = [_path(measured, "plant", PLANT)]
     if modelled is not None:
         fit = nrmse_fit(measured.position, modelled.position)
         label = f"model, fit x {fit[0]:.1f} %, y {fit[1]:.1f} %"
-        curves.append(Curve(*(UM * thinned_path(modelled.position, HIDDEN)).T, label, MODEL))
+        curves.append(_path(modelled, label, MODEL))
         alt += f" The identified model follows it with a fit of {fit[0]:.1f} % on x and {fit[1]:.1f} % on y."
     if backup_bearing_radius is not None:
         angle = np.linspace(0.0, 2.0 * np.pi, 361)
@@ -47,6 +47,11 @@ def orbit_chart(
         curves.append(Curve(radius * np.cos(angle), radius * np.sin(angle), "backup bearing", REFERENCE))
     panel = Panel(Axis("x (µm)"), Axis("y (µm)"), tuple(curves), equal=True)
     return Chart(title, alt, (panel,), size=(6.4, 6.0))
+
+
+def _path(record: LoopRecord, label: str, stroke: Stroke) -> Curve:
+    path = UM * thinned_path(record.position, HIDDEN)
+    return Curve(path[:, 0], path[:, 1], label, stroke)
 
 
 orbit_figure, orbit_page = renderers(orbit_chart)

@@ -149,7 +149,8 @@ def _simulated(region_map: RegionMap) -> list[Item]:
                     for amplitude, frequency in found
                 )
                 look = REGIONS[region]
-                items.append(Points(*np.array(found).T, how, look.colour, look.marker, not resonance, hover))
+                x, y = np.array(found).T
+                items.append(Points(x, y, how, look.colour, look.marker, not resonance, hover))
     spans = [(UM * sweep.amplitude, *span) for sweep in region_map.sweeps for span in sweep.beats]
     if spans:
         x = np.ravel([[amplitude, amplitude, np.nan] for amplitude, _, _ in spans])

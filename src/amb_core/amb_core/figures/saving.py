@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import html
 from pathlib import Path
+from typing import Any
 
 import plotly.graph_objects as go  # type: ignore[import-untyped]
 from matplotlib.figure import Figure
@@ -115,7 +116,7 @@ def page_fragment(page: go.Figure) -> str:
     return "\n".join(parts)
 
 
-def _numbers(table: dict[str, list[list[str]]]) -> str:
+def _numbers(table: dict[str, Any]) -> str:
     """The table as HTML that opens on demand, by keyboard too."""
     heads = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in table["header"])
     rows = "".join(

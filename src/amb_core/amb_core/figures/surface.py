@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from amb_core.figures.chart import Axis, Chart, Heat, Item, Panel, Points, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import ORANGE, UM, VERMILION
+from amb_core.figures.style import ORANGE, UM, VERMILION, Marker
 
 if TYPE_CHECKING:
     from amb_core.subharmonics import SubharmonicSurface
@@ -33,10 +33,11 @@ def surface_chart(surface: SubharmonicSurface, title: str = "Components that the
     highest = max(float(np.max(values, initial=0.0)), 10.0 * SMALLEST)
     limits = (max(SMALLEST, 1e-4 * highest), highest)
     marks: list[Item] = []
-    for states, label, colour, marker in (
+    kinds: tuple[tuple[tuple[str, ...], str, str, Marker], ...] = (
         (("drifting", "unsettled"), "no steady state", ORANGE, "circle"),
         (("delevitated",), "delevitated", VERMILION, "cross"),
-    ):
+    )
+    for states, label, colour, marker in kinds:
         row, column = np.nonzero(np.isin(surface.state, states))
         if len(row):
             marks.append(Points(frequency[column], amplitude[row], label, colour, marker, filled=False))

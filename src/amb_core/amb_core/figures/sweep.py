@@ -15,8 +15,8 @@ from amb_core.figures.renderers import renderers
 from amb_core.figures.style import GREY, MEAN, MODEL, PLANT, REGIONS, UM, Stroke, region_label
 from amb_core.figures.thinning import extremes
 from amb_core.records import LoopRecord
+from amb_core.region_stretches import stretches
 from amb_core.regions import Classification, Onset, Region
-from amb_core.regions.stretches import stretches
 
 BEAT = Stroke(GREY, width=5.0)
 MEAN_TIME = 0.1  # s, longer than the periods of input and loop, shorter than a drift
@@ -92,6 +92,14 @@ def sweep_chart(
 sweep_figure, sweep_page = renderers(sweep_chart)
 
 
+def rises(frequency: NDArray[np.float64] | None) -> bool:
+    """Whether a frequency over time is that of one sweep that rises: NaN only before its start and after its end."""
+    if frequency is None:
+        return False
+    known = np.flatnonzero(np.isfinite(frequency))
+    return len(known) > 1 and bool(np.all(np.diff(frequency[known[0] : known[-1] + 1]) > 0.0))
+
+
 def onset_text(onset: Onset) -> str:
     """Where a region begins, such as `242 Hz, 1.93 s`."""
     at = "" if np.isnan(onset.input_frequency) else f"{onset.input_frequency:.0f} Hz, "
@@ -104,21 +112,22 @@ def _over_time(record: LoopRecord) -> _Abscissa:
 
 
 def _over_frequency(record: LoopRecord, frequency: NDArray[np.float64] | None) -> _Abscissa:
-    if frequency is None or frequency.shape != (record.steps,):
-        raise RegionError("a response is drawn over frequency only if the frequency of each sample is given")
-    known = np.flatnonzero(np.isfinite(frequency))
-    x = frequency[known[0] : known[-1] + 1] if len(known) else frequency[:0]
-    if len(x) < 2 or not np.all(np.diff(x) > 0.0):
+    if frequency is None or len(frequency) != record.steps or not rises(frequency):
         raise RegionError(
-            "a response is drawn over frequency only for one sweep whose frequency rises; draw it over time"
+            "a response is drawn over frequency only where the frequency of each sample is known and rises, as in one "
+            "sweep; draw it over time"
         )
+    known = np.flatnonzero(np.isfinite(frequency))
+    shown = slice(int(known[0]), int(known[-1]) + 1)
+    x = frequency[shown]
     axis = Axis("input frequency (Hz)", limits=(float(x[0]), float(x[-1])))
-    return _Abscissa(axis, slice(known[0], known[-1] + 1), x, record.first_step + int(known[0]))
+    return _Abscissa(axis, shown, x, record.first_step + int(known[0]))
 
 
 def _excited(record: LoopRecord) -> str:
     """Axes whose reference moves, both where none does."""
-    return "".join(name for axis, name in enumerate("xy") if np.nanmax(np.ptp(record.reference[:, axis])) > 0) or "xy"
+    moved = np.nanmax(record.reference, axis=0) > np.nanmin(record.reference, axis=0)
+    return "".join(name for name, moves in zip("xy", moved, strict=True) if moves) or "xy"
 
 
 def _regions(classification: Classification, abscissa: _Abscissa) -> list[Item]:

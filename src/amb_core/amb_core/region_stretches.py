@@ -1,11 +1,13 @@
-"""Stretches of a record that ran in one region, and the share of time in each region."""
+"""What a whole run says about regions: stretches of one region, shares of the time, spans of beating."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from amb_core.regions.state import Region, RegionState
+import numpy as np
+
+from amb_core.regions import Region, RegionState
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,7 @@ class Stretch:
 
 
 def stretches(states: Sequence[RegionState]) -> list[Stretch]:
-    """The stretches that the states of gapless telemetry tell of, in order.
+    """The stretches that the states of a run tell of, in order; between them, gaps in the telemetry.
 
     A stretch begins at the estimated onset of its region, which is earlier than the state that first told of it. What
     comes before B and C are judged for the first time counts as A if it turns out to be, and is left out if it is never
@@ -29,13 +31,13 @@ def stretches(states: Sequence[RegionState]) -> list[Stretch]:
         if state.region is Region.A and not state.settled:
             continue
         first, stop = state.since.step, state.step + 1
-        while found and found[-1].first_step >= first and found[-1].region != state.region:
-            found.pop()  # all of it is taken back: the region began even earlier
-        if found and found[-1].region == state.region:
+        while found and found[-1].region != state.region and found[-1].first_step >= first:
+            found.pop()  # all of it is taken back: the new region began even earlier
+        if found and found[-1].region == state.region and found[-1].stop >= first:
             found[-1] = Stretch(state.region, found[-1].first_step, stop)
             continue
         if found:
-            found[-1] = Stretch(found[-1].region, found[-1].first_step, first)
+            found[-1] = Stretch(found[-1].region, found[-1].first_step, min(first, found[-1].stop))
         found.append(Stretch(state.region, first, stop))
     return found
 
@@ -47,3 +49,10 @@ def shares(found: Sequence[Stretch]) -> dict[Region, float]:
         steps[stretch.region] += stretch.stop - stretch.first_step
     total = max(sum(steps.values()), 1)
     return {region: count / total for region, count in steps.items()}
+
+
+def beats(states: Sequence[RegionState]) -> list[tuple[int, int]]:
+    """Spans (first step, last step) of states in which the input of an axis beat with the sample rate."""
+    beating = [state.x.sampling_beat or state.y.sampling_beat for state in states]
+    edges = np.flatnonzero(np.diff([False, *beating, False]))
+    return [(states[first].step, states[last - 1].step) for first, last in zip(edges[::2], edges[1::2], strict=True)]

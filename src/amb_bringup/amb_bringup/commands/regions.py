@@ -1,0 +1,158 @@
+"""`amb regions`: the regions that a recorded run went through."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from amb_core.recorded_regions import RecordedRegions
+    from amb_core.regions import Onset, Region
+
+
+def regions(
+    bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
+    run: Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")] = None,
+    axes: Annotated[str, typer.Option(help="Axes to draw, x, y or xy; by default those that are excited.")] = "",
+    out: Annotated[Path, typer.Option(help="Folder for sweep.png, sweep.html and summary.json.", file_okay=False)] = (
+        Path("results/regions")
+    ),
+) -> None:
+    """Tell where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions."""
+    from rich.console import Console
+
+    from amb_core.bags import read_bag
+    from amb_core.errors import RegionError
+    from amb_core.recorded_regions import classify_run
+
+    if axes not in ("", "x", "y", "xy"):
+        raise RegionError(f"--axes {axes} is not allowed; it must be x, y or xy")
+    console = Console()
+    content = read_bag(bag)
+    if content.truncated:
+        console.print(f"[yellow]bag {bag} is incomplete: {content.truncated}[/yellow]")
+    with console.status("classifying"):
+        found = classify_run(content, run)
+    summary = _summary(found, bag)
+    _print(console, found, summary)
+    _write(out, found, summary, axes)
+    console.print(f"sweep.png, sweep.html, summary.json: {out}")
+
+
+def _summary(found: RecordedRegions, bag: Path) -> dict[str, Any]:
+    """What was found as plain JSON values, times in s and frequencies in Hz."""
+    from amb_core.region_stretches import beats, shares, stretches
+
+    record, told = found.record, found.classification
+    parts = stretches(told.states)
+    axis_x, axis_y = told.axis_onsets
+    return {
+        "bag": str(bag),
+        "run": found.run,
+        "first_step": record.first_step,
+        "steps": record.steps,
+        "sample_time": record.sample_time,
+        "gaps": found.gaps,
+        "delevitated": found.delevitated,
+        "region_at_end": parts[-1].region.name if parts else None,
+        "shares": {region.name: share for region, share in shares(parts).items()},
+        "onsets": {
+            part: {region.name: _onset(region, onset) for region, onset in onsets.items()}
+            for part, onsets in (("rotor", told.onsets), ("x", axis_x), ("y", axis_y))
+        },
+        "sampling_beats": [
+            [_frequency(found, first), _frequency(found, last), first * record.sample_time, last * record.sample_time]
+            for first, last in beats(told.states)
+        ],
+        "parameters": found.parameters.model_dump(),
+    }
+
+
+def _onset(region: Region, onset: Onset) -> dict[str, Any]:
+    import math
+
+    known = not math.isnan(onset.input_frequency)
+    return {
+        "step": onset.step,
+        "time": onset.time,
+        "input_frequency": onset.input_frequency if known else None,
+        "resonance": onset.resonance,
+        "reason": _reason(region, onset),
+    }
+
+
+def _reason(region: Region, onset: Onset) -> str:
+    from amb_core.regions import Region
+
+    reason = {
+        Region.B: "the bias drifts",
+        Region.C: "oscillation much slower than the input",
+        Region.D: "the rotor reaches the backup bearing",
+    }[region]
+    return reason + (", at the resonance of the loop" if onset.resonance else "")
+
+
+def _frequency(found: RecordedRegions, step: int) -> float | None:
+    """Input frequency at a step as the bag has it; None where it has none."""
+    import math
+
+    if found.frequency is None:
+        return None
+    value = float(found.frequency[min(step - found.record.first_step, found.record.steps - 1)])
+    return None if math.isnan(value) else value
+
+
+def _print(console: Console, found: RecordedRegions, summary: dict[str, Any]) -> None:
+    from amb_core.telemetry import describe_gaps
+
+    if found.gaps:
+        console.print(f"[yellow]{describe_gaps(found.gaps)} are missing; the classification restarts after[/yellow]")
+    console.print(_table(summary))
+    for low, high, start, stop in summary["sampling_beats"]:
+        at = "" if low is None or high is None else f", {low:.0f} to {high:.0f} Hz"
+        console.print(f"the input beats with the sample rate from {start:.2f} to {stop:.2f} s{at}")
+    if summary["region_at_end"] is None:
+        console.print("[yellow]too short: B and C were never judged[/yellow]")
+        return
+    shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in summary["shares"].items())
+    console.print(f"at the end in region {summary['region_at_end']}; share of the time: {shares}")
+
+
+def _table(summary: dict[str, Any]) -> Table:
+    from rich.table import Table
+
+    end = summary["first_step"] + summary["steps"]
+    table = Table("", "region", "from (s)", "input (Hz)", "reason", title=f"Run {summary['run']}, {end} steps")
+    for column in table.columns[2:4]:
+        column.justify = "right"
+    for part, onsets in summary["onsets"].items():
+        for name, onset in onsets.items():
+            frequency = onset["input_frequency"]
+            at = "" if frequency is None else f"{frequency:.1f}"
+            table.add_row(part, name, f"{onset['time']:.3f}", at, onset["reason"])
+        if not onsets:
+            table.add_row(part, "A", "", "", "no B, C or D")
+    return table
+
+
+def _write(out: Path, found: RecordedRegions, summary: dict[str, Any], axes: str) -> None:
+    """Figure and summary; over frequency where the input is one sweep that rises, else over time."""
+    import json
+
+    from amb_core.errors import RegionError
+    from amb_core.figures import save_figure, sweep_figure, sweep_page
+    from amb_core.figures.sweep import rises
+
+    response = (found.record, found.classification, found.frequency)
+    over = "frequency" if rises(found.frequency) else "time"
+    drawn: dict[str, Any] = {"over": over, "axes": axes, "title": f"Regions of run {found.run}"}
+    save_figure(out, "sweep", sweep_figure(*response, **drawn), sweep_page(*response, **drawn))
+    try:
+        (out / "summary.json").write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n")
+    except OSError as problem:
+        raise RegionError(f"{out / 'summary.json'}: cannot be written: {problem.strerror}") from None
