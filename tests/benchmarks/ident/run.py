@@ -36,7 +36,10 @@ ROOT = FOLDER.parents[2]
 RESULTS = ROOT / "results" / "bench_ident.json"
 PEERS_PYTHON = ROOT / ".venv-peers" / "bin" / "python"
 MEMORY_LIMIT = 8 * 1024**3  # bytes
+_TABLE_WIDTH = 180
 COUNTED = ("unstable_poles_right", "closed_loop_stable")
+
+Summary = dict[str, float | str | None]  # medians and counts of a method, and the reason of its first failure
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ def main() -> None:
     """Measure and report."""
     arguments = _arguments()
     console = Console()
+    console = Console(width=max(console.width, _TABLE_WIDTH))
     methods = [Method(name, "ours", Path(sys.executable)) for name in ours.NAMES]
     if arguments.peers.exists():
         methods += [Method(name, "peers", arguments.peers) for name in peers.NAMES]
@@ -59,7 +63,7 @@ def main() -> None:
         console.print(f"no peers: {arguments.peers} does not exist; make it a venv with {FOLDER / 'peers.txt'}")
     if arguments.methods:
         methods = [method for method in methods if method.name in arguments.methods]
-    results: dict[str, dict[str, dict[str, float | None]]] = {}
+    results: dict[str, dict[str, Summary]] = {}
     for data_set in arguments.data:
         results[data_set] = _measure(data_set, methods, arguments.seeds, arguments.limit)
         console.print(_table(data_set, results[data_set]))
@@ -80,9 +84,9 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _measure(data_set: str, methods: list[Method], seeds: int, limit: float) -> dict[str, dict[str, float | None]]:
+def _measure(data_set: str, methods: list[Method], seeds: int, limit: float) -> dict[str, Summary]:
     experiment = plant.DATA_SETS[data_set]
-    runs: dict[str, list[dict[str, float] | None]] = {method.name: [] for method in methods}
+    runs: dict[str, list[dict[str, float] | str]] = {method.name: [] for method in methods}
     with Progress(transient=True) as progress:
         task = progress.add_task(data_set, total=seeds * len(methods))
         for seed in range(seeds):
@@ -90,32 +94,32 @@ def _measure(data_set: str, methods: list[Method], seeds: int, limit: float) -> 
             for method in methods:
                 progress.update(task, description=f"{data_set}, seed {seed}: {method.name}")
                 found = _identify(method, record.current, record.position, plant.ORDER, limit)
-                scores = None
-                if found is not None:
+                if isinstance(found, str):
+                    runs[method.name].append(found)
+                else:
                     scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
                     scores |= score((found["a"], found["b"], found["c"]))
                     if "innovation_covariance" in found:
                         scores["innovation_ratio"] = innovation_ratio(found["innovation_covariance"], experiment.noise)
-                runs[method.name].append(scores)
+                    runs[method.name].append(scores)
                 progress.advance(task)
     return {name: _summary(scores) for name, scores in runs.items()}
 
 
-def _real(method: Method, path: Path, limit: float) -> dict[str, float | None]:
+def _real(method: Method, path: Path, limit: float) -> Summary:
     """Fit on the second half of a real experiment after identification from the first half."""
     data = real_data.load(path)
     found = _identify(method, *data.first_half, real_data.ORDER, limit)
-    scores = None
-    if found is not None:
-        scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
-        scores |= real_data.score((found["a"], found["b"], found["c"]), found.get("k"), data)
-    return _summary([scores])
+    if isinstance(found, str):
+        return _summary([found])
+    scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
+    return _summary([scores | real_data.score((found["a"], found["b"], found["c"]), found.get("k"), data)])
 
 
 def _identify(
     method: Method, inputs: NDArray[np.float64], outputs: NDArray[np.float64], order: int, limit: float
-) -> dict[str, NDArray[np.float64]] | None:
-    """What the worker saves; None where it fails or takes too long."""
+) -> dict[str, NDArray[np.float64]] | str:
+    """What the worker saves; the reason where it fails or takes too long."""
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     with tempfile.TemporaryDirectory() as folder:
         data, result = Path(folder) / "data.npz", Path(folder) / "result.npz"
@@ -126,8 +130,11 @@ def _identify(
                 env=os.environ | threads, timeout=limit, check=True, capture_output=True,
                 preexec_fn=_limit_memory,
             )  # fmt: skip
-        except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
-            return None
+        except subprocess.TimeoutExpired:
+            return f"not done after {limit:g} s"
+        except subprocess.CalledProcessError as problem:
+            lines = problem.stderr.decode(errors="replace").strip().splitlines()
+            return lines[-1] if lines else f"ended by signal or status {problem.returncode}"
         with np.load(result) as archive:
             return dict(archive)
 
@@ -136,19 +143,21 @@ def _limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
 
 
-def _summary(runs: list[dict[str, float] | None]) -> dict[str, float | None]:
-    """Medians over the runs that gave a model, and counts."""
-    good = [run for run in runs if run is not None]
-    summary: dict[str, float | None] = {}
+def _summary(runs: list[dict[str, float] | str]) -> Summary:
+    """Medians over the runs that gave a model, counts, and the reason of the first failure."""
+    good = [run for run in runs if not isinstance(run, str)]
+    summary: Summary = {}
     for name in good[0] if good else ():
         if name not in COUNTED:
             median = statistics.median(run[name] for run in good)
             summary[name] = median if math.isfinite(median) else None  # JSON has no infinity
     counts = {name: sum(bool(run[name]) for run in good) for name in COUNTED if good and name in good[0]}
-    return summary | {"runs": len(runs)} | counts | {"failures": len(runs) - len(good)}
+    summary |= {"runs": len(runs)} | counts | {"failures": len(runs) - len(good)}
+    reasons = [run for run in runs if isinstance(run, str)]
+    return summary | ({"reason": reasons[0]} if reasons else {})
 
 
-def _table(title: str, results: dict[str, dict[str, float | None]]) -> Table:
+def _table(title: str, results: dict[str, Summary]) -> Table:
     columns = list(dict.fromkeys(name for summary in results.values() for name in summary))
     table = Table("method", *(column.replace("_", " ") for column in columns), title=title)
     for method, summary in results.items():
@@ -160,11 +169,12 @@ def _cell(value: float | str | None) -> str:
     return "diverges" if value is None else value if isinstance(value, str) else f"{value:.5g}"
 
 
-def _save(results: dict[str, dict[str, dict[str, float | None]]]) -> None:
-    """Write the results; data sets of earlier runs that this run does not measure are kept."""
+def _save(results: dict[str, dict[str, Summary]]) -> None:
+    """Write the results; methods and data sets of earlier runs that this run does not measure are kept."""
     kept = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    merged = kept | {data_set: kept.get(data_set, {}) | methods for data_set, methods in results.items()}
     RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(json.dumps(kept | results, indent=2) + "\n")
+    RESULTS.write_text(json.dumps(merged, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from amb_core.identification.scaled_data import Samples, ScaledData
 _MOST_ITERATIONS = 22
 _MOST_EXPERIMENTS = 10  # each has a first state of its own, and time grows with their square
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
-_FIRST_DAMPING = 0.1  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix; less is refused more often
+_FIRST_DAMPING = 0.01  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix
 _LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
 _REDUNDANT = 1e-6  # singular value of a direction, relative to the largest, below which it changes coordinates only
 _LEAST_DAMPING = 1e-12  # likewise; redundant coordinates need some
