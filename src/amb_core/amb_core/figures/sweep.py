@@ -162,11 +162,12 @@ def _curves(record: LoopRecord, model: LoopRecord | None, abscissa: _Abscissa, a
 
 def _beats(classification: Classification, abscissa: _Abscissa, axis: int, height: float) -> list[Curve]:
     """A bar at the bottom where the input beats with the sample rate."""
-    steps = [state.step for state in classification.states]
-    beating = [(state.x, state.y)[axis].sampling_beat for state in classification.states]
+    last = abscissa.first_step + len(abscissa.x)
+    shown = [state for state in classification.states if abscissa.first_step <= state.step < last]
+    beating = [(state.x, state.y)[axis].sampling_beat for state in shown]
     if not any(beating):
         return []
-    x = np.array([abscissa.at(step) for step in steps])
+    x = np.array([abscissa.at(state.step) for state in shown])
     return [Curve(x, np.where(beating, height, np.nan), "input beats with the sample rate", BEAT)]
 
 
