@@ -1,0 +1,52 @@
+"""One seed of each data set of the benchmark against the numbers to reach; `run.py` takes the medians over 20."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from amb_core.identification import StateSpaceModel, pem, ssarx
+
+sys.path.insert(0, str(Path(__file__).parent))  # the benchmark's modules are scripts, not a package
+
+import plant
+from scores import innovation_ratio, score
+
+# Least fit on squares and on the multisine, largest error of the frequency response (percent).
+NUMBERS = {"squares": (99.98, 99.85, 2.5), "multisine": (99.7, 99.7, 1.5), "squares_noise10": (99.85, 97.5, 25.0)}
+
+
+def identified(data_set: str, order: int = plant.ORDER) -> StateSpaceModel:
+    """The model of the first seed, by the default method."""
+    record = plant.record(plant.DATA_SETS[data_set], 0)
+    return pem(record.current, record.position, ssarx(record.current, record.position, record.sample_time, order))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("data_set", NUMBERS)
+def test_the_model_is_as_close_to_the_plant_as_the_benchmark_asks(data_set: str) -> None:
+    model = identified(data_set)
+    scores = score((model.a, model.b, model.c))
+    fit_squares, fit_multisine, response_error = NUMBERS[data_set]
+    assert scores["fit_squares"] >= fit_squares
+    assert scores["fit_multisine"] >= fit_multisine
+    assert scores["frf_max_percent"] <= response_error
+    assert scores["unstable_poles_right"]
+    assert scores["closed_loop_stable"]
+    assert innovation_ratio(model.innovation_covariance, plant.DATA_SETS[data_set].noise) == pytest.approx(
+        1.0, abs=0.01
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("data_set", NUMBERS)
+def test_the_bayesian_criterion_picks_the_order_of_the_plant(data_set: str) -> None:
+    orders = (8, 9, 10, 11, 12)
+    criteria = []
+    for order in orders:
+        size = np.linalg.slogdet(identified(data_set, order).innovation_covariance * 1e12)[1]
+        criteria.append(plant.STEPS * size + 6 * order * np.log(plant.STEPS))  # n (2 p + m) parameters
+    assert orders[int(np.argmin(criteria))] == plant.ORDER
