@@ -1,0 +1,175 @@
+"""Regions of recorded runs: onsets at the known frequency, gaps and delevitation told, bad bags refused by name."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from typer.testing import CliRunner
+
+from amb_bringup.cli import app
+from amb_core.bags import BagWriter, read_bag
+from amb_core.errors import BagError, RegionError
+from amb_core.recorded_regions import classify_run
+from amb_core.region_stretches import stretches
+from amb_core.regions import Region
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
+    TYPES.register(get_types_from_msg(file.read_text(), f"amb_msgs/msg/{file.stem}"))
+
+RATE, BLOCK = 10_000.0, 100
+START, STEPS = 5_000, 40_000  # of the excitation, of the run
+DRIFT = 20_000  # step from which the bias drifts
+TOPICS = {"LoopSamples": "telemetry", "Excitation": "excitation", "ExcitationStatus": "excitation_status"}
+
+
+def message(name: str, **values: Any) -> Any:
+    kind = TYPES.types[f"amb_msgs/msg/{name}"]
+    if "header" in kind.__annotations__:
+        time = TYPES.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+        values["header"] = TYPES.types["std_msgs/msg/Header"](stamp=time, frame_id="")
+    return kind(**values)
+
+
+def sweep_signals() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frequency, reference and position of a sweep on y from 100 to 800 Hz; from `DRIFT` on the bias sinks 40 um/s."""
+    frequency = 100.0 + 200.0 * np.arange(STEPS - START) / RATE
+    reference = np.zeros(STEPS)
+    reference[START:] = 20e-6 * np.sin(2.0 * np.pi * np.cumsum(frequency) / RATE)
+    noise = np.random.default_rng(3).normal(scale=1e-8, size=STEPS)
+    drift = -40e-6 * np.maximum(np.arange(STEPS) - DRIFT, 0) / RATE
+    return frequency, reference, 0.1 * reference + noise + drift - 66e-6
+
+
+def write_bag(
+    folder: Path,
+    missing: tuple[int, int] = (0, 0),
+    delevitated: bool = False,
+    broken: int | None = None,
+    stopped: int | None = None,
+) -> Path:
+    frequency, reference, position = sweep_signals()
+    if broken is not None:
+        position[broken] = np.nan
+    zeros = np.zeros(STEPS)
+    messages = [
+        message(
+            "Excitation", run=7, id=1, kind="sweep", description="{}", first_step=-1, sample_time=1.0 / RATE,
+            reference_x=zeros[START:], reference_y=reference[START:], frequency=frequency,
+        ),
+        message(
+            "ExcitationStatus", run=7, id=1, kind="sweep", accepted=True, message="", first_step=START,
+            steps=STEPS - START,
+        ),
+    ]  # fmt: skip
+    for first in range(0, STEPS, BLOCK):
+        if not missing[0] <= first < missing[1]:
+            part = slice(first, first + BLOCK)
+            messages.append(
+                message(
+                    "LoopSamples", run=7, first_step=first, sample_time=1.0 / RATE,
+                    reference_x=zeros[part], reference_y=reference[part],
+                    position_x=zeros[part], position_y=position[part], current_x=zeros[part], current_y=zeros[part],
+                )
+            )  # fmt: skip
+    if stopped is not None:
+        stop = message(
+            "ExcitationStatus", run=7, id=2, kind="stop", accepted=True, message="", first_step=stopped, steps=0
+        )
+        messages.append(stop)
+    if delevitated:
+        messages.append(message("SimulatorState", run=7, step=STEPS, last_step=0, mode=3, sample_time=1.0 / RATE))
+    topics = {**TOPICS, "SimulatorState": "simulator/state"}
+    with BagWriter(folder) as bag:
+        for name, topic in topics.items():
+            definition, _ = TYPES.generate_msgdef(f"amb_msgs/msg/{name}", ros_version=2)
+            bag.add_topic(f"/amb/{topic}", f"amb_msgs/msg/{name}", definition)
+        for number, content in enumerate(messages):
+            topic = topics[content.__msgtype__.rsplit("/", 1)[-1]]
+            bag.write(f"/amb/{topic}", bytes(TYPES.serialize_cdr(content, content.__msgtype__)), number)
+    return folder
+
+
+def test_an_onset_has_the_frequency_that_the_excitation_had_there(tmp_path: Path) -> None:
+    found = classify_run(read_bag(write_bag(tmp_path / "bag")))
+    onset = found.classification.onsets[Region.B]
+    assert onset.step == pytest.approx(DRIFT, abs=600)
+    assert onset.input_frequency == pytest.approx(100.0 + 200.0 * (onset.step - START) / RATE)
+    assert found.frequency is not None
+    assert np.isnan(found.frequency[:START]).all() and found.frequency[START] == 100.0
+    assert not found.delevitated and not found.gaps
+
+
+def test_a_run_that_delevitated_ends_in_region_d(tmp_path: Path) -> None:
+    found = classify_run(read_bag(write_bag(tmp_path / "bag", delevitated=True)))
+    assert found.delevitated
+    assert found.classification.states[-1].region is Region.D
+    assert found.classification.onsets[Region.D].step == STEPS
+
+
+def test_the_classification_restarts_after_a_gap(tmp_path: Path) -> None:
+    found = classify_run(read_bag(write_bag(tmp_path / "bag", missing=(9_000, 13_000))))
+    assert found.gaps == [(9_000, 13_000)]
+    assert np.isnan(found.record.position[9_000:13_000]).all() and np.isfinite(found.record.position[13_000:]).all()
+    parts = stretches(found.classification.states)
+    assert [(part.region.name, part.first_step) for part in parts[:2]] == [("A", 0), ("A", 13_000)]
+    assert parts[0].stop <= 9_000
+    assert found.classification.onsets[Region.B].step == pytest.approx(DRIFT, abs=600)
+
+
+def test_samples_that_are_not_finite_are_named_with_their_bag(tmp_path: Path) -> None:
+    with pytest.raises(RegionError, match=r"bag .*bag, run 7: telemetry: position y is nan at step 12345"):
+        classify_run(read_bag(write_bag(tmp_path / "bag", broken=12_345)))
+
+
+def test_a_run_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="holds no run 8; its runs: 7"):
+        classify_run(read_bag(write_bag(tmp_path / "bag")), 8)
+
+
+def test_a_bag_without_telemetry_is_refused(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        definition, _ = TYPES.generate_msgdef("amb_msgs/msg/SimulatorState", ros_version=2)
+        bag.add_topic("/amb/simulator/state", "amb_msgs/msg/SimulatorState", definition)
+        content = message("SimulatorState", run=7, step=0, last_step=0, mode=0, sample_time=1e-4)
+        bag.write("/amb/simulator/state", bytes(TYPES.serialize_cdr(content, content.__msgtype__)), 1)
+    with pytest.raises(BagError, match=r"holds no telemetry \(amb_msgs/msg/LoopSamples\); its topics: /amb/simulator"):
+        classify_run(read_bag(tmp_path / "bag"))
+
+
+def test_an_excitation_ends_where_it_is_stopped(tmp_path: Path) -> None:
+    frequency = read_bag(write_bag(tmp_path / "bag", stopped=30_000)).input_frequency(0, STEPS)
+    known = np.flatnonzero(np.isfinite(frequency))
+    assert (known[0], known[-1]) == (START, 29_999)
+
+
+def test_a_run_without_an_end_has_no_delevitation(tmp_path: Path) -> None:
+    assert read_bag(write_bag(tmp_path / "bag")).delevitation() is None
+
+
+def test_the_command_prints_the_onsets_and_writes_figures_and_summary(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", missing=(9_000, 13_000), delevitated=True)
+    result = CliRunner().invoke(app, ["regions", str(bag), "--out", str(tmp_path / "out")], catch_exceptions=False)
+    assert result.exit_code == 0
+    for text in ("steps 9000 to 12999 are missing", "the bias drifts", "at the end in region D"):
+        assert text in result.stdout
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "plotly.min.js", "summary.json", "sweep.html", "sweep.png",
+    }  # fmt: skip
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["gaps"] == [[9_000, 13_000]]
+    assert summary["delevitated"] is True
+    assert summary["onsets"]["rotor"]["B"]["input_frequency"] == pytest.approx(400.0, abs=12.0)
+    assert sum(summary["shares"].values()) == pytest.approx(1.0)
+
+
+def test_the_command_refuses_a_bag_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="nowhere"):
+        CliRunner().invoke(app, ["regions", str(tmp_path / "nowhere")], catch_exceptions=False)
+    with pytest.raises(RegionError, match="--axes z is not allowed; it must be x, y or xy"):
+        CliRunner().invoke(app, ["regions", str(tmp_path), "--axes", "z"], catch_exceptions=False)
