@@ -3,7 +3,7 @@
 Every identification runs in a process of its own with one BLAS thread. Those of other packages run with the interpreter
 of an environment in which peers.txt is installed; without it they are left out. Prints a table per data set and writes
 results/bench_ident.json: medians of the scores (see `scores`), seconds and peak_mb over the runs that gave a model, and
-counts of runs, unstable_poles_right, closed_loop_stable and failures.
+counts of runs, unstable_poles_right, closed_loop_stable and failures. The row `bound` is what no unbiased method can beat.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import ours
 import peers
 import plant
 import real_data
+from bound import bound
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
@@ -66,6 +67,8 @@ def main() -> None:
     results: dict[str, dict[str, Summary]] = {}
     for data_set in arguments.data:
         results[data_set] = _measure(data_set, methods, arguments.seeds, arguments.limit)
+        if not arguments.methods or "bound" in arguments.methods:
+            results[data_set]["bound"] = dict(bound(data_set))
         console.print(_table(data_set, results[data_set]))
         _save(results)
     if (path := real_data.find(ROOT)) is not None:
@@ -78,7 +81,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=20, help="runs per data set and method")
     parser.add_argument("--data", nargs="*", default=list(plant.DATA_SETS), choices=list(plant.DATA_SETS))
-    parser.add_argument("--methods", nargs="*", help="only these")
+    parser.add_argument("--methods", nargs="*", help="only these; `bound` for the bound of Cramer and Rao")
     parser.add_argument("--peers", type=Path, default=PEERS_PYTHON, help="interpreter that has the other packages")
     parser.add_argument("--limit", type=float, default=120.0, help="seconds after which a run counts as failed")
     return parser.parse_args()
