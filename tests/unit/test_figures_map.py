@@ -82,7 +82,7 @@ def test_every_place_of_the_page_tells_amplitude_frequency_and_region(region_map
     covered = sum(np.isfinite(np.asarray(layer.z, dtype=float)) for layer in layers)
     assert covered.shape == (len(grid.y), len(grid.x))
     assert np.all(covered == 1)
-    assert layers[3].hovertemplate == "%{x:.3g} µm, %{y:.3g} Hz: D delevitated<extra></extra>"
+    assert layers[3].hovertemplate == "%{x:.4~g} µm, %{y:.4~g} Hz: D delevitated<extra></extra>"
 
 
 def test_axes_are_logarithmic_with_plain_numbers(region_map) -> None:

@@ -15,7 +15,7 @@ from amb_core.figures.chart import Axis, Band, Chart, Curve, Heat, HoverGrid, No
 from amb_core.figures.style import OPACITY, Stroke
 
 NARROW = 0.04  # share of a panel in which a letter has no room
-LETTER_WIDTH = 0.075  # of the legend's font (inch)
+LETTER_WIDTH = 0.066  # of the legend's font (inch)
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle": "^", "cross": "x"}
 
@@ -43,7 +43,7 @@ def draw_figure(chart: Chart) -> Figure:
             entries.setdefault(label, handle)
     figure.suptitle(chart.title, fontsize=12, wrap=True)
     if entries:
-        fitting = chart.size[0] / (LETTER_WIDTH * (7 + max(map(len, entries))))
+        fitting = chart.size[0] / (LETTER_WIDTH * (6 + max(map(len, entries))))
         figure.legend(
             entries.values(),
             entries.keys(),

@@ -194,7 +194,7 @@ def _(item: HoverGrid, page: go.Figure, place: dict[str, int]) -> None:
                 x=_short(item.x),
                 y=_short(item.y),
                 z=_short(np.where(here, 0.0, np.nan)),
-                hovertemplate=f"%{{x:.3g}} {item.units[0]}, %{{y:.3g}} {item.units[1]}: {name}<extra></extra>",
+                hovertemplate=f"%{{x:.4~g}} {item.units[0]}, %{{y:.4~g}} {item.units[1]}: {name}<extra></extra>",
                 hoverongaps=False,
                 opacity=0.0,
                 showscale=False,

@@ -44,7 +44,7 @@ def map_chart(region_map: RegionMap, lines: Sequence[AnalyticLine] = (), title: 
         Curve(UM * line.amplitude, line.frequency, line.name, LINES[number % len(LINES)])
         for number, line in enumerate(lines)
     ]
-    items = (*region_items(region_map), *drawn, *_simulated(region_map), *_hover(region_map))
+    items = (*_hover(region_map), *region_items(region_map), *drawn, *_simulated(region_map))
     panel = Panel(*map_axes(region_map), items)
     return Chart(title, _alt(region_map), (panel,), size=(8.0, 6.2), table=_table(region_map))
 
@@ -71,7 +71,7 @@ def map_grid_chart(cells: Sequence[GridCell], title: str = "Region maps over par
     panels, parts = [], []
     for number, cell in enumerate(cells):
         heading = ", ".join(f"{name.rsplit('.', 1)[-1]} {_plain(value)}" for name, value in cell.values.items())
-        items = [Note(*centre, "no map")] if cell.map is None else [*region_items(cell.map), *_hover(cell.map)]
+        items = [Note(*centre, "no map")] if cell.map is None else [*_hover(cell.map), *region_items(cell.map)]
         labelled = vertical if number % columns == 0 else replace(vertical, label="")
         panels.append(Panel(horizontal, labelled, tuple(items), heading))
         parts.append(f"{heading}: {'no map' if cell.map is None else _ranges(cell.map)}.")

@@ -71,7 +71,7 @@ def save_figure(folder: str | Path, name: str, figure: Figure, page: go.Figure) 
     title, alt = page.layout.title.text, page.layout.meta["alt"]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(image, metadata={"Title": title, "Description": alt})
+        figure.savefig(image, metadata={"Title": title, "Description": alt}, pil_kwargs={"optimize": True})
         document.write_text(
             f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{html.escape(title)}</title>\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
