@@ -51,7 +51,7 @@ def _scaled(model: StateSpaceModel, record: LoopRecord) -> StateSpaceModel:
     states = innovations(
         f, np.hstack([model.b, model.k]), np.eye(model.order), nothing, np.zeros(model.order), inputs, zero
     )
-    basis = np.linalg.qr(states, mode="r").T / np.sqrt(record.steps)
+    basis = np.asarray(np.linalg.qr(states, mode="r")).T / np.sqrt(record.steps)
     a, b, k = (np.linalg.solve(basis, matrix) for matrix in (model.a @ basis, model.b, model.k))
     return replace(model, a=a, b=b, c=model.c @ basis, k=k)
 

@@ -3,7 +3,8 @@
 Every identification runs in a process of its own with one BLAS thread. Those of other packages run with the interpreter
 of an environment in which peers.txt is installed; without it they are left out. Prints a table per data set and writes
 results/bench_ident.json: medians of the scores (see `scores`), seconds and peak_mb over the runs that gave a model, and
-counts of runs, unstable_poles_right, closed_loop_stable and failures. The row `bound` is what no unbiased method can beat.
+counts of runs, unstable_poles_right, closed_loop_stable and failures. The row `bound` is what no unbiased method can
+beat.
 """
 
 from __future__ import annotations
