@@ -11,19 +11,17 @@ from amb_core.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.region_map import MapSettings, RegionMap, analytic_lines, build_map, compare
-from amb_core.regions import Region, RegionParameters
+from amb_core.regions import Region
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 PLANT, CONTROLLER = PlantParameters(), ControllerParameters()
-# With 2 um the slow sinking before the knee of the bias counts as drift at some amplitudes and not at others.
-KNEE = RegionParameters(drift_threshold=4e-6)
 EIGHT = MapSettings(initial_sweeps=8, max_sweeps=8)
 
 
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory: pytest.TempPathFactory) -> RegionMap:
-    return build_map(EIGHT, PLANT, CONTROLLER, KNEE, cache=tmp_path_factory.mktemp("cache"))
+    return build_map(EIGHT, PLANT, CONTROLLER, cache=tmp_path_factory.mktemp("cache"))
 
 
 def test_boundaries_are_ordered_and_fall_with_amplitude(paper: RegionMap) -> None:
@@ -57,7 +55,7 @@ def test_drift_under_gravity_begins_where_the_current_peaks_are_cut_on_one_side(
 def test_without_gravity_nothing_drifts_before_the_centre_loses_its_stability(tmp_path: Path) -> None:
     """Then the rotor leaves it to one side; at small amplitudes it delevitates in a beat before."""
     plant = validate(PlantParameters, {"rotor.gravity": 0.0})
-    found = build_map(EIGHT, plant, CONTROLLER, KNEE, cache=tmp_path)
+    found = build_map(EIGHT, plant, CONTROLLER, cache=tmp_path)
     drift = found.frequencies(Region.B)
     assert np.all(np.isnan(drift[found.amplitudes < 15e-6]))
     lines = {line.name: line for line in analytic_lines(plant, CONTROLLER)}
@@ -70,7 +68,7 @@ def test_without_gravity_nothing_drifts_before_the_centre_loses_its_stability(tm
 def test_derivative_on_measurement_keeps_amplitudes_linear_that_it_does_not_on_the_error(tmp_path: Path) -> None:
     controller = ControllerParameters(derivative_on="measurement")
     settings = MapSettings(amplitude_low=10e-6, amplitude_high=50e-6, initial_sweeps=3, max_sweeps=3)
-    found = build_map(settings, PLANT, controller, KNEE, cache=tmp_path)
+    found = build_map(settings, PLANT, controller, cache=tmp_path)
     assert all(not sweep.boundaries for sweep in found.sweeps)
     assert all(sweep.highest_frequency > 4999.0 for sweep in found.sweeps)
     largest = found.sweeps[-1]

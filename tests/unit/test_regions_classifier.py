@@ -227,6 +227,16 @@ def test_slow_content_of_the_input_is_no_oscillation() -> None:
     assert classify(telemetry(tone(40.0, 13e-6, time - 0.002), reference)).onsets == {}
 
 
+@pytest.mark.parametrize("frequency", [20.0, 22.0, 33.0])
+def test_harmonics_of_a_square_are_no_slow_oscillation(frequency: float) -> None:
+    time = seconds(1.5)
+    reference = 20e-6 * np.sign(tone(frequency, 1.0, time + 1e-6))
+    found = classify(telemetry(tone(2.0 * frequency, 10e-6, time), reference))
+    assert found.onsets == {}
+    assert found.states[-1].y.oscillation_amplitude == pytest.approx(10e-6, rel=0.1)
+    assert Region.C in classify(telemetry(tone(1.5 * frequency, 10e-6, time), reference)).onsets
+
+
 @pytest.mark.parametrize("frequency", [0.4, 1.0, 5.0])
 def test_a_slow_square_is_no_drift(frequency: float) -> None:
     time = seconds(8.0)

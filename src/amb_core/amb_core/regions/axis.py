@@ -20,6 +20,7 @@ from amb_core.regions.slow_signal import (
     fit_window,
     line_table,
     remove_beats,
+    repetition,
     slow_line,
     variance_change,
 )
@@ -192,6 +193,7 @@ class AxisClassifier:
                 features.sampling_beat = explained >= parameters.beat_share
                 doubtful = explained >= 0.5 * parameters.beat_share
             found = not doubtful and self._is_oscillation(amplitude, share, highest)
+            found = found and not self._repeats_with_input(line)
             features.oscillation_amplitude = amplitude
             features.oscillation_frequency = line / self._window_time
         if doubtful:
@@ -229,6 +231,18 @@ class AxisClassifier:
         lines = highest - LOWEST_BIN + 1
         critical = 1.0 - (self._alarm_level / lines) ** (1.0 / (lines - 1))
         return amplitude >= self._parameters.oscillation_threshold and share >= critical
+
+    def _repeats_with_input(self, line: float) -> bool:
+        """Whether a line, in periods per window, is a multiple of how often an input that is no sine repeats itself.
+
+        Squares have odd harmonics only; a bearing under a static load answers with even ones too.
+        """
+        period = repetition(self._front_end.reference[self._front_end.sources[self._axis]])
+        if self._source.kind != InputKind.OTHER or period == 0:
+            return False
+        fundamental = len(self._residual) / period
+        multiple = round(line / fundamental)
+        return multiple > 0 and abs(line - multiple * fundamental) <= 1.0
 
     def _beating_orders(self) -> NDArray[np.int64]:
         """Harmonics of a sine beyond the Nyquist frequency that fold into the slow band somewhere in the window."""

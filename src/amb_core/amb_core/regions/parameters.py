@@ -25,7 +25,7 @@ class RegionParameters(Parameters):
         0.1, "1/h", "false alarms per hour and axis that noise alone may cause, for B and for C each", 1e-6, 1e3
     )
     drift_threshold: float = quantity(
-        2e-6,
+        4e-6,
         "m",
         "smallest change of the bias over the span of a trend test that counts as drift (region B)",
         1e-9,

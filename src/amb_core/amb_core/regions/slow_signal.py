@@ -25,6 +25,7 @@ BEATS = 3  # harmonics that may beat at the same time
 ENVELOPE = 4  # coefficients of the polynomial that a beat's amplitude and phase follow over the window
 INAUDIBLE = 1e-8  # m: a decimated reference that moves less is not heard of in the position
 RIDGE = 1e-9  # of the power of a regressor that may be like another
+PERIODIC = 0.9  # correlation with its own past from which on an input repeats itself
 
 
 def decimation_filter(factor: int) -> NDArray[np.float64]:
@@ -179,6 +180,24 @@ def slow_line(
             total += power
     share = min(best / total, 1.0) if total > 0.0 else 0.0
     return np.sqrt(2.0 * best), 0.5 * best_line, share, total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def repetition(reference: NDArray[np.float64]) -> int:
+    """Samples after which a reference (m) repeats itself, by its correlation; 0 if it does not within half of them."""
+    samples = len(reference)
+    centred = reference - np.mean(reference)
+    best, best_lag, apart = PERIODIC, 0, False
+    for lag in range(1, samples // 2 + 1):
+        early, late = centred[: samples - lag], centred[lag:]
+        power = np.sqrt(np.sum(early**2) * np.sum(late**2))
+        correlation = np.sum(early * late) / power if power > 0.0 else 0.0
+        apart = apart or correlation < 0.5  # before that, the lag is a part of the period
+        if apart and correlation > best:
+            best, best_lag = correlation, lag
+        elif best_lag > 0 and correlation < 0.5:
+            break  # the shortest period will do
+    return best_lag
 
 
 @numba.njit(cache=True, error_model="numpy")
