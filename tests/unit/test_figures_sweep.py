@@ -90,6 +90,14 @@ def test_beating_with_the_sample_rate_is_marked_where_it_was(record, classificat
     assert bar.x[np.isfinite(bar.y)] == pytest.approx([1.5099, 1.5199, 1.5299, 1.5399, 1.5499])
 
 
+def test_the_mean_is_drawn_for_a_sweep_alone(record, classification, frequency) -> None:
+    def labels(*known: np.ndarray) -> list[str]:
+        return [curve.label for curve in of_kind(sweep_chart(record, classification, *known).panels[0], Curve)]
+
+    assert "its mean over 0.1 s" in labels(frequency)
+    assert "its mean over 0.1 s" not in labels()
+
+
 def test_gaps_stay_gaps(record, classification) -> None:
     position = record.position.copy()
     position[10_000:12_000] = np.nan

@@ -58,7 +58,8 @@ def sweep_chart(
     classification : Classification
         Of these samples.
     frequency : ndarray, shape (steps,), optional
-        Frequency of the input at each sample (Hz), NaN where there is none; needed over frequency.
+        Frequency of the input at each sample (Hz), NaN where there is none; needed over frequency. Where it is known the
+        mean of the position is drawn too: without periods slower than its window it shows the drift.
     over : {"time", "frequency"}
         What the horizontal axis is; samples without a frequency are left out over frequency.
     model : LoopRecord, optional
@@ -77,7 +78,7 @@ def sweep_chart(
     regions = _regions(classification, abscissa)
     panels = []
     for name in axes or _excited(record):
-        curves = _curves(record, model, abscissa, "xy".index(name))
+        curves = _curves(record, model, abscissa, "xy".index(name), sweeping=frequency is not None)
         heights = np.concatenate([curve.y for curve in curves])
         low, high = np.nanmin(heights), np.nanmax(heights)
         margin = max(HEADROOM * (high - low), 1e-3)
@@ -144,7 +145,9 @@ def _regions(classification: Classification, abscissa: _Abscissa) -> list[Item]:
     return items
 
 
-def _curves(record: LoopRecord, model: LoopRecord | None, abscissa: _Abscissa, axis: int) -> list[Curve]:
+def _curves(
+    record: LoopRecord, model: LoopRecord | None, abscissa: _Abscissa, axis: int, *, sweeping: bool
+) -> list[Curve]:
     curves = [Curve(*extremes(abscissa.x, UM * record.position[abscissa.shown, axis]), "position", PLANT)]
     if model is not None:
         modelled = np.full(record.steps, np.nan)
@@ -153,7 +156,7 @@ def _curves(record: LoopRecord, model: LoopRecord | None, abscissa: _Abscissa, a
         modelled[max(offset, 0) : max(offset, 0) + len(part)] = UM * part
         curves.append(Curve(*extremes(abscissa.x, modelled[abscissa.shown]), "model", MODEL))
     window = round(MEAN_TIME / record.sample_time)
-    if len(abscissa.x) > 2 * window:
+    if sweeping and len(abscissa.x) > 2 * window:
         mean = np.convolve(UM * record.position[abscissa.shown, axis], np.full(window, 1.0 / window), "valid")
         middle = abscissa.x[window // 2 : window // 2 + len(mean)]
         curves.append(Curve(*extremes(middle, mean, spans=400), f"its mean over {MEAN_TIME:g} s", MEAN))
