@@ -58,8 +58,8 @@ def sweep_chart(
     classification : Classification
         Of these samples.
     frequency : ndarray, shape (steps,), optional
-        Frequency of the input at each sample (Hz), NaN where there is none; needed over frequency. Where it is known the
-        mean of the position is drawn too: without periods slower than its window it shows the drift.
+        Frequency of the input at each sample (Hz), NaN where there is none; needed over frequency. Where it is
+        known the mean of the position is drawn too: without periods slower than its window it shows the drift.
     over : {"time", "frequency"}
         What the horizontal axis is; samples without a frequency are left out over frequency.
     model : LoopRecord, optional
