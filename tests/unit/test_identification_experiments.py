@@ -44,7 +44,7 @@ def test_pem_gives_each_experiment_its_first_state(bearing: LinearBearing) -> No
 
 
 def test_a_list_of_one_experiment_is_that_experiment(bearing: LinearBearing) -> None:
-    record = bearing.experiment(noise=5e-8, force=0.3)
+    record = bearing.experiment(noise=5e-8, force=0.3).window(0, 4_000)
     one = ssarx(record.current, record.position, record.sample_time, 6)
     other = ssarx([record.current], [record.position], record.sample_time, 6)
     assert one.a.tobytes() == other.a.tobytes()
