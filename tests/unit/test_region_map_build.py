@@ -12,8 +12,9 @@ from amb_core.control import ControllerParameters
 from amb_core.errors import PlantError, RegionError
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
-from amb_core.region_map import Boundary, MapSettings, MapSweep, build_grid, build_map, cluster, pool
+from amb_core.region_map import Boundary, MapSettings, MapSweep, build_grid, build_map
 from amb_core.regions import Region
+from amb_core.tasks import cluster, pool
 
 SHORT = MapSettings(
     amplitude_low=20e-6,
@@ -32,6 +33,9 @@ class Pool:
     """Answers at once, last sweep first, with a boundary that jumps at 50 um."""
 
     ran: list[float]
+
+    def __class_getitem__(cls, result):
+        return cls
 
     def __init__(self, scheduler, workers):
         self._waiting = deque()
@@ -60,7 +64,7 @@ class Pool:
 
 @pytest.fixture
 def ran(monkeypatch):
-    monkeypatch.setattr(pool, "SweepPool", Pool)
+    monkeypatch.setattr(pool, "TaskPool", Pool)
     Pool.ran = []
     return Pool.ran
 

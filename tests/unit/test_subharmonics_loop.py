@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from amb_core.control import ControllerParameters
 from amb_core.errors import ExcitationError, ParameterError, RegionError
+from amb_core.loop_parameters import with_values
 from amb_core.plant import PlantParameters
 from amb_core.subharmonics import (
     VARIANTS,
@@ -15,7 +18,6 @@ from amb_core.subharmonics import (
     SurfaceSettings,
     run_subharmonics,
     subharmonic_surface,
-    with_values,
 )
 from amb_core.subharmonics.run import excitation
 
@@ -118,7 +120,7 @@ def test_every_variant_makes_a_loop() -> None:
 
 
 @pytest.mark.slow
-def test_a_surface_has_the_results_of_its_runs() -> None:
+def test_a_surface_has_the_results_of_its_runs_and_runs_none_twice(tmp_path: Path) -> None:
     settings = FAST.changed(rest=0.3)
     grid = SurfaceSettings(
         amplitude_low=0.0, amplitude_high=40e-6, amplitude_count=2, frequency_low=3000.0, frequency_high=4000.0,
@@ -126,7 +128,7 @@ def test_a_surface_has_the_results_of_its_runs() -> None:
     )  # fmt: skip
     progress: list[tuple[int, int]] = []
     surface = subharmonic_surface(
-        *LOOP, settings, grid, workers=1, progress=lambda done, total: progress.append((done, total))
+        *LOOP, settings, grid, cache=tmp_path, workers=1, progress=lambda done, total: progress.append((done, total))
     )
     assert surface.inducing_frequency.tolist() == [3070.0, 4070.0]
     assert surface.state.tolist() == [["steady", "steady"], ["delevitated", "delevitated"]]
@@ -134,6 +136,14 @@ def test_a_surface_has_the_results_of_its_runs() -> None:
     alone = run_subharmonics(*LOOP, settings.changed(inducing_amplitude=0.0).shifted())
     assert surface.difference[0, 0] == difference(alone)
     assert progress == [(done, 4) for done in range(5)]
+    written = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert len(written) == 4
+    missing = sorted(written)[0]
+    missing.unlink()
+    again = subharmonic_surface(*LOOP, settings, grid, cache=tmp_path, workers=1)
+    assert repr(again) == repr(surface)
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert {path for path in written if kept[path] != written[path]} == {missing}
 
 
 def test_a_surface_is_refused_before_anything_is_run() -> None:

@@ -26,8 +26,8 @@ def demo(
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+    from amb_bringup.commands.inputs import parameter_file
     from amb_bringup.demo import run_demo
-    from amb_bringup.packages import share_folder
 
     console = Console()
     _clear(out)
@@ -46,8 +46,7 @@ def demo(
                 tasks[name] = bars.add_task(name, total=total)
             bars.update(tasks[name], completed=done)
 
-        parameter_file = params.absolute() if params else share_folder("amb_bringup") / "config" / "paper.yaml"
-        summary = run_demo(out, parameter_file, _free_domain(), show)
+        summary = run_demo(out, parameter_file(params).absolute(), _free_domain(), show)
     console.print(_table(summary))
     console.print(f"bag, model.json, orbit.png, response.png, summary.json: {out}")
 

@@ -70,6 +70,7 @@ def check(
     """Superimpose an excitation on a region map: which share of its power lies in A, B, C and D, and what to do."""
     from rich.console import Console
 
+    from amb_bringup.commands.results import make_folder
     from amb_core.excitation import excitation_from_request, generate
     from amb_core.excitation_design import TrialBench, check_excitation
     from amb_core.excitation_design.summary import check_summary, trial_summary
@@ -79,7 +80,7 @@ def check(
     signal = generate(excitation_from_request(kind, values), loop[0].sample_rate)
     found = check_excitation(signal, region_map, *loop[:2])
     console = Console()
-    _make_folder(out)
+    make_folder(out)
     summary: dict[str, Any] = {"map": str(map_file), "parameters": signal.parameters.model_dump()}
     summary["check"] = check_summary(found)
     _print_check(console, found)
@@ -115,13 +116,14 @@ def design(
     """Find the largest amplitude that stays in region A, from the map and confirmed by simulation of the full plant."""
     from rich.console import Console
 
+    from amb_bringup.commands.results import make_folder
     from amb_core.excitation_design import design_excitation
     from amb_core.excitation_design.summary import design_summary
 
     values = _given(locals())
     region_map, loop = _load(map_file, params)
     console = Console()
-    _make_folder(out)
+    make_folder(out)
     with _Progress(console) as shown:
         designed = design_excitation(
             kind,
@@ -180,10 +182,10 @@ def _given(options: dict[str, Any]) -> dict[str, Any]:
 
 def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:
     """The map, and the loop: that of a parameter file, or the one the map was made with."""
+    from amb_bringup.commands.inputs import load_loop, load_regions
     from amb_core.control import ControllerParameters
     from amb_core.errors import RegionError
     from amb_core.excitation_design.notes import made_with
-    from amb_core.parameters import load_parameters
     from amb_core.plant import PlantParameters
     from amb_core.region_map import RegionMap
     from amb_core.regions import RegionParameters
@@ -195,21 +197,8 @@ def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:
         regions = made_with(region_map, "regions", RegionParameters) if "regions" in region_map.provenance else None
         controller = made_with(region_map, "controller", ControllerParameters)
         return region_map, (controller, made_with(region_map, "plant", PlantParameters), regions)
-    return region_map, (
-        load_parameters(ControllerParameters, params, "pd_controller", part=True),
-        load_parameters(PlantParameters, params, "simulator", part=True),
-        load_parameters(RegionParameters, params, "region_monitor", part=True),
-    )
-
-
-def _make_folder(out: Path) -> None:
-    """Before the work, not after."""
-    from amb_core.errors import ExcitationError
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise ExcitationError(f"folder {out}: cannot be made: {problem.strerror}") from None
+    plant, controller = load_loop(params)
+    return region_map, (controller, plant, load_regions(params))
 
 
 def _print_check(console: Console, found: ExcitationCheck) -> None:
@@ -271,14 +260,9 @@ def _design_table(designed: DesignedExcitation) -> Table:
 
 def _write(out: Path, summary: dict[str, Any], found: ExcitationCheck, region_map: RegionMap, console: Console) -> None:
     """Summary and figure."""
-    import json
-
-    from amb_core.errors import ExcitationError
+    from amb_bringup.commands.results import write_json
     from amb_core.figures import overlay_figure, overlay_page, save_figure
 
-    try:
-        (out / "summary.json").write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n")
-    except OSError as problem:
-        raise ExcitationError(f"{out / 'summary.json'}: cannot be written: {problem.strerror}") from None
+    write_json(out / "summary.json", summary)
     save_figure(out, "overlay", overlay_figure(found, region_map), overlay_page(found, region_map))
     console.print(f"summary.json, overlay.png, overlay.html: {out}")

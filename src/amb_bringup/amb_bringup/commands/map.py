@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from amb_core.control import ControllerParameters
     from amb_core.plant import PlantParameters
     from amb_core.region_map import Comparison, GridCell, MapProgress, RegionMap
-    from amb_core.regions import Region, RegionParameters
+    from amb_core.regions import Region
 
 
 def region_map(
@@ -64,6 +64,8 @@ def region_map(
     """
     from rich.console import Console
 
+    from amb_bringup.commands.inputs import load_loop, load_regions
+    from amb_bringup.commands.results import make_folder
     from amb_core.errors import RegionError
     from amb_core.parameters import validate
     from amb_core.region_map import MapSettings, build_grid, build_map
@@ -71,8 +73,9 @@ def region_map(
     names = MapSettings.model_fields
     settings = validate(MapSettings, {name: value for name, value in locals().items() if name in names}, RegionError)
     design = _design(grid or [])
-    plant, controller, regions = _load(params)
-    _make_folder(out)
+    plant, controller = load_loop(params)
+    regions = load_regions(params)
+    make_folder(out)
     console = Console()
     with _Progress(console) as shown:
         options: dict[str, Any] = {
@@ -149,23 +152,9 @@ def _range(found: RegionMap, region: Region) -> str:
     return "" if np.isnan(frequency).all() else f"{np.nanmin(frequency):.0f} to {np.nanmax(frequency):.0f}"
 
 
-def _load(params: Path | None) -> tuple[PlantParameters, ControllerParameters, RegionParameters]:
-    from amb_bringup.packages import share_folder
-    from amb_core.control import ControllerParameters
-    from amb_core.parameters import load_parameters
-    from amb_core.plant import PlantParameters
-    from amb_core.regions import RegionParameters
-
-    path = params or share_folder("amb_bringup") / "config" / "paper.yaml"
-    return (
-        load_parameters(PlantParameters, path, "simulator", part=True),
-        load_parameters(ControllerParameters, path, "pd_controller", part=True),
-        load_parameters(RegionParameters, path, "region_monitor", part=True),
-    )
-
-
 def _design(grid: list[str]) -> dict[str, list[Any]]:
     """Design parameters and their values from the command line."""
+    from amb_bringup.commands.inputs import typed_value
     from amb_core.errors import RegionError
 
     design: dict[str, list[Any]] = {}
@@ -175,41 +164,22 @@ def _design(grid: list[str]) -> dict[str, list[Any]]:
             raise RegionError(f"--grid {text}: must be a name and its values, as amplifier.bias_current=2,3,4")
         if name in design:
             raise RegionError(f"--grid {name} is given twice; give all its values at once")
-        design[name] = [_value(word) for word in values.split(",")]
+        design[name] = [typed_value(word) for word in values.split(",")]
     return design
-
-
-def _value(word: str) -> Any:
-    """A number where the word is one (YAML does not take 1e-3 for one), else a switch or a word."""
-    import yaml
-
-    try:
-        return float(word)
-    except ValueError:
-        return yaml.safe_load(word)
-
-
-def _make_folder(out: Path) -> None:
-    """Before hours of work, not after."""
-    from amb_core.errors import RegionError
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise RegionError(f"folder {out}: cannot be made: {problem.strerror}") from None
 
 
 def _write_map(
     out: Path, found: RegionMap, plant: PlantParameters, controller: ControllerParameters, console: Console
 ) -> None:
     """Map, summary and figures, and the tables on the console."""
+    from amb_bringup.commands.results import write_json
     from amb_core.figures import map_figure, map_page, save_figure
     from amb_core.region_map import analytic_lines, compare
 
     found.save(out / "map.json")
     lines = analytic_lines(plant, controller, found.settings.axes)
     comparisons = compare(found, lines)
-    _write_json(out / "summary.json", _summary(found, comparisons))
+    write_json(out / "summary.json", _summary(found, comparisons))
     save_figure(out, "map", map_figure(found, lines), map_page(found, lines))
     console.print(_boundary_table(found))
     console.print(_line_table(comparisons))
@@ -222,6 +192,7 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
     """A folder for each map of a grid, and summary and figure of all."""
     from rich.table import Table
 
+    from amb_bringup.commands.results import write_json
     from amb_core.figures import map_grid_figure, map_grid_page, save_figure
     from amb_core.region_map import BOUNDARIES, analytic_lines, compare
 
@@ -245,7 +216,7 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
             row = [str(len(cell.map.sweeps)), *(_range(cell.map, region) for region in BOUNDARIES)]
         summaries.append(summary)
         table.add_row(*(str(value) for value in cell.values.values()), *row)
-    _write_json(out / "summary.json", summaries)
+    write_json(out / "summary.json", summaries)
     files = "summary.json, a folder with map.json for each"
     if any(cell.map is not None for cell in cells):
         save_figure(out, "grid", map_grid_figure(cells), map_grid_page(cells))
@@ -279,12 +250,6 @@ def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
             for one in comparisons
         ],
     }
-
-
-def _write_json(path: Path, content: Any) -> None:
-    import json
-
-    path.write_text(json.dumps(content, indent=2) + "\n")
 
 
 def _boundary_table(found: RegionMap) -> Table:

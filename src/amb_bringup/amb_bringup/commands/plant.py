@@ -29,13 +29,13 @@ def describe(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, values in SI units, instead of tables.")] = False,
 ) -> None:
     """Print the derived constants of bearing and loop, and which effects the plant has."""
-    from amb_bringup.packages import share_folder
+    from amb_bringup.commands.inputs import parameter_file
     from amb_controller_node.parameters import PdControllerParameters
     from amb_core.parameters import load_parameters
     from amb_core.plant import describe
     from amb_sim_node.parameters import SimulatorParameters
 
-    path = params or share_folder("amb_bringup") / "config" / "paper.yaml"
+    path = parameter_file(params)
     description = describe(
         load_parameters(SimulatorParameters, path, "simulator"),
         load_parameters(PdControllerParameters, path, "pd_controller"),
@@ -58,13 +58,13 @@ def figures(
     out: Annotated[Path, typer.Option(help="Folder to write to.", file_okay=False)] = Path("results/plant"),
 ) -> None:
     """Draw the iron's magnetisation, the static force, and the force over frequency."""
-    from amb_bringup.packages import share_folder
+    from amb_bringup.commands.inputs import parameter_file
     from amb_core.errors import PlantError
     from amb_core.parameters import load_parameters
     from amb_core.plant import figures as plant_figures
     from amb_sim_node.parameters import SimulatorParameters
 
-    path = params or share_folder("amb_bringup") / "config" / "paper.yaml"
+    path = parameter_file(params)
     parameters = load_parameters(SimulatorParameters, path, "simulator")
     out.mkdir(parents=True, exist_ok=True)
     for name, draw in (

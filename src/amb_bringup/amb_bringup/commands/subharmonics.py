@@ -75,6 +75,10 @@ def subharmonics(
     workers: Annotated[
         int | None, typer.Option(help="Processes on this machine to run the surface; one per core if not given.")
     ] = None,
+    cache: Annotated[
+        Path | None,
+        typer.Option(help="Surface: folder of finished runs, instead of ~/.cache/amb/subharmonics.", file_okay=False),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for summary.json and figures.", file_okay=False)] = Path(
         "results/subharmonics"
     ),
@@ -82,10 +86,11 @@ def subharmonics(
     """Put three tones on the reference and look for their products in the steady state of the position.
 
     Done twice: with the tones as given, and shifted by the offsets. That parts the products which coincide, and shows
-    which of them are made by sampling.
+    which of them are made by sampling. Finished runs of a surface are kept, as those of `amb map` are.
     """
     from rich.console import Console
 
+    from amb_bringup.commands.results import make_folder
     from amb_core.errors import ParameterError
     from amb_core.parameters import validate
     from amb_core.subharmonics import SubharmonicSettings, SurfaceSettings
@@ -98,7 +103,7 @@ def subharmonics(
     if bag is not None and (causes or surface or change or params is not None):
         raise ParameterError("--bag analyses what was measured; it takes no --params, --set, --causes or --surface")
     console = Console()
-    _make_folder(out)
+    make_folder(out)
     surfaces: dict[str, SubharmonicSurface] = {}
     if bag is not None:
         results = {"bag": {"measured": _analyse_bag(bag, settings)}}
@@ -107,7 +112,7 @@ def subharmonics(
         with _progress(console) as bars:
             results = _simulate(bars, *loop, settings, causes)
             if surface:
-                surfaces = _surfaces(bars, *loop, settings, grid, scheduler, workers)
+                surfaces = _surfaces(bars, *loop, settings, grid, cache=cache, scheduler=scheduler, workers=workers)
     for name, tests in results.items():
         for test, spectrum in tests.items():
             console.print(_table(f"{name}, {test}", spectrum))
@@ -120,45 +125,17 @@ def subharmonics(
 
 
 def _load(params: Path | None, change: list[str]) -> tuple[PlantParameters, ControllerParameters]:
-    from amb_bringup.packages import share_folder
-    from amb_core.control import ControllerParameters
+    from amb_bringup.commands.inputs import load_loop, typed_value
     from amb_core.errors import ParameterError
-    from amb_core.parameters import load_parameters
-    from amb_core.plant import PlantParameters
-    from amb_core.subharmonics import with_values
+    from amb_core.loop_parameters import with_values
 
-    path = params or share_folder("amb_bringup") / "config" / "paper.yaml"
     values = {}
     for text in change:
         name, sign, value = text.partition("=")
         if not (name and sign and value):
             raise ParameterError(f"--set {text}: must be a name and its value, as controller.current_limit=10")
-        values[name] = _value(value)
-    return with_values(
-        load_parameters(PlantParameters, path, "simulator", part=True),
-        load_parameters(ControllerParameters, path, "pd_controller", part=True),
-        values,
-    )
-
-
-def _value(word: str) -> Any:
-    """A number where the word is one (YAML does not take 1e-3 for one), else a switch or a word."""
-    import yaml
-
-    try:
-        return float(word)
-    except ValueError:
-        return yaml.safe_load(word)
-
-
-def _make_folder(out: Path) -> None:
-    """Before the work, not after."""
-    from amb_core.errors import RegionError
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise RegionError(f"folder {out}: cannot be made: {problem.strerror}") from None
+        values[name] = typed_value(value)
+    return with_values(*load_loop(params), values)
 
 
 def _progress(console: Console) -> Progress:
@@ -199,7 +176,8 @@ def _simulate(
     causes: bool,
 ) -> dict[str, dict[str, SubharmonicSpectrum]]:
     """Spectra by loop and test; the loop as given, and if asked for with one effect switched off at a time."""
-    from amb_core.subharmonics import VARIANTS, run_subharmonics, with_values
+    from amb_core.loop_parameters import with_values
+    from amb_core.subharmonics import VARIANTS, run_subharmonics
 
     variants = VARIANTS if causes else VARIANTS[:1]
     tests = {"as asked": settings, "shifted": settings.shifted()}
@@ -220,8 +198,7 @@ def _surfaces(
     controller: ControllerParameters,
     settings: SubharmonicSettings,
     grid: SurfaceSettings,
-    scheduler: str | None,
-    workers: int | None,
+    **cluster: Any,
 ) -> dict[str, SubharmonicSurface]:
     """The surface as asked, and shifted."""
     from amb_core.subharmonics import subharmonic_surface
@@ -234,8 +211,7 @@ def _surfaces(
             controller,
             settings,
             grid.model_copy(update={"shifted": shifted}),
-            scheduler=scheduler,
-            workers=workers,
+            **cluster,
             progress=lambda done, total, task=task: bars.update(task, completed=done, total=total),  # type: ignore[misc]
         )
     return surfaces
@@ -245,9 +221,7 @@ def _write(
     out: Path, results: dict[str, dict[str, SubharmonicSpectrum]], surfaces: dict[str, SubharmonicSurface]
 ) -> None:
     """Summary and figures: of the spectra of the loop as given, and of the surfaces."""
-    import json
-
-    from amb_core.errors import RegionError
+    from amb_bringup.commands.results import write_json
     from amb_core.figures import save_figure, spectrum_figure, spectrum_page, surface_figure, surface_page
     from amb_core.subharmonics.summary import spectrum_summary, surface_summary
 
@@ -258,10 +232,7 @@ def _write(
         },
         "surfaces": {name: surface_summary(found) for name, found in surfaces.items()},
     }
-    try:
-        (out / "summary.json").write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
-    except OSError as problem:
-        raise RegionError(f"{out / 'summary.json'}: cannot be written: {problem.strerror}") from None
+    write_json(out / "summary.json", content)
     given = next(iter(results.values()))
     save_figure(out, "spectrum", spectrum_figure(given), spectrum_page(given))
     for name, found in surfaces.items():

@@ -1,7 +1,6 @@
 """The region map: the frequency-amplitude graph of a bearing, from sweeps of many amplitudes."""
 
 from amb_core.region_map.build import MapProgress, build_map
-from amb_core.region_map.cache import default_folder
 from amb_core.region_map.compare import AnalyticLine, Comparison, analytic_lines, compare
 from amb_core.region_map.grid import GridCell, build_grid
 from amb_core.region_map.region_map import BOUNDARIES, Boundary, MapSweep, RegionMap
@@ -21,5 +20,4 @@ __all__ = [
     "build_grid",
     "build_map",
     "compare",
-    "default_folder",
 ]

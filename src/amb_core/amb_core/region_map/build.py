@@ -11,12 +11,12 @@ from typing import Any
 from amb_core.control import ControllerParameters
 from amb_core.errors import RegionError
 from amb_core.plant import Plant, PlantParameters
-from amb_core.region_map.cache import SweepCache, default_folder
 from amb_core.region_map.refinement import Refinement
 from amb_core.region_map.region_map import MapSweep, RegionMap
 from amb_core.region_map.settings import MapSettings
 from amb_core.region_map.sweep_run import SweepTask
 from amb_core.regions import RegionParameters
+from amb_core.tasks import ResultCache, cache_folder
 
 POLL = 0.1  # s, how often `cancelled` is asked
 
@@ -69,7 +69,8 @@ def build_map(
     regions : RegionParameters, optional
         Thresholds of the classifier; its backup bearing is always the plant's.
     cache : Path, optional
-        Folder of finished sweeps, by default `default_folder()`. Every sweep is kept there as soon as it is finished.
+        Folder of finished sweeps, by default `cache_folder("region_map")`. Every sweep is kept there as soon
+        as it is finished.
     scheduler : str, optional
         Address of a running dask scheduler (tcp://host:port) whose workers have this code; by default processes on
         this machine.
@@ -169,10 +170,10 @@ def run_jobs(
 
     A map with a sweep that fails has this as its `problem`; the others go on.
     """
-    from amb_core.region_map.pool import SweepPool  # dask takes half a second to import
+    from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
 
-    with SweepPool(scheduler, workers) as pool:
-        run = _Run(jobs, pool, SweepCache(cache or default_folder()), progress or (lambda _: None))
+    with TaskPool[MapSweep](scheduler, workers) as pool:
+        run = _Run(jobs, pool, ResultCache(cache or cache_folder("region_map")), progress or (lambda _: None))
         run.start()
         while run.waiting and not (cancelled is not None and cancelled()):
             finished = pool.next_finished(POLL)
@@ -184,7 +185,7 @@ class _Run:
     """Maps on their way."""
 
     def __init__(
-        self, jobs: Sequence[MapJob], pool: Any, cache: SweepCache, progress: Callable[[MapProgress], None]
+        self, jobs: Sequence[MapJob], pool: Any, cache: ResultCache, progress: Callable[[MapProgress], None]
     ) -> None:
         self._jobs, self._pool, self._cache, self._progress = jobs, pool, cache, progress
         self.waiting: dict[str, list[tuple[MapJob, SweepTask]]] = {}
@@ -215,7 +216,7 @@ class _Run:
             if key in self.waiting:  # two maps of a grid may be the same
                 self.waiting[key].append((job, task))
                 continue
-            sweep = self._cache.load(key)
+            sweep = self._cache.load(key, task)
             if sweep is None:
                 self._pool.submit(task, key, self._cache.folder, -self._jobs.index(job))
                 self.waiting[key] = [(job, task)]

@@ -10,14 +10,12 @@ from typing import Any
 
 from amb_core.control import ControllerParameters
 from amb_core.errors import AmbError, RegionError
-from amb_core.parameters import P, declarations, flatten, validate
+from amb_core.loop_parameters import CONTROLLER, loop_parameter_names, with_values
 from amb_core.plant import PlantParameters
 from amb_core.region_map.build import MapJob, MapProgress, run_jobs
 from amb_core.region_map.region_map import RegionMap
 from amb_core.region_map.settings import MapSettings
 from amb_core.regions import RegionParameters
-
-CONTROLLER = "controller."  # prefix of the controller's parameters; all others are the plant's
 
 
 @dataclass(frozen=True)
@@ -82,12 +80,7 @@ def build_grid(
     for combination in itertools.product(*design.values()):
         values = dict(zip(design, combination, strict=True))
         try:
-            of_controller = {name: value for name, value in values.items() if name.startswith(CONTROLLER)}
-            of_plant = {name: value for name, value in values.items() if name not in of_controller}
-            loop = (
-                _changed(plant, of_plant),
-                _changed(controller, {name.removeprefix(CONTROLLER): value for name, value in of_controller.items()}),
-            )
+            loop = with_values(plant, controller, values)
             jobs.append(MapJob(settings, *loop, regions))
             cells.append(GridCell(values, *loop, None, ""))
         except AmbError as problem:
@@ -108,8 +101,7 @@ def _finished(cell: GridCell, job: MapJob) -> GridCell:
 
 
 def _check_names(design: Mapping[str, Sequence[Any]]) -> None:
-    known = {declaration.name for declaration in declarations(PlantParameters)}
-    known |= {CONTROLLER + declaration.name for declaration in declarations(ControllerParameters)}
+    known = loop_parameter_names()
     if not design:
         raise RegionError("a grid of maps needs at least one design parameter")
     for name, values in design.items():
@@ -121,8 +113,3 @@ def _check_names(design: Mapping[str, Sequence[Any]]) -> None:
             )
         if not values:
             raise RegionError(f"design parameter '{name}' has no value")
-
-
-def _changed(parameters: P, values: Mapping[str, Any]) -> P:
-    """Parameters with other values."""
-    return validate(type(parameters), {**flatten(parameters.model_dump()), **values}) if values else parameters

@@ -2,38 +2,32 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import sys
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import amb_core
 from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import RegionError
 from amb_core.excitation import Sweep, generate
 from amb_core.loop import simulate
 from amb_core.parameters import flatten, part_of
 from amb_core.plant import Plant, PlantParameters
-from amb_core.region_map.region_map import Boundary, MapSweep
+from amb_core.region_map.region_map import Boundary, MapSweep, sweep_from_json, sweep_to_json
 from amb_core.regions import Classification, RegionParameters, classify
+from amb_core.tasks.provenance import code_version, file_checksums
+from amb_core.tasks.task import Task
 
 SOURCES = (
     "control.py", "errors.py", "loop.py", "parameters.py", "records.py",
     "excitation", "plant", "regions", "region_map/region_map.py", "region_map/settings.py", "region_map/sweep_run.py",
 )  # fmt: skip
 """Modules and packages of amb_core that a sweep runs through: a change in one of them outdates results."""
-LIBRARIES = ("llvmlite", "numba", "numpy", "scipy")
 
 
 @dataclass(frozen=True)
-class SweepTask:
+class SweepTask(Task[MapSweep]):
     """All that decides the result of one sweep.
 
     Attributes
@@ -61,37 +55,22 @@ class SweepTask:
 
     def describe(self) -> dict[str, Any]:
         """Everything that decides the result as plain JSON values: parameters, files they name, version of the code."""
-        files = {
-            path: hashlib.sha256(Path(path).read_bytes()).hexdigest()
-            for path in (self.plant.iron.bh_table, self.plant.flexible_rotor.modal_data)
-            if path
-        }
         return {
             "sweep": self.sweep.model_dump(),
             "rest": self.rest,
             "plant": self.plant.model_dump(),
             "controller": self.controller.model_dump(),
             "regions": self.regions.model_dump(),
-            "files": files,
-            "code": code_version(),
+            "files": file_checksums(self.plant),
+            "code": code_version(SOURCES),
         }
 
-    def key(self) -> str:
-        """Checksum of `describe`: tasks with the same key have the same result."""
-        return hashlib.sha256(json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()
+    def run(self) -> MapSweep:
+        """Simulate and classify the sweep; see `run_sweep`."""
+        return run_sweep(self)
 
-
-@cache
-def code_version() -> str:
-    """Checksum of the sources that the result of a sweep depends on, and of the versions of Python and libraries."""
-    root = Path(amb_core.__file__).parent
-    digest = hashlib.sha256(sys.version.encode())
-    for library in LIBRARIES:
-        digest.update(f"{library}=={version(library)}".encode())
-    for source in SOURCES:
-        for path in [root / source] if source.endswith(".py") else sorted((root / source).rglob("*.py")):
-            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
-    return digest.hexdigest()
+    to_json = staticmethod(sweep_to_json)
+    from_json = staticmethod(sweep_from_json)
 
 
 def run_sweep(task: SweepTask) -> MapSweep:

@@ -3,44 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import CancelledError
-from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from distributed import KilledWorker, as_completed
-from distributed.comm import CommClosedError
 
 from amb_core.control import ControllerParameters
 from amb_core.errors import RegionError
 from amb_core.plant import PlantParameters
-from amb_core.region_map.cluster import open_cluster
-from amb_core.subharmonics.results import State, SubharmonicSpectrum, SubharmonicSurface
-from amb_core.subharmonics.run import check, run_subharmonics
+from amb_core.subharmonics.point import PointTask, SurfacePoint
+from amb_core.subharmonics.results import SubharmonicSurface
+from amb_core.subharmonics.run import check
 from amb_core.subharmonics.settings import SubharmonicSettings, SurfaceSettings
+from amb_core.tasks import ResultCache, cache_folder
 
-
-@dataclass(frozen=True)
-class SurfacePoint:
-    """What the surface keeps of one response; see `SubharmonicSurface`."""
-
-    state: State
-    difference: float
-    slow_amplitude: float
-    slow_frequency: float
-    slow_rms: float
-    slow_origin: str
-    bias: float
-
-    @classmethod
-    def of(cls, spectrum: SubharmonicSpectrum) -> SurfacePoint:
-        """The point that a spectrum makes."""
-        nan = float("nan")
-        slow, line = spectrum.slow, spectrum.line(-1, 1)
-        if slow is None or spectrum.state == "delevitated":
-            return cls(spectrum.state, nan, nan, nan, nan, "", nan)
-        difference = abs(line.amplitude) if line is not None and spectrum.state == "steady" else nan
-        return cls(spectrum.state, difference, slow.amplitude, slow.frequency, slow.rms, slow.origin, spectrum.bias)
+Place = tuple[int, int]  # in the surface, amplitude first
+POLL = 1.0  # s; how long workers that have failed may go unnoticed, no more depends on it
 
 
 def subharmonic_surface(
@@ -49,6 +27,7 @@ def subharmonic_surface(
     settings: SubharmonicSettings | None = None,
     surface: SurfaceSettings | None = None,
     *,
+    cache: Path | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -63,6 +42,8 @@ def subharmonic_surface(
         The test; its inducing tone is replaced.
     surface : SurfaceSettings, optional
         Which inducing tones.
+    cache : Path, optional
+        Folder of finished runs, by default `cache_folder("subharmonics")`: what is there is not run again.
     scheduler : str, optional
         Address of a running dask scheduler (tcp://host:port); by default processes on this machine.
     workers : int, optional
@@ -82,31 +63,48 @@ def subharmonic_surface(
     tests = _tests(settings, surface)
     for test in (test for row in tests for test in row):
         check(plant, controller, test)
-    points: dict[tuple[int, int], SurfacePoint] = {}
-    report = progress or (lambda done, total: None)
-    total = len(tests) * len(tests[0])
-    report(0, total)
-    with open_cluster(scheduler, workers) as client:
-        places = {
-            client.submit(compute_point, plant, controller, test, pure=False): (i, j)
-            for i, row in enumerate(tests)
-            for j, test in enumerate(row)
-        }
-        for future in as_completed(places, loop=client.loop):
-            try:
-                points[places[future]] = future.result()
-            except (CancelledError, CommClosedError, KilledWorker) as problem:
-                raise RegionError(
-                    f"the surface is cut off after {len(points)} of {total} runs: the workers are lost "
-                    f"({type(problem).__name__})"
-                ) from None
-            report(len(points), total)
+    tasks = {(i, j): PointTask(plant, controller, test) for i, row in enumerate(tests) for j, test in enumerate(row)}
+    kept = ResultCache(cache or cache_folder("subharmonics"))
+    points = _run(tasks, kept, scheduler, workers, progress or (lambda done, total: None))
     return _surface(settings, surface, tests, points)
 
 
-def compute_point(plant: PlantParameters, controller: ControllerParameters, test: SubharmonicSettings) -> SurfacePoint:
-    """Run one test in the process of a worker."""
-    return SurfacePoint.of(run_subharmonics(plant, controller, test))
+def _run(
+    tasks: dict[Place, PointTask],
+    cache: ResultCache,
+    scheduler: str | None,
+    workers: int | None,
+    report: Callable[[int, int], None],
+) -> dict[Place, SurfacePoint]:
+    """The points of all places; those that are not in the cache are computed."""
+    from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
+
+    points: dict[Place, SurfacePoint] = {}
+    waiting: dict[str, list[Place]] = {}  # places by key: frequencies that are rounded may be the same
+    report(0, len(tasks))
+    with TaskPool[SurfacePoint](scheduler, workers) as pool:
+        for place, task in tasks.items():
+            key = task.key()
+            point = None if key in waiting else cache.load(key, task)
+            if point is not None:
+                points[place] = point
+                report(len(points), len(tasks))
+                continue
+            if key not in waiting:
+                pool.submit(task, key, cache.folder)
+            waiting.setdefault(key, []).append(place)
+        while waiting:
+            finished = pool.next_finished(POLL)
+            if finished is None:
+                continue
+            key, result = finished
+            if isinstance(result, RegionError):
+                raise RegionError(f"the surface ends after {len(points)} of {len(tasks)} runs: {result}")
+            for place in waiting.pop(key):
+                cache.ensure(key, tasks[place], result)
+                points[place] = result
+                report(len(points), len(tasks))
+    return points
 
 
 def _tests(settings: SubharmonicSettings, surface: SurfaceSettings) -> list[list[SubharmonicSettings]]:
@@ -128,7 +126,7 @@ def _surface(
     settings: SubharmonicSettings,
     surface: SurfaceSettings,
     tests: list[list[SubharmonicSettings]],
-    points: dict[tuple[int, int], SurfacePoint],
+    points: dict[Place, SurfacePoint],
 ) -> SubharmonicSurface:
     def grid(name: str) -> list[list[Any]]:
         return [[getattr(points[i, j], name) for j in range(len(row))] for i, row in enumerate(tests)]

@@ -1,4 +1,4 @@
-"""Sweeps as tasks on a cluster: handed in, and collected as they finish."""
+"""Tasks on a cluster: handed in, and collected as they finish."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ import queue
 import time
 from concurrent.futures import CancelledError
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic
 
 from distributed import Client, Future, KilledWorker
 from distributed.comm import CommClosedError
 
 from amb_core.errors import RegionError
-from amb_core.region_map.cache import compute
-from amb_core.region_map.cluster import open_cluster
-from amb_core.region_map.region_map import MapSweep
-from amb_core.region_map.sweep_run import SweepTask
+from amb_core.tasks.cache import compute
+from amb_core.tasks.cluster import open_cluster
+from amb_core.tasks.task import R, Task
 
 START_TIMEOUT = 120.0  # s, ten times what a process takes to start on a busy machine
-PREFIX = "amb-sweep-"  # of the names that dask has for the tasks, before their keys
+PREFIX = "amb-task-"  # of the names that dask has for the tasks, before their keys
 
 
-class SweepPool:
-    """Runs sweeps on a cluster, which is there from the first sweep on until the pool is closed.
+class TaskPool(Generic[R]):
+    """Runs tasks with results of one type on a cluster, which is there from the first task on until the pool is closed.
 
     Parameters
     ----------
@@ -39,19 +38,19 @@ class SweepPool:
         self._waiting: dict[str, Future[Any]] = {}
         self._finished: queue.Queue[Future[Any]] = queue.Queue()
 
-    def __enter__(self) -> SweepPool:
+    def __enter__(self) -> TaskPool[R]:
         return self
 
     def __exit__(self, *problem: object) -> None:
         self._resources.close()
 
-    def submit(self, task: SweepTask, key: str, folder: Path, priority: int = 0) -> None:
-        """Run a sweep as soon as a worker is free, those of higher priority first; see `compute` for the folder.
+    def submit(self, task: Task[R], key: str, folder: Path, priority: int = 0) -> None:
+        """Run a task as soon as a worker is free, those of higher priority first; see `compute` for the folder.
 
         Raises
         ------
         RegionError
-            If this is the first sweep and the scheduler does not answer.
+            If this is the first task and the scheduler does not answer.
         """
         if self._client is None:
             self._client = self._open()
@@ -60,11 +59,11 @@ class SweepPool:
         future.add_done_callback(self._finished.put)
 
     def cancel(self, key: str) -> None:
-        """Do not run a sweep, if it has not begun yet, and forget its result."""
+        """Do not run a task, if it has not begun yet, and forget its result."""
         self._waiting.pop(key).cancel()
 
-    def next_finished(self, timeout: float) -> tuple[str, MapSweep | RegionError] | None:
-        """Key of a finished sweep with its result, or why there is none; None if nothing finished in time (s).
+    def next_finished(self, timeout: float) -> tuple[str, R | RegionError] | None:
+        """Key of a finished task with its result, or why there is none; None if nothing finished in time (s).
 
         Raises
         ------
@@ -86,7 +85,7 @@ class SweepPool:
         except KilledWorker:
             return key, RegionError("its worker died, and so did those that tried after it")
         except (CancelledError, CommClosedError, TimeoutError):
-            return key, RegionError(f"the scheduler {self._scheduler or ''} is gone; finished sweeps are kept")
+            return key, RegionError(f"the scheduler {self._scheduler or ''} is gone; finished results are kept")
 
     def _check_workers(self) -> None:
         """Other clusters may get workers later; where ours has none, they have failed, and so have their successors."""

@@ -1,4 +1,4 @@
-"""Finished sweeps on disk: what makes two sweeps the same, and what happens when the disk fails."""
+"""Results on disk: what makes two tasks the same, and what happens when the disk fails."""
 
 from __future__ import annotations
 
@@ -17,9 +17,12 @@ from amb_core.errors import RegionError
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.region_map import Boundary, MapSettings, MapSweep
-from amb_core.region_map.cache import SweepCache, compute, default_folder
-from amb_core.region_map.sweep_run import SOURCES, SweepTask
+from amb_core.region_map.sweep_run import SweepTask
 from amb_core.regions import Region, RegionParameters
+from amb_core.subharmonics import SubharmonicSettings
+from amb_core.subharmonics.point import PointTask, SurfacePoint
+from amb_core.tasks import ResultCache, cache_folder
+from amb_core.tasks.cache import compute
 from amb_sim_node.parameters import SimulatorParameters
 
 SWEEP = MapSweep(20e-6, {Region.B: Boundary(300.0, False)}, ((1240.0, 1260.0),), 900.0, 1234)
@@ -66,31 +69,61 @@ def test_the_content_of_data_files_counts(tmp_path):
 
 
 @pytest.mark.slow
-def test_all_code_that_a_sweep_runs_through_counts():
-    program = """
+@pytest.mark.parametrize(
+    ("module", "driver_only"),
+    [
+        ("region_map.sweep_run", ["region_map/" + name for name in ("build", "compare", "grid", "refinement")]),
+        ("subharmonics.point", ["subharmonics/" + name for name in ("causes", "surface")]),
+    ],
+)
+def test_all_code_that_a_task_runs_through_counts(module, driver_only):
+    program = f"""
 import sys
 from pathlib import Path
 import amb_core
-from amb_core.region_map.sweep_run import *
+from amb_core.{module} import SOURCES
 root = Path(amb_core.__file__).parent
+counted = tuple(source if source.endswith(".py") else source + "/" for source in SOURCES)
 for name, module in sorted(sys.modules.items()):
-    if name.startswith("amb_core"):
-        print(Path(module.__file__).relative_to(root))
+    path = str(Path(module.__file__).relative_to(root)) if name.startswith("amb_core") else ""
+    if path and not path.startswith(counted):
+        print(path)
 """
-    loaded = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout.split()
-    driver_only = {
-        "__init__.py",
-        *(f"region_map/{name}.py" for name in ("__init__", "build", "cache", "compare", "grid", "refinement")),
+    uncounted = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
+    package = module.split(".")[0]
+    never_counted = {"__init__.py", f"{package}/__init__.py", "loop_parameters.py"} | {
+        f"tasks/{name}.py" for name in ("__init__", "cache", "provenance", "task")
     }
-    uncounted = [path for path in loaded if not any(path == s or path.startswith(s + "/") for s in SOURCES)]
-    assert set(uncounted) <= driver_only
+    assert set(uncounted.split()) <= never_counted | {f"{path}.py" for path in driver_only}
+
+
+def test_a_point_of_a_surface_is_found_again_as_it_was(tmp_path):
+    nan = float("nan")
+    point = SurfacePoint("delevitated", nan, 1e-7, 0.1 + 0.2, nan, "", -0.0)
+    asked = PointTask(PlantParameters(), ControllerParameters(), SubharmonicSettings())
+    cache = ResultCache(tmp_path)
+    cache.store("k", asked, point)
+    assert repr(cache.load("k", asked)) == repr(point)
+
+
+def test_every_parameter_makes_another_point():
+    test, loop = SubharmonicSettings(), (PlantParameters(), ControllerParameters())
+    nodes = SimulatorParameters(clock_period=0.5), PdControllerParameters(telemetry_block=7)
+    others = [
+        PointTask(*loop, test.changed(inducing_amplitude=41e-6)),
+        PointTask(*loop, test.changed(line_tolerance=1e-8)),
+        PointTask(validate(PlantParameters, {"rotor.gravity": 0.0}), loop[1], test),
+        PointTask(loop[0], ControllerParameters(derivative_gain=37.0), test),
+    ]
+    assert len({one.key() for one in others} | {PointTask(*loop, test).key()}) == len(others) + 1
+    assert PointTask(*nodes, test).key() == PointTask(loop[0], nodes[1], test).key()
 
 
 def test_what_is_stored_is_found_again(tmp_path):
-    cache = SweepCache(tmp_path / "new" / "folder")
-    assert cache.load("k") is None
+    cache = ResultCache(tmp_path / "new" / "folder")
+    assert cache.load("k", task()) is None
     cache.store("k", task(), SWEEP)
-    assert cache.load("k") == SWEEP
+    assert cache.load("k", task()) == SWEEP
     assert [path.name for path in cache.folder.iterdir()] == ["k.json"]
     assert json.loads(cache.path("k").read_text())["task"]["controller"]["proportional_gain"] == 20_000.0
 
@@ -105,22 +138,22 @@ def damage_half(text):
 
 @pytest.mark.parametrize("damage", [damage_checksum, damage_half, lambda _: "", lambda _: "[]", lambda _: "\udcff"])
 def test_a_damaged_entry_is_as_none_but_for_a_warning(tmp_path, caplog, damage):
-    cache = SweepCache(tmp_path)
+    cache = ResultCache(tmp_path)
     cache.store("k", task(), SWEEP)
     path = cache.path("k")
     path.write_text(damage(path.read_text()), errors="surrogateescape")
     with caplog.at_level(logging.WARNING):
-        assert cache.load("k") is None
+        assert cache.load("k", task()) is None
     assert "k.json is damaged" in caplog.text
     assert "computed again" in caplog.text
     cache.store("k", task(), SWEEP)
-    assert cache.load("k") == SWEEP
+    assert cache.load("k", task()) == SWEEP
 
 
 def test_a_folder_that_cannot_be_made_costs_one_warning(tmp_path, caplog):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    cache = SweepCache(blocked / "folder")
+    cache = ResultCache(blocked / "folder")
     with caplog.at_level(logging.WARNING):
         cache.ensure("k", task(), SWEEP)
         cache.ensure("l", task(), SWEEP)
@@ -130,7 +163,7 @@ def test_a_folder_that_cannot_be_made_costs_one_warning(tmp_path, caplog):
 
 def test_a_full_disk_costs_a_warning_and_leaves_no_half_file(tmp_path, caplog):
     """The limit on the size of files stops the write half-way, as a full disk does."""
-    cache, described = SweepCache(tmp_path), task()
+    cache, described = ResultCache(tmp_path), task()
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
@@ -147,8 +180,8 @@ def test_a_worker_with_other_code_refuses(tmp_path):
         compute(task(), "0" * 64, tmp_path)
 
 
-def test_sweeps_are_kept_in_the_cache_folder_of_the_user(monkeypatch):
+def test_results_are_kept_in_the_cache_folder_of_the_user(monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
-    assert default_folder() == Path("/somewhere/amb/region_map")
+    assert cache_folder("region_map") == Path("/somewhere/amb/region_map")
     monkeypatch.delenv("XDG_CACHE_HOME")
-    assert default_folder() == Path.home() / ".cache/amb/region_map"
+    assert cache_folder("region_map") == Path.home() / ".cache/amb/region_map"

@@ -1,4 +1,4 @@
-"""Where simulations run: on a `dask.distributed` cluster of processes of our own, or on one that is already there."""
+"""Where tasks run: on a `dask.distributed` cluster of processes of our own, or on one that is already there."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ def open_cluster(scheduler: str | None = None, workers: int | None = None) -> It
 
 
 class DetachedWorker(SubprocessWorker):
-    """A worker as a fresh interpreter, which does not import the program that asks for the map.
+    """A worker as a fresh interpreter, which does not import the program that hands in the tasks.
 
     The processes of `LocalCluster` do, so that programs without a guard around their main part start themselves over
     and over. A session of its own keeps Ctrl-C in a terminal from the worker; it is the driver that ends it. When the
-    driver is killed, the worker finishes its sweep, keeps it, and ends.
+    driver is killed, the worker finishes its task, keeps the result, and ends.
     """
 
     async def _start(self) -> None:
@@ -94,7 +94,7 @@ def _connect(scheduler: str) -> Iterator[Client]:
             ) from None
         with client:
             if not client.scheduler_info()["workers"]:
-                logger.warning("scheduler %s has no workers yet; the map waits for one", scheduler)
+                logger.warning("scheduler %s has no workers yet; its work waits for one", scheduler)
             yield client
     finally:
         log.setLevel(level)

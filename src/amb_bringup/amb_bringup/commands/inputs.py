@@ -1,0 +1,49 @@
+"""What commands are given: parameter files and values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from amb_core.control import ControllerParameters
+    from amb_core.plant import PlantParameters
+    from amb_core.regions import RegionParameters
+
+
+def parameter_file(params: Path | None) -> Path:
+    """The parameter file asked for, or that of the paper's bearing."""
+    from amb_bringup.packages import share_folder
+
+    return params or share_folder("amb_bringup") / "config" / "paper.yaml"
+
+
+def load_loop(params: Path | None) -> tuple[PlantParameters, ControllerParameters]:
+    """Plant and controller of a parameter file of all nodes."""
+    from amb_core.control import ControllerParameters
+    from amb_core.parameters import load_parameters
+    from amb_core.plant import PlantParameters
+
+    path = parameter_file(params)
+    return (
+        load_parameters(PlantParameters, path, "simulator", part=True),
+        load_parameters(ControllerParameters, path, "pd_controller", part=True),
+    )
+
+
+def load_regions(params: Path | None) -> RegionParameters:
+    """Thresholds of the classifier in a parameter file of all nodes."""
+    from amb_core.parameters import load_parameters
+    from amb_core.regions import RegionParameters
+
+    return load_parameters(RegionParameters, parameter_file(params), "region_monitor", part=True)
+
+
+def typed_value(word: str) -> Any:
+    """A number where the word is one (YAML does not take 1e-3 for one), else a switch or a word."""
+    import yaml
+
+    try:
+        return float(word)
+    except ValueError:
+        return yaml.safe_load(word)

@@ -1,0 +1,36 @@
+"""A task: the unit of work on a cluster, and of what is kept on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from abc import ABC, abstractmethod
+from typing import Any, Generic, TypeVar
+
+R = TypeVar("R")
+
+
+class Task(ABC, Generic[R]):
+    """A computation whose result of type R depends on nothing but what `describe` tells."""
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """Everything that decides the result as plain JSON values: parameters, files they name, version of the code."""
+
+    @abstractmethod
+    def run(self) -> R:
+        """Compute the result."""
+
+    @staticmethod
+    @abstractmethod
+    def to_json(result: R, /) -> dict[str, Any]:
+        """A result as JSON values."""
+
+    @staticmethod
+    @abstractmethod
+    def from_json(entry: dict[str, Any], /) -> R:
+        """The result that `to_json` wrote; KeyError, TypeError or ValueError for anything else."""
+
+    def key(self) -> str:
+        """Checksum of `describe`: tasks with the same key have the same result."""
+        return hashlib.sha256(json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()
