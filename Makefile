@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow validate bench lint clean
+.PHONY: help setup demo test test-slow validate bench bench-ident lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -25,9 +25,15 @@ validate: setup  ## the plant against independent solutions; writes results/vali
 bench: setup  ## speed of plant and loop; writes results/bench.json
 	@$(RUN) python tests/benchmarks/run.py
 
+bench-ident: setup .venv-peers/.complete  ## identification next to other packages (hours); writes results/bench_ident.json
+	@$(RUN) python tests/benchmarks/ident/run.py
+
+.venv-peers/.complete: tests/benchmarks/ident/peers.txt
+	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@
+
 lint: setup  ## ruff and mypy
 	@$(RUN) ruff check . && ruff format --check . && mypy
 
 clean:  ## remove everything that the targets above made
-	rm -rf .venv build install log results .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-peers build install log results .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -31,6 +31,7 @@ POLITE = "trap 'echo bye; exit 0' INT; echo ready $ROS_DOMAIN_ID; while true; do
 STUBBORN = "trap '' INT; echo ready; while true; do sleep 0.02; done"
 
 AddExecutable = Callable[[str, str, str], Path]
+StartAmb = Callable[..., "subprocess.Popen[str]"]
 WriteLaunchFile = Callable[[object], Path]
 
 
@@ -229,15 +230,28 @@ def test_node_that_cannot_be_started_takes_no_other_along() -> None:
     assert list(graph.ended()) == ["good"]
 
 
-def amb(*arguments: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", "import sys; from amb_bringup.cli import main; sys.exit(main())", *arguments]
-    return subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ | {"ROS_DOMAIN_ID": "42"}
-    )
+@pytest.fixture
+def amb() -> Iterator[StartAmb]:
+    """Starts the command line; what a failed test leaves running is ended, nodes included."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-c", "import sys; from amb_bringup.cli import main; sys.exit(main())", *arguments]
+        environment = os.environ | {"ROS_DOMAIN_ID": "42"}
+        started.append(
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment)
+        )
+        return started[-1]
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.terminate()
+            process.communicate(timeout=20.0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_amb_up_shows_all_nodes_and_ends_cleanly(bench: Path, number: signal.Signals) -> None:
+def test_amb_up_shows_all_nodes_and_ends_cleanly(bench: Path, amb: StartAmb, number: signal.Signals) -> None:
     process = amb("up")
     assert process.stdout is not None
     expected = {f"[{name}] ready 42" for names in NODES.values() for name in names if name != "composed_loop"}
@@ -248,7 +262,9 @@ def test_amb_up_shows_all_nodes_and_ends_cleanly(bench: Path, number: signal.Sig
     assert process.returncode == 0
 
 
-def test_amb_up_ends_with_an_error_that_names_the_dead_node(bench: Path, add_executable: AddExecutable) -> None:
+def test_amb_up_ends_with_an_error_that_names_the_dead_node(
+    bench: Path, amb: StartAmb, add_executable: AddExecutable
+) -> None:
     add_executable("amb_ident_node", "recorder", "sleep 0.3; exit 4")
     process = amb("up", "--composed")
     said, _ = process.communicate(timeout=20.0)
@@ -256,7 +272,7 @@ def test_amb_up_ends_with_an_error_that_names_the_dead_node(bench: Path, add_exe
     assert process.returncode == 1
 
 
-def test_amb_run_becomes_the_executable_and_passes_everything_on(add_executable: AddExecutable) -> None:
+def test_amb_run_becomes_the_executable_and_passes_everything_on(amb: StartAmb, add_executable: AddExecutable) -> None:
     add_executable("pkg", "exe", 'echo "$@"; exit 5')
     process = amb("run", "pkg", "exe", "--help", "--ros-args", "-p", "x:=1")
     said, _ = process.communicate(timeout=10.0)
@@ -264,7 +280,7 @@ def test_amb_run_becomes_the_executable_and_passes_everything_on(add_executable:
     assert process.returncode == 5
 
 
-def test_amb_run_names_the_executables_there_are(add_executable: AddExecutable) -> None:
+def test_amb_run_names_the_executables_there_are(amb: StartAmb, add_executable: AddExecutable) -> None:
     add_executable("pkg", "exe", "true")
     process = amb("run", "pkg", "typo")
     said, _ = process.communicate(timeout=10.0)
