@@ -11,6 +11,7 @@ import re
 import sys
 from collections.abc import Iterator
 
+import dask
 from distributed import Client, Scheduler, SpecCluster
 from distributed.deploy.subprocess import SubprocessWorker
 
@@ -72,11 +73,13 @@ def _local_cluster(workers: int | None) -> SpecCluster:
     # Any free port for the pages of dask, since its usual one may be taken
     local = {"host": "127.0.0.1", "dashboard": False, "dashboard_address": "127.0.0.1:0"}
     worker = {"cls": DetachedWorker, "options": {"worker_kwargs": {**local, "nthreads": 1, "memory_limit": 0}}}
-    return SpecCluster(
-        workers=dict.fromkeys(range(workers or len(os.sched_getaffinity(0))), worker),
-        scheduler={"cls": Scheduler, "options": local},
-        silence_logs=logging.CRITICAL,
-    )
+    # No task waits at a busy worker while another is idle: they run for seconds, handing one over takes milliseconds
+    with dask.config.set({"distributed.scheduler.worker-saturation": 1.0}):
+        return SpecCluster(
+            workers=dict.fromkeys(range(workers or len(os.sched_getaffinity(0))), worker),
+            scheduler={"cls": Scheduler, "options": local},
+            silence_logs=logging.CRITICAL,
+        )
 
 
 @contextlib.contextmanager
