@@ -8,7 +8,6 @@ from __future__ import annotations
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from typing import Literal
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -17,7 +16,7 @@ from amb_core.bags import read_bag
 from amb_core.control import ControllerParameters
 from amb_core.errors import BagError, IdentificationError, ParameterError
 from amb_core.experiments import ExperimentBuffer, select_window
-from amb_core.identification import Identification, identify
+from amb_core.identification import Identification, Method, identify
 from amb_core.messages import block_from_message, excitation_from_message
 from amb_core.parameters import Parameters, choice, quantity
 from amb_core.records import LoopRecord
@@ -40,7 +39,7 @@ class IdentifierParameters(Parameters):
     """Parameters of the node."""
 
     order: int = quantity(10, "-", "number of states where a request names none", 1, 30)
-    method: Literal["n4sid", "ssarx", "pem"] = choice("n4sid", "method where a request names none")
+    method: Method = choice("n4sid", "method where a request names none")
     max_steps: int = quantity(
         1_200_000, "-", "steps of telemetry that are kept; older ones are dropped", 1_000, 100_000_000
     )

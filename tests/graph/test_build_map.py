@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 MONITOR = "amb_ident_node.region_monitor"
 MAP_TIMEOUT = 60.0  # s; on a busy machine the processes of the cluster take their time
+PAPER_MAP = Path(__file__).parents[1] / "unit" / "data" / "paper_map.json"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus
 SMALL_MAP = {
     "amplitude_low": 50e-6,
@@ -115,6 +116,15 @@ def test_a_map_is_built_with_feedback_and_serves_the_preview(builder: MapBuilder
     assert large.region == large.region_y == RegionState.D
     assert large.power_y[RegionState.D] > 0.1
     assert "/nowhere" in builder.preview(kind="square", amplitude=1e-6, duration=1.0, map="/nowhere").message
+
+
+def test_the_preview_takes_the_phases_of_a_multisine(builder: MapBuilder) -> None:
+    asked = {"kind": "multisine", "amplitude": 1e-6, "duration": 1.0, "map": str(PAPER_MAP)}
+    random = builder.preview(**asked)
+    low = builder.preview(**asked, phasing="schroeder", interleaved=True)
+    assert low.success, low.message
+    assert max(low.crest_factor_x, low.crest_factor_y) < 2.0 < random.crest_factor_x
+    assert "allowed: one of random, schroeder, optimised" in builder.preview(**asked, phasing="best").message
 
 
 def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:

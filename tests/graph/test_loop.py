@@ -176,6 +176,10 @@ def test_stop_returns_the_reference_to_nominal(graph, bearing):
             {"kind": "square", "amplitude": 1e-5, "duration": 1.0, "first_step": 99},
             "in the past; allowed: 100 or later",
         ),
+        (
+            {"kind": "square", "amplitude": 1e-5, "duration": 1.0, "interleaved": True},
+            "square does not use 'interleaved' = True",
+        ),
         ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "first_step": -2}, "first_step = -2 is not allowed"),
     ],
 )
@@ -184,6 +188,13 @@ def test_generator_refuses_bad_requests_with_the_reason(shared_loop, fields, rea
     assert not answer.success
     assert reason in answer.message
     assert "\n" not in answer.message
+
+
+def test_generator_takes_the_phases_of_a_multisine(shared_loop):
+    asked = {"kind": "multisine", "amplitude": 1e-6, "duration": 1.0, "phasing": "schroeder", "interleaved": True}
+    answer = shared_loop.graph.call(StartExcitation, "/amb/excitation_generator/start", first_step=-1, **asked)
+    assert answer.success, answer.message
+    assert answer.steps == 10_000
 
 
 @pytest.mark.parametrize(("run", "who"), [(0, "is the simulator running?"), (1, "is pd_controller running?")])

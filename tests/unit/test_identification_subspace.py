@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ import pytest
 from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import IdentificationError
 from amb_core.excitation import excitation_from_request, generate
-from amb_core.identification import METHODS, Identification, identify, n4sid
+from amb_core.identification import METHODS, Identification, Method, identify, n4sid
 from amb_core.identification.predictor import fit_input_matrix, innovations
 from amb_core.loop import simulate
 from amb_core.plant import Plant
@@ -183,6 +183,10 @@ def test_a_constant_signal_is_refused_with_its_axis(
     samples[:, axis] = 1.5
     with pytest.raises(IdentificationError, match=f"{kind} of axis {letter} is constant at 1.5"):
         identify(replace(bearing.experiment(), **{name: samples}))
+
+
+def test_parameters_and_dispatch_know_the_same_methods() -> None:
+    assert get_args(Method) == tuple(METHODS)
 
 
 @pytest.mark.parametrize(("method", "order"), [("n4sid", 2), ("pem", 2), *((method, 10) for method in METHODS)])

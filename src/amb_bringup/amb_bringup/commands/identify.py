@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def identify(
     bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
     order: Annotated[int, typer.Option(help="Number of states of the model.")] = 10,
-    method: Annotated[str, typer.Option(help="Identification method: n4sid, ssarx or pem.")] = "n4sid",
+    method: Annotated[str, typer.Option(help="pem, ssarx, pbsid, cva, n4sid or moesp.")] = "n4sid",
     first_step: Annotated[int, typer.Option(help="First step used; -1 for where the last excitation starts.")] = -1,
     steps: Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Write the model here, as .json or .npz.")] = None,

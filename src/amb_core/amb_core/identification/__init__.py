@@ -8,7 +8,7 @@ from amb_core.identification.closed_loop import closed_loop_poles, simulate_clos
 from amb_core.identification.conversion import to_continuous, to_predictor, to_scipy
 from amb_core.identification.cva import cva
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.identify import METHODS, Identification, identify
+from amb_core.identification.identify import METHODS, Identification, Method, identify
 from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.pbsid import pbsid
 from amb_core.identification.pem import pem
@@ -21,6 +21,7 @@ __all__ = [
     "METHODS",
     "Identification",
     "IdentificationData",
+    "Method",
     "Reduction",
     "StateSpaceModel",
     "closed_loop_poles",

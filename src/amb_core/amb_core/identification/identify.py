@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,7 @@ def _pem(
     return [pem(inputs, outputs, ssarx(inputs, outputs, sample_time, order), source=source)]
 
 
+Method = Literal["pem", "ssarx", "pbsid", "cva", "n4sid", "moesp"]
 # A method answers with one or more models of the order asked for.
 METHODS: dict[str, Callable[..., list[StateSpaceModel]]] = {
     "pem": _pem,
