@@ -39,7 +39,7 @@ class IdentifierParameters(Parameters):
     """Parameters of the node."""
 
     order: int = quantity(10, "-", "number of states where a request names none", 1, 30)
-    method: Method = choice("n4sid", "method where a request names none")
+    method: Method = choice("pem", "method where a request names none")
     max_steps: int = quantity(
         1_200_000, "-", "steps of telemetry that are kept; older ones are dropped", 1_000, 100_000_000
     )

@@ -114,7 +114,7 @@ class RegionMonitorNode(Node):
 
     def _publish(self, states: list[RegionState]) -> None:
         run, sample_time = self._watch.run, self._watch.sample_time
-        if run is None:
+        if run is None or not self.context.ok():  # told to end amid a burst of telemetry
             return
         for state in states:
             self._region_publisher.publish(region_state_to_message(state, run, sample_time))

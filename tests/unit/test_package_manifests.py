@@ -21,7 +21,7 @@ ROSDEP_KEYS = {
     "typer": "python3-typer",
     "yaml": "python3-yaml",
 }
-FROM_PYPI = {"control", "ctrlsys", "distributed", "mcap", "plotly", "pydantic", "threadpoolctl", "zstandard"}
+FROM_PYPI = {"control", "ctrlsys", "dask", "distributed", "mcap", "plotly", "pydantic", "threadpoolctl", "zstandard"}
 NOT_IMPORTED = {"amb_ident_node", "launch_ros", "launch_yaml"}  # what launch files need, dependencies of amb_bringup
 
 

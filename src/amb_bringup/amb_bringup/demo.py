@@ -19,7 +19,7 @@ from amb_core.bags import read_bag
 from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import AmbError
 from amb_core.excitation import Square, generate
-from amb_core.figures import orbit_figure, response_figure
+from amb_core.figures import save_loop_figures
 from amb_core.identification import StateSpaceModel, simulate_closed_loop
 from amb_core.loop import simulate
 from amb_core.parameters import load_parameters
@@ -60,7 +60,7 @@ class DemoSummary:
 
 
 def run_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progress) -> DemoSummary:
-    """Run the demo and leave bag, model.json, orbit.png, response.png and summary.json in a folder.
+    """Run the demo and leave bag, model.json, summary.json and the figures in a folder.
 
     Parameters
     ----------
@@ -160,5 +160,4 @@ def _write_results(
     simulation = simulate_closed_loop(
         model, controller, experiment.reference, experiment.first_step, experiment.current[0]
     )
-    for name, figure in (("orbit", orbit_figure), ("response", response_figure)):
-        figure(experiment, simulation).savefig(folder / f"{name}.png", dpi=150)
+    save_loop_figures(folder, experiment, simulation)

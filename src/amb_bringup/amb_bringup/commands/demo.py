@@ -48,7 +48,7 @@ def demo(
 
         summary = run_demo(out, parameter_file(params).absolute(), _free_domain(), show)
     console.print(_table(summary))
-    console.print(f"bag, model.json, orbit.png, response.png, summary.json: {out}")
+    console.print(f"bag, model.json, summary.json, orbit and response as .png and .html: {out}")
 
 
 def _free_domain() -> int:
@@ -64,7 +64,7 @@ def _clear(folder: Path) -> None:
     import shutil
 
     shutil.rmtree(folder / "bag", ignore_errors=True)
-    for name in ("model.json", "orbit.png", "response.png", "summary.json"):
+    for name in ("model.json", "orbit.png", "orbit.html", "response.png", "response.html", "summary.json"):
         (folder / name).unlink(missing_ok=True)
 
 

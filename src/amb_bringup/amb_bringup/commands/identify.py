@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 def identify(
     bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
     order: Annotated[int, typer.Option(help="Number of states of the model.")] = 10,
-    method: Annotated[str, typer.Option(help="pem, ssarx, pbsid, cva, n4sid or moesp.")] = "n4sid",
+    method: Annotated[str, typer.Option(help="pem, ssarx, pbsid, cva, n4sid or moesp.")] = "pem",
     first_step: Annotated[int, typer.Option(help="First step used; -1 for where the last excitation starts.")] = -1,
     steps: Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Write the model here, as .json or .npz.")] = None,
     figures: Annotated[
-        Path | None, typer.Option(help="Write response.png and orbit.png, plant and model together, to this folder.")
+        Path | None,
+        typer.Option(help="Write response and orbit, plant and model together, to this folder (PNG and HTML)."),
     ] = None,
 ) -> None:
     """Identify the plant from the last experiment in a bag and check the model in closed loop on the same data."""
@@ -29,8 +30,7 @@ def identify(
 
     from amb_core import identification
     from amb_core.bags import read_bag
-    from amb_core.errors import IdentificationError
-    from amb_core.figures import orbit_figure, response_figure
+    from amb_core.figures import save_loop_figures
 
     console = Console()
     content = read_bag(bag)
@@ -47,13 +47,8 @@ def identify(
         result.model.save(out)
         console.print(f"model: {out}")
     if figures is not None:
-        try:
-            figures.mkdir(parents=True, exist_ok=True)
-            for name, figure in (("response", response_figure), ("orbit", orbit_figure)):
-                figure(record, result.simulation).savefig(figures / f"{name}.png", dpi=150)
-        except OSError as problem:
-            raise IdentificationError(f"figures in {figures}: cannot be written: {problem.strerror}") from None
-        console.print(f"figures: {figures / 'response.png'}, {figures / 'orbit.png'}")
+        save_loop_figures(figures, record, result.simulation)
+        console.print(f"response and orbit, .png and .html: {figures}")
 
 
 def _summary(result: Identification) -> Table:

@@ -3,7 +3,7 @@
 `save_figure` writes both. Figures are made without pyplot, so they need no display and leave no state behind.
 """
 
-from amb_core.figures.loop import orbit_figure, orbit_page, response_figure, response_page
+from amb_core.figures.loop import orbit_figure, orbit_page, response_figure, response_page, save_loop_figures
 from amb_core.figures.overlay import overlay_figure, overlay_page
 from amb_core.figures.region_map import map_figure, map_grid_figure, map_grid_page, map_page
 from amb_core.figures.saving import page_fragment, save_figure
@@ -24,6 +24,7 @@ __all__ = [
     "response_figure",
     "response_page",
     "save_figure",
+    "save_loop_figures",
     "spectrum_figure",
     "spectrum_page",
     "surface_figure",

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from amb_core.figures.chart import Axis, Chart, Curve, Panel
 from amb_core.figures.renderers import renderers
+from amb_core.figures.saving import save_figure
 from amb_core.figures.style import MODEL, PLANT, REFERENCE, UM, Stroke
 from amb_core.figures.thinning import extremes, thinned_path
 from amb_core.identification.validation import nrmse_fit
@@ -89,3 +92,22 @@ def response_chart(
 
 
 response_figure, response_page = renderers(response_chart)
+
+
+def save_loop_figures(folder: str | Path, measured: LoopRecord, modelled: LoopRecord | None = None) -> None:
+    """Write orbit and response as PNG and as page.
+
+    Parameters
+    ----------
+    folder : path
+        Made if it does not exist.
+    measured, modelled : LoopRecord
+        As for `response_chart`.
+
+    Raises
+    ------
+    AmbError
+        If a file cannot be written.
+    """
+    for name, figure, page in (("orbit", orbit_figure, orbit_page), ("response", response_figure, response_page)):
+        save_figure(folder, name, figure(measured, modelled), page(measured, modelled))
