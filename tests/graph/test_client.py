@@ -61,8 +61,8 @@ def test_experiment_is_recorded_and_identified_live_and_from_its_bag(amb: AmbCli
     assert (end.run, end.step, end.delevitated) == (run, STEPS, False)
     assert seen[-1] == STEPS
     assert amb.stop_recording(run, STEPS) == bag
-    live = amb.identify(order=6)
-    recorded = amb.identify(bag=bag, order=6)
+    live = amb.identify(order=6, method="n4sid")
+    recorded = amb.identify(bag=bag, order=6, method="n4sid")
     np.testing.assert_array_equal(live.a, recorded.a)
     np.testing.assert_array_equal(amb.get_model().a, recorded.a)
     assert live.samples == STEPS - SETTLING

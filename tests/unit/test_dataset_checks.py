@@ -290,6 +290,7 @@ def loop_record(drift: float = 0.0, amplitude: float = 10e-6, steps: int = 15_00
     return LoopRecord(0, 1e-4, reference, position, reference - position)
 
 
+@pytest.mark.slow
 def test_a_region_other_than_a_is_warned_of_with_the_steps_to_keep() -> None:
     assert_finding(check_region(IdentificationData.from_record(loop_record())), INFO, "region A throughout")
     drifting = check_region(IdentificationData.from_record(loop_record(drift=30e-6)))

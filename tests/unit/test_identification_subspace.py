@@ -29,6 +29,7 @@ def paper_identification() -> Identification:
     return identify(record, order=10)
 
 
+@pytest.mark.slow
 def test_the_papers_experiment_gives_a_model_that_fits_in_closed_loop() -> None:
     fit_x, fit_y = paper_identification().model.fit
     assert fit_x >= 98.0

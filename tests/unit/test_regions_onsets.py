@@ -163,12 +163,14 @@ def assert_told_apart(counts: Counter[tuple[str, str]]) -> None:
     assert false <= 0.02 * sum(counts.values()), counts
 
 
+@pytest.mark.slow
 def test_planted_onsets_are_found() -> None:
     assert_told_apart(outcomes(seed=1, cases=12))
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
+@pytest.mark.slow
 def test_planted_onsets_are_found_in_200_cases() -> None:
     assert_told_apart(outcomes(seed=7, cases=200))
 
