@@ -148,7 +148,7 @@ class IdentifierNode(Node):
                 experiment = self._live.experiment
                 if experiment is not None and self._live.available[1] >= experiment[1]:
                     return
-                if not self._arrived.wait(QUIET):
+                if not self._arrived.wait(QUIET) and self._live.run is not None:
                     return
 
     def _live_controller(self) -> ControllerParameters | None:
