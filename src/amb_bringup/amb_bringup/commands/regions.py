@@ -26,6 +26,7 @@ def regions(
     """Tell where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions."""
     from rich.console import Console
 
+    from amb_bringup.commands.results import make_folder
     from amb_core.bags import read_bag
     from amb_core.errors import RegionError
     from amb_core.recorded_regions import classify_run
@@ -33,6 +34,7 @@ def regions(
     if axes not in ("", "x", "y", "xy"):
         raise RegionError(f"--axes {axes} is not allowed; it must be x, y or xy")
     console = Console()
+    make_folder(out)
     content = read_bag(bag)
     if content.truncated:
         console.print(f"[yellow]bag {bag} is incomplete: {content.truncated}[/yellow]")
@@ -142,9 +144,7 @@ def _table(summary: dict[str, Any]) -> Table:
 
 def _write(out: Path, found: RecordedRegions, summary: dict[str, Any], axes: str) -> None:
     """Figure and summary; over frequency where the input is one sweep that rises, else over time."""
-    import json
-
-    from amb_core.errors import RegionError
+    from amb_bringup.commands.results import write_json
     from amb_core.figures import save_figure, sweep_figure, sweep_page
     from amb_core.figures.sweep import rises
 
@@ -152,7 +152,4 @@ def _write(out: Path, found: RecordedRegions, summary: dict[str, Any], axes: str
     over = "frequency" if rises(found.frequency) else "time"
     drawn: dict[str, Any] = {"over": over, "axes": axes, "title": f"Regions of run {found.run}"}
     save_figure(out, "sweep", sweep_figure(*response, **drawn), sweep_page(*response, **drawn))
-    try:
-        (out / "summary.json").write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n")
-    except OSError as problem:
-        raise RegionError(f"{out / 'summary.json'}: cannot be written: {problem.strerror}") from None
+    write_json(out / "summary.json", summary)
