@@ -14,11 +14,13 @@ import json
 import math
 import os
 import resource
+import signal
 import statistics
 import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +41,7 @@ RESULTS = ROOT / "results" / "bench_ident.json"
 PEERS_PYTHON = ROOT / ".venv-peers" / "bin" / "python"
 MEMORY_LIMIT = 8 * 1024**3  # bytes
 _TABLE_WIDTH = 180
+_NOT_DONE = "not done after"  # how the reason of a run begins that took too long
 COUNTED = ("unstable_poles_right", "closed_loop_stable")
 
 Summary = dict[str, float | str | None]  # medians and counts of a method, and the reason of its first failure
@@ -67,7 +70,7 @@ def main() -> None:
         methods = [method for method in methods if method.name in arguments.methods]
     results: dict[str, dict[str, Summary]] = {}
     for data_set in arguments.data:
-        results[data_set] = _measure(data_set, methods, arguments.seeds, arguments.limit)
+        results[data_set] = _measure(data_set, methods, arguments.seeds, arguments.limit, arguments.patience)
         if not arguments.methods or "bound" in arguments.methods:
             results[data_set]["bound"] = dict(bound(data_set))
         console.print(_table(data_set, results[data_set]))
@@ -84,11 +87,15 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--data", nargs="*", default=list(plant.DATA_SETS), choices=list(plant.DATA_SETS))
     parser.add_argument("--methods", nargs="*", help="only these; `bound` for the bound of Cramer and Rao")
     parser.add_argument("--peers", type=Path, default=PEERS_PYTHON, help="interpreter that has the other packages")
-    parser.add_argument("--limit", type=float, default=120.0, help="seconds after which a run counts as failed")
+    parser.add_argument("--limit", type=int, default=120, help="processor seconds after which a run counts as failed")
+    parser.add_argument(
+        "--patience", type=int, default=3, help="runs over the limit after which a method is given up on a data set"
+    )
     return parser.parse_args()
 
 
-def _measure(data_set: str, methods: list[Method], seeds: int, limit: float) -> dict[str, Summary]:
+def _measure(data_set: str, methods: list[Method], seeds: int, limit: int, patience: int) -> dict[str, Summary]:
+    """Scores of each method; one that is over the limit `patience` times is not run with the other seeds."""
     experiment = plant.DATA_SETS[data_set]
     runs: dict[str, list[dict[str, float] | str]] = {method.name: [] for method in methods}
     with Progress(transient=True) as progress:
@@ -96,7 +103,10 @@ def _measure(data_set: str, methods: list[Method], seeds: int, limit: float) -> 
         for seed in range(seeds):
             record = plant.record(experiment, seed)
             for method in methods:
-                progress.update(task, description=f"{data_set}, seed {seed}: {method.name}")
+                progress.update(task, advance=1, description=f"{data_set}, seed {seed}: {method.name}")
+                late = [run for run in runs[method.name] if isinstance(run, str) and run.startswith(_NOT_DONE)]
+                if len(late) >= patience:
+                    continue
                 found = _identify(method, record.current, record.position, plant.ORDER, limit)
                 if isinstance(found, str):
                     runs[method.name].append(found)
@@ -106,11 +116,10 @@ def _measure(data_set: str, methods: list[Method], seeds: int, limit: float) -> 
                     if "innovation_covariance" in found:
                         scores["innovation_ratio"] = innovation_ratio(found["innovation_covariance"], experiment.noise)
                     runs[method.name].append(scores)
-                progress.advance(task)
     return {name: _summary(scores) for name, scores in runs.items()}
 
 
-def _real(method: Method, path: Path, limit: float) -> Summary:
+def _real(method: Method, path: Path, limit: int) -> Summary:
     """Fit on the second half of a real experiment after identification from the first half."""
     data = real_data.load(path)
     found = _identify(method, *data.first_half, real_data.ORDER, limit)
@@ -121,7 +130,7 @@ def _real(method: Method, path: Path, limit: float) -> Summary:
 
 
 def _identify(
-    method: Method, inputs: NDArray[np.float64], outputs: NDArray[np.float64], order: int, limit: float
+    method: Method, inputs: NDArray[np.float64], outputs: NDArray[np.float64], order: int, limit: int
 ) -> dict[str, NDArray[np.float64]] | str:
     """What the worker saves; the reason where it fails or takes too long."""
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -131,20 +140,21 @@ def _identify(
         try:
             subprocess.run(
                 [method.python, FOLDER / "worker.py", method.module, method.name, data, result],
-                env=os.environ | threads, timeout=limit, check=True, capture_output=True,
-                preexec_fn=_limit_memory,
+                env=os.environ | threads, check=True, capture_output=True, preexec_fn=partial(_limit, limit),
             )  # fmt: skip
-        except subprocess.TimeoutExpired:
-            return f"not done after {limit:g} s"
         except subprocess.CalledProcessError as problem:
+            if problem.returncode == -signal.SIGXCPU:
+                return f"{_NOT_DONE} {limit} s"
             lines = problem.stderr.decode(errors="replace").strip().splitlines()
             return lines[-1] if lines else f"ended by signal or status {problem.returncode}"
         with np.load(result) as archive:
             return dict(archive)
 
 
-def _limit_memory() -> None:
+def _limit(processor_seconds: int) -> None:
+    """Bound a worker by the processor's time, not the clock's, which other programs on the machine would lengthen."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
+    resource.setrlimit(resource.RLIMIT_CPU, (processor_seconds, processor_seconds + 5))
 
 
 def _summary(runs: list[dict[str, float] | str]) -> Summary:
