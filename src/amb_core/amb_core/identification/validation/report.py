@@ -1,0 +1,214 @@
+"""A validation in words and numbers: one line, one page of plain text, and values for JSON."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from amb_core.identification.validation.residuals import ChiSquareTest
+
+if TYPE_CHECKING:
+    from amb_core.identification.validation.validate import Validation
+
+WIDTH = 100
+
+
+def summary_line(validation: Validation) -> str:
+    """The verdict and the main numbers in one line."""
+    model = validation.model
+    parts = []
+    if validation.closed_loop is not None:
+        parts.append(f"closed loop {_word(validation.closed_loop.stable, 'stable', 'unstable')}")
+        parts.append(f"closed-loop fit {_by_output(validation, validation.fit)}")
+    parts.append(f"one-step fit {_by_output(validation, validation.one_step_fit)}")
+    parts.append(_word(validation.white, "residuals white", "residuals not white"))
+    parts.append(_word(validation.independent, "independent of past inputs", "dependent on past inputs"))
+    verdict = _word(validation.validated, "validated", "not validated")
+    return f"{verdict}: {model.method or 'model'}, order {model.order}; {'; '.join(parts)}"
+
+
+def report_text(validation: Validation) -> str:
+    """One page of text, 100 columns at most."""
+    lines = [*_heading(validation), "", *_closed_loop(validation), "", *_prediction(validation), ""]
+    lines += [*_residuals(validation), "", f"VERDICT      {_word(validation.validated, 'validated', 'NOT validated')}"]
+    lines += [line for text in (*validation.notes, *advice(validation)) for line in _item(text)]
+    return "\n".join(lines) + "\n"
+
+
+def report_values(validation: Validation) -> dict[str, Any]:
+    """All numbers as plain values; what is not finite is None."""
+    model, data, residuals = validation.model, validation.data, validation.residuals
+    loop = validation.closed_loop
+    values = {
+        "validated": validation.validated,
+        "summary": validation.summary,
+        "model": {
+            "method": model.method,
+            "order": model.order,
+            "source": model.source,
+            "samples": model.samples,
+            "unstable_poles": [[pole.real, pole.imag] for pole in model.unstable_poles().tolist()],
+        },
+        "data": {
+            "samples": data.samples,
+            "sample_time": data.sample_time,
+            "sources": [item.source for item in data.experiments],
+            "first_steps": [item.first_step for item in data.experiments],
+        },
+        "outputs": list(model.output_names),
+        "prediction": {
+            "horizons": validation.prediction.horizons.tolist(),
+            "fit_percent": validation.prediction.fit.tolist(),
+        },
+        "residuals": {
+            "lags": residuals.lags,
+            "deviation": residuals.deviation.tolist(),
+            "mean": residuals.mean.tolist(),
+            "whiteness": _test_values(residuals.whiteness),
+            "independence": _test_values(residuals.independence),
+        },
+        "closed_loop": loop
+        and {
+            "stable": loop.stable,
+            "largest_pole": float(np.abs(loop.poles[0])),
+            "fit_percent": loop.fit.tolist(),
+            "fit_without_means_percent": loop.fit_without_means.tolist(),
+            "offset": loop.offset.tolist(),
+        },
+        "notes": list(validation.notes),
+        "advice": advice(validation),
+    }
+    return dict(_strict(values))
+
+
+def advice(validation: Validation) -> list[str]:
+    """What to do about what failed, a sentence or two for each."""
+    found = []
+    loop, residuals = validation.closed_loop, validation.residuals
+    if loop is not None and not loop.stable:
+        found.append(
+            "The model's closed loop is unstable although the bearing's is not: identify from data of region A with "
+            "both axes excited, and try a higher order or another method."
+        )
+    elif loop is not None and np.any(loop.fit < 90.0) and np.all(np.isfinite(loop.offset)):
+        spread = np.min([record.position.std(axis=0) for record in loop.measured], axis=0)
+        if np.any(np.abs(loop.offset) > 0.05 * spread):
+            found.append(
+                "The simulated rotor rests elsewhere: load or operating point differ from those of the identification; "
+                "identify at this operating point, or compare deviations."
+            )
+        else:
+            found.append(
+                "The closed loop follows poorly: raise the order, identify with a reference of this frequency content, "
+                "and check that the data are of region A (`amb regions`)."
+            )
+    if not validation.independent:
+        found.append(
+            "Residuals depend on past inputs: the plant part misses dynamics worth "
+            f"{100 * residuals.independence.unexplained:.2g} % of the residuals' variance; raise the order if that "
+            "matters, and look at the lags in the figure: only the first ones point to a dead time."
+        )
+    if not validation.white:
+        found.append(
+            f"Residuals are not white: {100 * residuals.whiteness.unexplained:.2g} % of their variance can be "
+            "predicted from their own past; the noise part is too simple or the plant nonlinear. It matters for "
+            "prediction and for the stated uncertainty, less for the design of a controller."
+        )
+    return found
+
+
+def _heading(validation: Validation) -> list[str]:
+    model, data = validation.model, validation.data
+    unstable, count = len(model.unstable_poles()), len(data.experiments)
+    experiments = f"{count} experiment{'s' if count > 1 else ''}"
+    sources = ", ".join(dict.fromkeys(item.source or "unknown source" for item in data.experiments))
+    return [
+        "VALIDATION OF A MODEL",
+        f"model        {model.method or 'unknown method'}, order {model.order}, {unstable} unstable poles, "
+        f"from {model.samples} samples of {model.source or 'unknown source'}",
+        f"data         {data.samples} samples of {data.sample_time:g} s in {experiments}: {sources}",
+    ]
+
+
+def _closed_loop(validation: Validation) -> list[str]:
+    loop = validation.closed_loop
+    if loop is None:
+        return ["CLOSED LOOP  not checked"]
+    return [
+        f"CLOSED LOOP  {_word(loop.stable, 'stable', 'UNSTABLE')}, largest pole {np.abs(loop.poles[0]):.5f}; "
+        "from the reference alone, with the known controller",
+        _row("", validation.model.output_names),
+        _row("fit, deviations alone (%)", [f"{value:.2f}" for value in loop.fit_without_means]),
+        _row("fit, means added (%)", [f"{value:.2f}" for value in loop.fit]),
+        _row("measured less simulated mean (um)", [f"{1e6 * value:.3g}" for value in loop.offset]),
+    ]
+
+
+def _prediction(validation: Validation) -> list[str]:
+    names = validation.model.output_names
+    rows = ["PREDICTION   fit in percent from the filtered state, so many steps ahead", _row("", names)]
+    for horizon in validation.horizons:
+        time = 1e3 * horizon * validation.model.sample_time
+        fit = validation.prediction.fit_at(horizon)
+        rows.append(_row(f"{horizon} steps ({time:g} ms)", [f"{value:.2f}" for value in fit]))
+    return rows
+
+
+def _residuals(validation: Validation) -> list[str]:
+    tests, names = validation.residuals, validation.model.output_names
+    rows = [f"RESIDUALS    {tests.samples} one-step errors, chi-square tests at 99 % over {tests.lags} lags"]
+    rows.append(_row("", names))
+    rows.append(_row("standard deviation", [f"{value:.3g}" for value in tests.deviation]))
+    for name, joint, alone in (
+        ("white", tests.whiteness, tests.whiteness_by_output),
+        ("independent of past inputs", tests.independence, tests.independence_by_output),
+    ):
+        rows.append(_row(name, [_verdict(test) for test in alone]))
+        rows.append(
+            f"    {'together: ' + _verdict(joint):<34}statistic {joint.statistic:.4g}, limit {joint.limit:.4g}; "
+            f"unexplained {100 * joint.unexplained:.2g} % of the variance"
+        )
+    return rows
+
+
+def _row(label: str, values: Any) -> str:
+    return f"    {label:<34}" + "".join(f"{value:>16}" for value in values)
+
+
+def _item(text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent="  - ", subsequent_indent="    ")
+
+
+def _by_output(validation: Validation, fit: Any) -> str:
+    return ", ".join(f"{name} {value:.2f} %" for name, value in zip(validation.model.output_names, fit, strict=True))
+
+
+def _verdict(test: ChiSquareTest) -> str:
+    return f"{_word(test.passed, 'yes', 'NO')} (p = {test.p_value:.2g})"
+
+
+def _word(truth: bool, yes: str, no: str) -> str:
+    return yes if truth else no
+
+
+def _test_values(test: ChiSquareTest) -> dict[str, Any]:
+    return {
+        "passed": test.passed,
+        "statistic": test.statistic,
+        "limit": test.limit,
+        "degrees": test.degrees,
+        "p_value": test.p_value,
+        "unexplained": test.unexplained,
+    }
+
+
+def _strict(value: Any) -> Any:
+    """The same for JSON, which has neither NaN nor infinity."""
+    if isinstance(value, dict):
+        return {name: _strict(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_strict(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

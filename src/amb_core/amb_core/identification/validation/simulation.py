@@ -1,0 +1,120 @@
+"""The model in closed loop with the known controller, next to the data: the reference is all that it is given.
+
+As in the paper's Fig. 13 to 15, twice: the model of the deviations alone, which cannot know where the rotor rests, and
+with the means of the identification data added to its inputs and outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.control import ControllerParameters
+from amb_core.errors import IdentificationError
+from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles, simulate_closed_loop
+from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.validation.fit import nrmse_fit
+from amb_core.records import LoopRecord
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """The closed loop of model and controller, and how it follows the data.
+
+    Attributes
+    ----------
+    poles : ndarray
+        Poles in the z plane, largest magnitude first.
+    measured : tuple of LoopRecord
+        The experiments whose reference is known.
+    simulated : tuple of LoopRecord or None
+        The same from the reference alone; None where the simulation diverges.
+    fit : ndarray, shape (2,)
+        NRMSE fit of x and y over all these experiments (percent); -inf where a simulation diverges.
+    fit_without_means : ndarray, shape (2,)
+        The same for the model of the deviations alone, without its offsets.
+    offset : ndarray, shape (2,)
+        Mean of the measured less that of the simulated position (m); NaN where a simulation diverges.
+    """
+
+    poles: NDArray[np.complex128]
+    measured: tuple[LoopRecord, ...]
+    simulated: tuple[LoopRecord | None, ...]
+    fit: NDArray[np.float64]
+    fit_without_means: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+    @property
+    def stable(self) -> bool:
+        """Whether all poles lie inside the unit circle."""
+        return bool(np.all(np.abs(self.poles) < 1.0))
+
+
+def check_closed_loop(
+    model: StateSpaceModel,
+    controller: ControllerParameters,
+    measured: Sequence[LoopRecord],
+    first_states: NDArray[np.float64],
+) -> ClosedLoop:
+    """Simulate each record from its reference alone.
+
+    Parameters
+    ----------
+    model, controller : StateSpaceModel, ControllerParameters
+        Of the loop.
+    measured : sequence of LoopRecord
+        The data; at least one.
+    first_states : ndarray, shape (records, n)
+        State of the model at the first sample of each.
+
+    Raises
+    ------
+    IdentificationError
+        If model and controller do not fit together, or a position does not move.
+    """
+    poles = closed_loop_poles(model, controller)
+    deviations = replace(model, input_offset=np.zeros(2), output_offset=np.zeros(2))
+    simulated = simulate_records(model, controller, measured, first_states)
+    without_means = simulate_records(deviations, controller, measured, first_states)
+    offset = np.full(2, np.nan)
+    if all(record is not None for record in simulated):
+        errors = [one.position - two.position for one, two in zip(measured, simulated, strict=True) if two is not None]
+        offset = np.vstack(errors).mean(axis=0)
+    return ClosedLoop(
+        poles, tuple(measured), simulated, _fit(measured, simulated), _fit(measured, without_means), offset
+    )
+
+
+def simulate_records(
+    model: StateSpaceModel,
+    controller: ControllerParameters,
+    measured: Sequence[LoopRecord],
+    first_states: NDArray[np.float64],
+) -> tuple[LoopRecord | None, ...]:
+    """The closed loop under the reference of each record, from these states of the model; None where it diverges."""
+    return tuple(
+        _simulate(replace(model, initial_state=state), controller, record)
+        for record, state in zip(measured, first_states, strict=True)
+    )
+
+
+def _simulate(model: StateSpaceModel, controller: ControllerParameters, record: LoopRecord) -> LoopRecord | None:
+    # Data that start with the run start with the controller; in others its past shows in its first answer.
+    first_current = record.current[0] if record.first_step > 0 else None
+    try:
+        return simulate_closed_loop(model, controller, record.reference, record.first_step, first_current)
+    except DivergenceError:
+        return None
+
+
+def _fit(measured: Sequence[LoopRecord], simulated: Sequence[LoopRecord | None]) -> NDArray[np.float64]:
+    followed = [record.position for record in simulated if record is not None]
+    if len(followed) < len(measured):
+        return np.full(2, -np.inf)
+    try:
+        return nrmse_fit(np.vstack([record.position for record in measured]), np.vstack(followed))
+    except IdentificationError as problem:
+        raise IdentificationError(f"closed loop: {problem}") from None

@@ -1,0 +1,201 @@
+"""One call from a model and data to a verdict: prediction, residuals, closed loop and frequency response."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from amb_core.control import ControllerParameters
+from amb_core.errors import IdentificationError
+from amb_core.identification.data import IdentificationData, restore
+from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.validation.prediction import Prediction, predict
+from amb_core.identification.validation.residuals import LAGS, ResidualTests, check_residuals
+from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop
+
+if TYPE_CHECKING:
+    from amb_core.identification.uncertainty import ModelUncertainty
+    from amb_core.plant import PlantParameters
+
+HORIZONS = (1, 5, 20, 100)
+NEEDED_FIT = 90.0
+"""Closed-loop fit of each output that a validated model has (percent)."""
+LARGEST_UNEXPLAINED = 0.05
+"""Share of the variance of the residuals that past inputs may explain in a validated model."""
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """What data say about a model.
+
+    Attributes
+    ----------
+    model : StateSpaceModel
+        The model.
+    data : IdentificationData
+        The data, with what detrending took away added again.
+    horizons : tuple of int
+        Prediction horizons asked for (steps).
+    prediction : Prediction
+        Predictions over the horizons.
+    residuals : ResidualTests
+        Whiteness of the one-step prediction errors and their independence of past inputs.
+    closed_loop : ClosedLoop or None
+        Simulation with the known controller; None where controller or reference are not known.
+    notes : tuple of str
+        What was left out, and why.
+    """
+
+    model: StateSpaceModel
+    data: IdentificationData
+    horizons: tuple[int, ...]
+    prediction: Prediction
+    residuals: ResidualTests
+    closed_loop: ClosedLoop | None
+    notes: tuple[str, ...]
+
+    @property
+    def fit(self) -> NDArray[np.float64]:
+        """Closed-loop fit of each output (percent), shape (p,); empty where the closed loop was left out."""
+        return np.empty(0) if self.closed_loop is None else self.closed_loop.fit
+
+    @property
+    def one_step_fit(self) -> NDArray[np.float64]:
+        """Fit of the one-step prediction of each output (percent), shape (p,)."""
+        return self.prediction.fit_at(1)
+
+    @property
+    def white(self) -> bool:
+        """Whether the residuals pass the test of whiteness at 99 %."""
+        return self.residuals.whiteness.passed
+
+    @property
+    def independent(self) -> bool:
+        """Whether the residuals pass the test of independence of past inputs at 99 %."""
+        return self.residuals.independence.passed
+
+    @property
+    def closed_loop_stable(self) -> bool | None:
+        """Whether model and controller make a stable loop; None where the closed loop was left out."""
+        return None if self.closed_loop is None else self.closed_loop.stable
+
+    @property
+    def validated(self) -> bool:
+        """Whether the model does what it is for.
+
+        Its closed loop is stable and follows each output with a fit of 90 % or more, where controller and reference
+        are known, and the residuals are independent of past inputs, or as good as independent: what the inputs explain
+        is less than 5 % of their variance. Colour of the residuals is told, but does not speak against the plant.
+        """
+        followed = self.closed_loop is None or (self.closed_loop.stable and bool(np.all(self.fit >= NEEDED_FIT)))
+        return followed and (self.independent or self.residuals.independence.unexplained < LARGEST_UNEXPLAINED)
+
+    @property
+    def summary(self) -> str:
+        """One line for people."""
+        from amb_core.identification.validation.report import summary_line
+
+        return summary_line(self)
+
+    def report(self) -> str:
+        """All results on one page of plain text, with verdicts and advice."""
+        from amb_core.identification.validation.report import report_text
+
+        return report_text(self)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All numbers as plain values fit for strict JSON; what is not finite is None."""
+        from amb_core.identification.validation.report import report_values
+
+        return report_values(self)
+
+
+def validate(
+    model: StateSpaceModel,
+    data: IdentificationData,
+    controller: ControllerParameters | None = None,
+    *,
+    uncertainty: ModelUncertainty | None = None,
+    plant: PlantParameters | None = None,
+    horizons: Sequence[int] = HORIZONS,
+    lags: int = LAGS,
+) -> Validation:
+    """Judge a model by data, which should be others than those that it was identified from.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The model; its predictor must be stable.
+    data : IdentificationData
+        Data with the model's signals and sample time.
+    controller : ControllerParameters, optional
+        The controller of the experiments; without it the closed loop is left out.
+    uncertainty : ModelUncertainty, optional
+        Uncertainty of the model, for its frequency response.
+    plant : PlantParameters, optional
+        The plant, where it is known, as that of the simulator.
+    horizons : sequence of int
+        Prediction horizons (steps).
+    lags : int
+        Lags over which residuals are tested.
+
+    Raises
+    ------
+    IdentificationError
+        If model and data do not fit together, the predictor is unstable, or the data are too short or do not move.
+    """
+    data = restore(_fitting(data, model))
+    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
+    with threadpool_limits(limits=1, user_api="blas"):
+        prediction = predict(model, data, horizons)
+        residuals = check_residuals(
+            prediction.residuals,
+            [item.inputs for item in data.experiments],
+            lags,
+            model.order * (2 * len(model.c) + model.b.shape[1]),
+            model.samples,
+        )
+        closed_loop, notes = _closed_loop(model, data, controller, prediction)
+    return Validation(model, data, tuple(sorted({1, *horizons})), prediction, residuals, closed_loop, tuple(notes))
+
+
+def _fitting(data: IdentificationData, model: StateSpaceModel) -> IdentificationData:
+    """The data, if they suit the model."""
+    if abs(data.sample_time / model.sample_time - 1.0) > 1e-9:
+        raise IdentificationError(
+            f"the data have a sample time of {data.sample_time:g} s, the model of {model.sample_time:g} s; "
+            "a model can only be judged by data of its own sample time"
+        )
+    for kind in ("input", "output"):
+        mine, theirs = getattr(model, f"{kind}_names"), getattr(data, f"{kind}_names")
+        if mine != theirs:
+            raise IdentificationError(
+                f"the data have the {kind}s {', '.join(theirs)}, the model {', '.join(mine)}; they must be the same"
+            )
+    for index, item in enumerate(data.experiments):
+        if not np.isfinite(item.signals).all():
+            raise IdentificationError(
+                f"experiment {index} holds values that are not finite; use split_at_invalid to leave them out"
+            )
+    return data
+
+
+def _closed_loop(
+    model: StateSpaceModel, data: IdentificationData, controller: ControllerParameters | None, prediction: Prediction
+) -> tuple[ClosedLoop | None, list[str]]:
+    """The closed loop of the experiments whose reference is known, and notes on what was left out."""
+    if controller is None:
+        return None, ["closed loop: left out, since the controller is not known"]
+    known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
+    if not known:
+        return None, ["closed loop: left out, since the data have no reference"]
+    notes = []
+    if len(known) < len(data.experiments):
+        notes.append(f"closed loop: {len(data.experiments) - len(known)} experiments without reference left out")
+    measured = [data.record(index) for index in known]
+    return check_closed_loop(model, controller, measured, prediction.first_states[known]), notes
