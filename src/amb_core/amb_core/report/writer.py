@@ -1,0 +1,63 @@
+"""Writes a report as one HTML file: readable on a phone, by keyboard and by screen readers, in dark and in light."""
+
+from __future__ import annotations
+
+import base64
+import mimetypes
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
+
+from amb_core.errors import AmbError
+from amb_core.figures.saving import STYLE, TOUCH, page_fragment
+from amb_core.report.document import Chart, Picture, Report
+
+
+def write_report(report: Report, path: str | Path) -> None:
+    """Write a report as an HTML file that holds all it needs.
+
+    Its content security policy forbids it to load anything from anywhere, so it neither needs nor asks for a network.
+
+    Raises
+    ------
+    AmbError
+        If two sections have one heading, an image cannot be read, or the file cannot be written.
+    """
+    anchors = [section.anchor for section in report.sections]
+    if len(set(anchors)) < len(anchors):
+        raise AmbError(f"report '{report.title}': its headings must differ")
+    environment = Environment(
+        loader=PackageLoader("amb_core", "report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    environment.globals |= {
+        "kind_of": lambda item: type(item).__name__,
+        "fragment": _fragment,
+        "embedded": _embedded,
+    }
+    page = environment.get_template("page.html.j2").render(
+        report=report,
+        style=Markup(STYLE + (Path(__file__).parent / "page.css").read_text(encoding="utf-8")),
+        script=Markup(get_plotlyjs()),
+        touch=Markup(TOUCH),
+    )
+    try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_text(page, encoding="utf-8")
+    except OSError as problem:
+        raise AmbError(f"report {path}: cannot be written: {problem.strerror}") from None
+
+
+def _fragment(chart: Chart) -> Markup:
+    return Markup(page_fragment(chart.page))
+
+
+def _embedded(picture: Picture) -> str:
+    """The image as a data URL."""
+    kind = mimetypes.guess_type(picture.path)[0] or "image/png"
+    try:
+        content = picture.path.read_bytes()
+    except OSError as problem:
+        raise AmbError(f"image {picture.path}: cannot be read: {problem.strerror}") from None
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
