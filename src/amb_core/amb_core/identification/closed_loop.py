@@ -59,7 +59,7 @@ def simulate_closed_loop(
     gains, state = pack_gains(controller), np.zeros(STATE_SIZE)
     if first_current is not None and len(reference):
         output = model.c @ model.initial_state + model.output_offset
-        _recall(state, gains, controller, output, reference[0], first_current)
+        recall(state, gains, controller, output, reference[0], first_current)
     stopped = _simulate(
         model.a, model.b, model.c, model.input_offset, model.output_offset, model.initial_state.copy(),
         np.empty(model.order), gains, state, reference, position, current,
@@ -107,7 +107,7 @@ def _check(model: StateSpaceModel, controller: ControllerParameters) -> None:
         )
 
 
-def _recall(
+def recall(
     state: NDArray[np.float64],
     gains: NDArray[np.float64],
     controller: ControllerParameters,

@@ -59,7 +59,7 @@ def fit_input_matrix(
     n, m = len(a), inputs.shape[1]
     f, c = np.ascontiguousarray(a - k @ c), np.ascontiguousarray(c)
     unexplained = innovations(a, np.zeros((n, m)), c, k, np.zeros(n), inputs, outputs, lengths)
-    factors = [_experiment_factor(f, c, inputs[part], unexplained[part]) for part in experiments(len(inputs), lengths)]
+    factors = [experiment_factor(f, c, inputs[part], unexplained[part]) for part in experiments(len(inputs), lengths)]
     # The first rows of a factor hold an experiment's x[0]; whatever B is, they can be met. The others are for B alone.
     rows = np.vstack([factor[n:, n:] for factor in factors])
     solution, _, _, singular_values = linalg.lstsq(rows[:, :-1], rows[:, -1])
@@ -75,7 +75,7 @@ def experiments(steps: int, lengths: Sequence[int] | None) -> list[slice]:
     return [slice(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
 
 
-def _experiment_factor(
+def experiment_factor(
     f: NDArray[np.float64], c: NDArray[np.float64], inputs: NDArray[np.float64], unexplained: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Triangular factor of the derivatives of yhat by x[0] and vec(B), and of what they are to explain."""

@@ -1,0 +1,88 @@
+"""Least squares by Gauss-Newton with Levenberg-Marquardt damping, over points that need not be vectors.
+
+Sources: J. Nocedal and S. Wright, Numerical Optimization, 2nd ed., Springer, 2006, section 10.3; H. B. Nielsen, Damping
+parameter in Marquardt's method, report IMM-REP-1999-05, Technical University of Denmark, 1999.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+_FIRST_DAMPING = 0.01  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix
+_REDUNDANT = 1e-6  # singular value of a direction, relative to the largest, below which it is lost in rounding
+_LEAST_DAMPING = 1e-12  # likewise; redundant directions need some
+
+Point = TypeVar("Point")
+Arrays = NDArray[np.float64]
+
+
+def minimise(
+    start: Point,
+    squares: Callable[[Point], float],
+    linearise: Callable[[Point], tuple[Arrays, Arrays]],
+    move: Callable[[Point, Arrays], Point | None],
+    progress: Callable[[int, float], None] | None = None,
+    most_iterations: int = 30,
+    least_gain: float = 1e-5,
+) -> Point:
+    """The point with the least sum of squared errors that is found from `start` on, never a worse one.
+
+    Parameters
+    ----------
+    start : Point
+        Where to start; `squares` must be finite there.
+    squares : callable
+        Sum of squared errors at a point, infinite where it is not allowed.
+    linearise : callable
+        Derivatives, shape (rows, parameters), of what is subtracted to give the errors, and the errors, shape (rows,),
+        both in any orthonormal coordinates of the errors.
+    move : callable
+        The point after a step of shape (parameters,); None where there is no such point.
+    progress : callable, optional
+        Called as progress(iteration, sum of squares) at the start, as iteration 0, and after every step tried. What it
+        raises ends the search.
+    most_iterations : int
+        Steps tried, taken or not.
+    least_gain : float
+        Relative decrease of the sum of squares, as promised by the linearisation, at which the search ends.
+    """
+    point, cost, damping, growth = start, squares(start), _FIRST_DAMPING, 2.0
+    sensitivity, errors = linearise(point)
+    for iteration in range(most_iterations):
+        if progress is not None:
+            progress(iteration, cost)
+        step, promised, possible = damped_step(sensitivity, errors, damping)
+        if not possible >= least_gain:
+            break
+        trial = move(point, step)
+        trial_cost = np.inf if trial is None else squares(trial)
+        if trial is None or not trial_cost < cost:
+            damping, growth = damping * growth, 2.0 * growth
+            continue
+        kept = (1.0 - trial_cost / cost) / promised  # share of the promise
+        damping, growth = max(damping * max(0.1, 1.0 - (2.0 * kept - 1.0) ** 3), _LEAST_DAMPING), 2.0
+        point, cost = trial, trial_cost
+        sensitivity, errors = linearise(point)
+    return point
+
+
+def damped_step(sensitivity: Arrays, errors: Arrays, damping: float) -> tuple[Arrays, float, float]:
+    """Levenberg-Marquardt step, and the decrease of the sum of squares promised by it and without damping, relative.
+
+    Damping is relative to the largest eigenvalue of the Gauss-Newton matrix of parameters of equal effect.
+    """
+    scale = np.linalg.norm(sensitivity, axis=0)
+    scale = np.maximum(scale, 1e-8 * scale.max() + np.finfo(float).tiny)
+    left, singular, right = linalg.svd(sensitivity / scale, full_matrices=False, check_finite=False)
+    along = left.T @ errors
+    level = damping * singular[0] ** 2
+    step = right.T @ (singular / (singular**2 + level) * along) / scale
+    kept = level / (singular**2 + level)  # share of the errors that stays, per direction
+    total = float(np.sum(errors**2))
+    certain = singular > _REDUNDANT * singular[0]
+    return step, float(np.sum((1.0 - kept**2) * along**2)) / total, float(np.sum(along[certain] ** 2)) / total

@@ -1,0 +1,71 @@
+"""The Kalman gain of a model whose A, B and C are given: the one with the smallest one-step prediction errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from amb_core.identification.levenberg_marquardt import minimise
+from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.predictor import experiment_factor, innovations, kalman_gain
+from amb_core.records import LoopRecord
+
+_LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
+
+Arrays = NDArray[np.float64]
+
+
+def fit_kalman_gain(model: StateSpaceModel, records: list[LoopRecord], initial_states: Arrays) -> StateSpaceModel:
+    """The model with K and the covariance of the innovations estimated anew, everything else as it is.
+
+    Errors are weighted by the inverse of their covariance with the gain at the start: the model's own K where that
+    makes a stable predictor, otherwise the Kalman filter's for the same noise.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Gives A, B, C, offsets, and K and the covariance of the innovations to start from.
+    records : list of LoopRecord
+        The data, signals as measured.
+    initial_states : ndarray, shape (records, n)
+        State at the first sample of each.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no gain that makes a stable predictor.
+    """
+    inputs = np.vstack([record.current for record in records]) - model.input_offset
+    outputs = np.vstack([record.position for record in records]) - model.output_offset
+    lengths = [record.steps for record in records]
+    parts = np.split(np.arange(len(inputs)), np.cumsum(lengths)[:-1])
+    noise = model.innovation_covariance
+    first = kalman_gain(model.a, model.c, model.k @ noise @ model.k.T, noise, model.k @ noise)
+
+    def errors_of(k: Arrays) -> Arrays:
+        return innovations(model.a, model.b, model.c, k, initial_states, inputs, outputs, lengths)
+
+    errors = errors_of(first)
+    weight = np.linalg.inv(linalg.cholesky(errors.T @ errors / len(errors), lower=True))
+
+    def squares(k: Arrays) -> float:
+        return float(np.sum((errors_of(k) @ weight.T) ** 2))
+
+    def linearise(k: Arrays) -> tuple[Arrays, Arrays]:
+        f, errors = model.a - k @ model.c, errors_of(k)
+        # K acts on the errors as an input matrix does on inputs.
+        factors = [experiment_factor(f, weight @ model.c, errors[part], errors[part] @ weight.T) for part in parts]
+        rows = np.vstack([factor[:, model.order :] for factor in factors])
+        return rows[:, :-1], rows[:, -1]
+
+    def move(k: Arrays, step: Arrays) -> Arrays | None:
+        moved = k + step.reshape(k.T.shape).T
+        radius = float(np.max(np.abs(np.linalg.eigvals(model.a - moved @ model.c))))
+        return moved if radius < _LARGEST_RADIUS else None
+
+    k = minimise(first, squares, linearise, move)
+    errors = errors_of(k)
+    return replace(model, k=k, innovation_covariance=errors.T @ errors / len(errors))
