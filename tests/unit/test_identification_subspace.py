@@ -61,8 +61,9 @@ def test_a_model_of_a_linear_bearing_is_nearly_perfect_in_closed_loop(
     assert result.model.method == method
     assert np.all(result.model.fit > 99.9)
     assert result.stable
-    assert result.simulation is not None
-    assert result.simulation.steps == result.record.steps
+    (simulation,) = result.simulations
+    assert simulation is not None
+    assert simulation.steps == result.data.samples
 
 
 @pytest.mark.parametrize("kind", ["multisine", "prbs", "white_noise", "sweep"])
@@ -146,8 +147,9 @@ def test_an_order_too_low_for_the_plant_gives_a_bad_fit_and_no_error(
 def test_an_order_that_does_not_suit_the_data_is_refused(
     bearing: LinearBearing, order: int, steps: int, message: str
 ) -> None:
+    record = bearing.experiment().window(0, steps)
     with pytest.raises(IdentificationError, match=message):
-        identify(bearing.experiment().window(0, steps), order, "n4sid")
+        n4sid(record.current, record.position, record.sample_time, order, round(1.2 * order) or 1)
 
 
 def test_block_rows_must_exceed_the_order(bearing: LinearBearing) -> None:
@@ -163,16 +165,17 @@ def test_an_unknown_method_is_refused(bearing: LinearBearing) -> None:
         identify(bearing.experiment(), method="magic")
 
 
-@pytest.mark.parametrize("name", ["reference", "position", "current"])
+@pytest.mark.parametrize(("name", "kind"), [("current", "input"), ("position", "output")])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_samples_that_are_not_finite_are_refused_with_their_step(
-    bearing: LinearBearing, name: str, value: float
+def test_samples_that_are_not_finite_are_refused_with_their_place(
+    bearing: LinearBearing, name: str, kind: str, value: float
 ) -> None:
-    record = bearing.experiment().window(1_000, 5_000)
+    record = bearing.experiment()
     samples = getattr(record, name).copy()
     samples[[700, 900], 1] = value
-    with pytest.raises(IdentificationError, match=f"{name} is not finite at step 1700: "):
-        identify(replace(record, **{name: samples}))
+    record = replace(record, **{name: samples})
+    with pytest.raises(IdentificationError, match=f"{kind} is not finite at sample 700: "):
+        n4sid(record.current, record.position, record.sample_time)
 
 
 @pytest.mark.parametrize(("name", "kind"), [("current", "input"), ("position", "output")])
@@ -182,8 +185,9 @@ def test_a_constant_signal_is_refused_with_its_axis(
 ) -> None:
     samples = getattr(bearing.experiment(), name).copy()
     samples[:, axis] = 1.5
+    record = replace(bearing.experiment(), **{name: samples})
     with pytest.raises(IdentificationError, match=f"{kind} of axis {letter} is constant at 1.5"):
-        identify(replace(bearing.experiment(), **{name: samples}))
+        n4sid(record.current, record.position, record.sample_time)
 
 
 def test_parameters_and_dispatch_know_the_same_methods() -> None:
@@ -225,4 +229,4 @@ def test_degenerate_data_are_refused_in_one_line_or_give_a_finite_model(
 def test_inputs_that_cannot_be_told_apart_are_refused(bearing: LinearBearing) -> None:
     record = bearing.experiment()
     with pytest.raises(IdentificationError, match=r"not independent .* excite the axes independently"):
-        identify(replace(record, current=record.current[:, [0, 0]]), 6, "n4sid")
+        n4sid(record.current[:, [0, 0]], record.position, record.sample_time, 6)

@@ -47,7 +47,7 @@ def identify(
         result.model.save(out)
         console.print(f"model: {out}")
     if figures is not None:
-        save_loop_figures(figures, record, result.simulation)
+        save_loop_figures(figures, record, result.simulations[0])
         console.print(f"response and orbit, .png and .html: {figures}")
 
 
@@ -57,7 +57,7 @@ def _summary(result: Identification) -> Table:
     from rich.table import Table
 
     model = result.model
-    first, last = result.record.first_step, result.record.first_step + result.record.steps - 1
+    first, last = result.data.experiments[0].first_step, result.data.experiments[0].stop - 1
     unstable = model.unstable_poles()
     table = Table("quantity", "value", title=f"{model.method} from {model.source}")
     table.add_row("order", str(model.order))

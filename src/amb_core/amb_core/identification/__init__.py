@@ -8,22 +8,29 @@ from amb_core.identification.closed_loop import closed_loop_poles, simulate_clos
 from amb_core.identification.conversion import to_continuous, to_predictor, to_scipy
 from amb_core.identification.cva import cva
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.identify import METHODS, Identification, Method, identify
+from amb_core.identification.identify import Focus, Identification, identify
+from amb_core.identification.methods import METHODS, Method
 from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.order_selection import OrderSelection, select_order
 from amb_core.identification.pbsid import pbsid
 from amb_core.identification.pem import pem
+from amb_core.identification.progress import IdentificationProgress
 from amb_core.identification.reduction import Reduction, reduce_balanced
 from amb_core.identification.ssarx import ssarx
 from amb_core.identification.subspace import n4sid
-from amb_core.identification.validation import nrmse_fit
+from amb_core.identification.validation import Validation, nrmse_fit, validate
 
 __all__ = [
     "METHODS",
+    "Focus",
     "Identification",
     "IdentificationData",
+    "IdentificationProgress",
     "Method",
+    "OrderSelection",
     "Reduction",
     "StateSpaceModel",
+    "Validation",
     "closed_loop_poles",
     "cva",
     "identify",
@@ -32,9 +39,11 @@ __all__ = [
     "pbsid",
     "pem",
     "reduce_balanced",
+    "select_order",
     "simulate_closed_loop",
     "ssarx",
     "to_continuous",
     "to_predictor",
     "to_scipy",
+    "validate",
 ]

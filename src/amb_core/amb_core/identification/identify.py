@@ -1,10 +1,9 @@
-"""One call from a record of the loop to a validated model."""
+"""One call from data of the closed loop to a validated model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -12,44 +11,18 @@ from numpy.typing import NDArray
 
 from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
-from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles, simulate_closed_loop
-from amb_core.identification.cva import cva
+from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles
+from amb_core.identification.data import DataReport, IdentificationData, check_data
+from amb_core.identification.experiment_simulation import simulate_experiment
+from amb_core.identification.methods import METHODS, estimate
 from amb_core.identification.model import StateSpaceModel
-from amb_core.identification.pbsid import pbsid
-from amb_core.identification.pem import pem
-from amb_core.identification.ssarx import ssarx
-from amb_core.identification.subspace import n4sid_horizons
+from amb_core.identification.order_selection import OrderSelection, select_order
+from amb_core.identification.progress import Cancelled, Progress, Watch
+from amb_core.identification.scaled_data import check_order
 from amb_core.identification.validation import nrmse_fit
 from amb_core.records import LoopRecord
 
-
-def _one(
-    method: Callable[..., StateSpaceModel],
-    inputs: NDArray[np.float64],
-    outputs: NDArray[np.float64],
-    sample_time: float,
-    order: int,
-    source: str,
-) -> list[StateSpaceModel]:
-    return [method(inputs, outputs, sample_time, order, source=source)]
-
-
-def _pem(
-    inputs: NDArray[np.float64], outputs: NDArray[np.float64], sample_time: float, order: int, source: str
-) -> list[StateSpaceModel]:
-    return [pem(inputs, outputs, ssarx(inputs, outputs, sample_time, order), source=source)]
-
-
-Method = Literal["pem", "ssarx", "pbsid", "cva", "n4sid", "moesp"]
-# A method answers with one or more models of the order asked for.
-METHODS: dict[str, Callable[..., list[StateSpaceModel]]] = {
-    "pem": _pem,
-    "ssarx": partial(_one, ssarx),
-    "pbsid": partial(_one, pbsid),
-    "cva": partial(_one, cva),
-    "n4sid": partial(n4sid_horizons, method="n4sid"),
-    "moesp": partial(n4sid_horizons, method="moesp"),
-}
+Focus = Literal["prediction", "simulation"]
 
 
 @dataclass(frozen=True)
@@ -60,43 +33,61 @@ class Identification:
     ----------
     model : StateSpaceModel
         The model, with `fit` filled in.
-    record : LoopRecord
+    data : IdentificationData
         The data.
-    simulation : LoopRecord or None
-        The model in closed loop with the known controller under the same reference; None where that diverges.
-    closed_loop_poles : ndarray
-        Poles in the z plane of model and controller, largest magnitude first.
+    report : DataReport
+        What the checks found in the data, errors aside, which are refused.
+    order_selection : OrderSelection or None
+        How the order was chosen; None where it was given.
+    simulations : tuple of (LoopRecord or None)
+        The model in closed loop with the known controller, for each experiment; None where the reference is not known
+        or the simulation diverges.
+    closed_loop_poles : ndarray or None
+        Poles in the z plane of model and controller, largest magnitude first; None for data of something else than
+        the bearing's loop.
     """
 
     model: StateSpaceModel
-    record: LoopRecord
-    simulation: LoopRecord | None
-    closed_loop_poles: NDArray[np.complex128]
+    data: IdentificationData
+    report: DataReport
+    order_selection: OrderSelection | None
+    simulations: tuple[LoopRecord | None, ...]
+    closed_loop_poles: NDArray[np.complex128] | None
 
     @property
     def stable(self) -> bool:
-        """Whether all closed-loop poles lie inside the unit circle."""
-        return bool(np.all(np.abs(self.closed_loop_poles) < 1.0))
+        """Whether model and controller make a stable loop; False where there is no such loop."""
+        return self.closed_loop_poles is not None and bool(np.all(np.abs(self.closed_loop_poles) < 1.0))
 
     @property
     def summary(self) -> str:
         """One line for people."""
         fit = ", ".join(
-            f"{name} {value:.2f} %" for name, value in zip(self.model.output_names, self.model.fit, strict=True)
+            f"{name} {value:.2f} %"
+            for name, value in zip(self.model.output_names, self.model.fit, strict=False)  # empty where not validated
         )
         unstable = len(self.model.unstable_poles())
-        return (
-            f"{self.model.method}, order {self.model.order}, {self.model.samples} samples: closed-loop fit {fit}; "
-            f"{unstable} unstable plant poles; closed loop {'stable' if self.stable else 'unstable'}"
-        )
+        parts = [
+            f"{self.model.method}, order {self.model.order}, {self.model.samples} samples: "
+            + (f"closed-loop fit {fit}" if fit else "no reference to simulate the closed loop with"),
+            f"{unstable} unstable plant poles",
+        ]
+        if self.closed_loop_poles is not None:
+            parts.append(f"closed loop {'stable' if self.stable else 'unstable'}")
+        return "; ".join(parts)
 
 
 def identify(
-    record: LoopRecord,
-    order: int = 10,
+    data: LoopRecord | IdentificationData,
+    order: int | Literal["auto"] = 10,
     method: str = "pem",
     controller: ControllerParameters | None = None,
     source: str = "",
+    *,
+    orders: Sequence[int] | None = None,
+    focus: Focus = "prediction",
+    progress: Progress | None = None,
+    cancelled: Cancelled | None = None,
 ) -> Identification:
     """Identify the plant from control currents and positions, and validate it in closed loop on the same data.
 
@@ -105,40 +96,106 @@ def identify(
 
     Parameters
     ----------
-    record : LoopRecord
-        Data of the closed loop.
-    order : int
-        Number of states.
+    data : LoopRecord or IdentificationData
+        Data of the closed loop, or of any other plant with two inputs and two outputs.
+    order : int or "auto"
+        Number of states; "auto" for the choice of `select_order`.
     method : str
         One of `METHODS`; `pem` starts from `ssarx`.
     controller : ControllerParameters, optional
         The controller of the experiment; the paper's by default.
     source : str
-        Where the data come from, kept in the model.
+        Where the data come from, kept in the model; by default the sources of the experiments.
+    orders : sequence of int, optional
+        The orders that "auto" tries.
+    focus : str
+        `prediction`, or `simulation` to lower the errors of the closed-loop simulation in the end.
+    progress : callable, optional
+        Called with an `IdentificationProgress` at every stage and iteration.
+    cancelled : callable, optional
+        Asked at every stage and iteration whether the identification has been called off.
 
     Raises
     ------
     IdentificationError
-        If the method is unknown, the order does not suit the data or the data determine no model.
+        If an argument is not allowed, the checks find errors in the data, the data determine no model, or the
+        identification is called off; one line that says why.
     """
     if method not in METHODS:
         raise IdentificationError(f"unknown method {method!r}; allowed: {', '.join(METHODS)}")
-    controller = controller or ControllerParameters()
-    _check_finite(record)
-    models = METHODS[method](record.current, record.position, record.sample_time, order, source=source)
-    return max((_validate(model, record, controller) for model in models), key=_quality)
+    if focus not in ("prediction", "simulation"):
+        raise IdentificationError(f"unknown focus {focus!r}; allowed: prediction, simulation")
+    if isinstance(order, str):
+        if order != "auto":
+            raise IdentificationError(f"order {order!r} is not allowed; allowed: a number or 'auto'")
+    else:
+        check_order(order)
+    if isinstance(data, LoopRecord):
+        data = IdentificationData.from_record(data)
+    source = source or "; ".join(dict.fromkeys(item.source for item in data.experiments if item.source))
+    controller = _controller(data, controller)
+    watch = Watch(progress, cancelled)
+    watch.tell("checks", 0, 1)
+    sample_time = None if controller is None else 1.0 / controller.sample_rate
+    report = check_data(data, 1 if isinstance(order, str) else order, sample_time=sample_time)
+    report.refuse_errors()
+    watch.tell("checks", 1, 1)
+    selection = None
+    if isinstance(order, str):
+        selection = select_order(data, orders, progress=progress, cancelled=cancelled)
+        order = selection.chosen
+    models = estimate(data, order, method, watch, source)
+    watch.tell("validation", 0, 1)
+    results = [_validate(model, data, controller, report, selection) for model in models]
+    watch.tell("validation", 1, 1)
+    return max(results, key=_quality)
 
 
-def _validate(model: StateSpaceModel, record: LoopRecord, controller: ControllerParameters) -> Identification:
-    poles = closed_loop_poles(model, controller)
-    # Data that start with the run start with the controller; in others its past shows in its first answer.
-    first_current = record.current[0] if record.first_step > 0 else None
+def _controller(data: IdentificationData, controller: ControllerParameters | None) -> ControllerParameters | None:
+    """The controller that the model is put in closed loop with; None for data of something else than that loop."""
+    if data.input_units == ("A", "A") and data.output_units == ("m", "m"):
+        return controller or ControllerParameters()
+    if controller is not None:
+        units = ", ".join(unit or "unknown" for unit in (*data.input_units, *data.output_units))
+        raise IdentificationError(
+            f"a controller from two positions in m to two currents in A does not suit data in {units}; "
+            "give the data their units, or no controller"
+        )
+    return None
+
+
+def _validate(
+    model: StateSpaceModel,
+    data: IdentificationData,
+    controller: ControllerParameters | None,
+    report: DataReport,
+    selection: OrderSelection | None,
+) -> Identification:
+    if controller is None:
+        return Identification(model, data, report, selection, (None,) * len(data.experiments), None)
+    known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
+    simulations: list[LoopRecord | None] = [None] * len(data.experiments)
+    fit = np.empty(0)
     try:
-        simulation = simulate_closed_loop(model, controller, record.reference, record.first_step, first_current)
+        for index in known:
+            simulations[index] = simulate_experiment(model, data, index, controller)
+        if known:
+            fit = _fit(data, simulations)
     except DivergenceError:
-        return Identification(replace(model, fit=np.full(2, -np.inf)), record, None, poles)
-    fit = nrmse_fit(record.position, simulation.position)
-    return Identification(replace(model, fit=fit), record, simulation, poles)
+        fit = np.full(len(model.c), -np.inf)
+    model = replace(model, fit=fit)
+    return Identification(model, data, report, selection, tuple(simulations), closed_loop_poles(model, controller))
+
+
+def _fit(data: IdentificationData, simulations: list[LoopRecord | None]) -> NDArray[np.float64]:
+    """NRMSE fit of all simulations together, each signal about its mean in its experiment (percent)."""
+    measured, modelled = [], []
+    for index, simulation in enumerate(simulations):
+        if simulation is not None:
+            position = data.record(index).position
+            measured.append(position - position.mean(axis=0))
+            modelled.append(simulation.position - position.mean(axis=0))
+    return nrmse_fit(np.vstack(measured), np.vstack(modelled))
 
 
 def _quality(result: Identification) -> tuple[bool, float, float]:
@@ -147,14 +204,4 @@ def _quality(result: Identification) -> tuple[bool, float, float]:
     The data come from a bounded loop, so a model whose loop drifts away, however slowly, is the worse one.
     """
     size = float(np.linalg.det(result.model.innovation_covariance))
-    return result.stable, float(np.min(result.model.fit)), -size
-
-
-def _check_finite(record: LoopRecord) -> None:
-    for name, samples in (("reference", record.reference), ("position", record.position), ("current", record.current)):
-        finite = np.isfinite(samples).all(axis=1)
-        if not finite.all():
-            index = int(np.argmin(finite))
-            raise IdentificationError(
-                f"{name} is not finite at step {record.first_step + index}: {samples[index].tolist()}"
-            )
+    return result.stable, float(np.min(result.model.fit, initial=np.inf)), -size

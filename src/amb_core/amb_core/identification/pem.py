@@ -26,7 +26,7 @@ from amb_core.identification.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.scaled_data import Samples, ScaledData
 
-_MOST_ITERATIONS = 22
+MOST_ITERATIONS = 22
 _MOST_EXPERIMENTS = 10  # each has a first state of its own, and time grows with their square
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
 _FIRST_DAMPING = 0.01  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix
@@ -40,7 +40,7 @@ def pem(
     outputs: Samples,
     start: StateSpaceModel,
     progress: Callable[[int, float], None] | None = None,
-    most_iterations: int = _MOST_ITERATIONS,
+    most_iterations: int = MOST_ITERATIONS,
     source: str = "",
 ) -> StateSpaceModel:
     """Improve a model until its one-step prediction errors on the data are as small as they get.
