@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from amb_bringup.commands import bag, demo, excitation, graph, identify, map, plant, regions, subharmonics
+from amb_bringup.commands import bag, demo, excitation, graph, identify, map, plant, regions, reproduce, subharmonics
 from amb_core.errors import AmbError
 
 app = typer.Typer(
@@ -22,6 +22,7 @@ app.command(context_settings={"allow_extra_args": True, "allow_interspersed_args
 app.command()(identify.identify)
 app.command("map")(map.region_map)
 app.command()(regions.regions)
+app.command()(reproduce.reproduce)
 app.command()(subharmonics.subharmonics)
 app.add_typer(bag.app, name="bag")
 app.add_typer(excitation.app, name="excitation")

@@ -72,17 +72,26 @@ def save_figure(folder: str | Path, name: str, figure: Figure, page: go.Figure) 
     try:
         folder.mkdir(parents=True, exist_ok=True)
         figure.savefig(image, metadata={"Title": title, "Description": alt}, pil_kwargs={"optimize": True})
-        document.write_text(
-            f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{html.escape(title)}</title>\n'
+    except OSError as problem:
+        raise AmbError(f"figure {name} in {folder}: cannot be written: {problem.strerror}") from None
+    write_page(folder, name, page)
+    return image, document
+
+
+def write_page(folder: Path, name: str, page: go.Figure) -> None:
+    """Write a page as name.html to a folder that exists; AmbError if it cannot be written."""
+    title = html.escape(page.layout.title.text)
+    try:
+        (folder / f"{name}.html").write_text(
+            f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{title}</title>\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             f'<style>{STYLE}</style>\n<script src="{SCRIPT}"></script>\n</head>\n<body>\n<main>\n'
-            f"<h1>{html.escape(title)}</h1>\n{page_fragment(page)}\n</main>\n<script>{TOUCH}</script>\n</body>\n</html>\n",
+            f"<h1>{title}</h1>\n{page_fragment(page)}\n</main>\n<script>{TOUCH}</script>\n</body>\n</html>\n",
             encoding="utf-8",
         )
         write_script(folder)
     except OSError as problem:
-        raise AmbError(f"figure {name} in {folder}: cannot be written: {problem.strerror}") from None
-    return image, document
+        raise AmbError(f"page {name} in {folder}: cannot be written: {problem.strerror}") from None
 
 
 def write_script(folder: Path) -> None:

@@ -1,0 +1,69 @@
+"""`amb reproduce`: the paper's figures and claims on the simulator, as a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from amb_bringup.paper.campaign import CampaignProgress
+    from amb_bringup.paper.study import StudyResult
+
+
+def reproduce(
+    only: Annotated[
+        list[str] | None, typer.Option(help="Only this study, such as fig3, and no report; may be repeated.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for report, figures and claims.", file_okay=False)] = Path(
+        "results/paper"
+    ),
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a running dask scheduler, tcp://host:port; by default, this machine.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Number of processes, by default one for each core.")] = None,
+) -> None:
+    """Redo every figure and claim of the paper on the simulator; finished studies are kept and not run again."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from amb_bringup.commands.results import make_folder
+    from amb_bringup.paper.campaign import run_campaign
+    from amb_bringup.paper.output import write_figures, write_paper
+    from amb_bringup.paper.studies import STUDIES, studies_named
+
+    console = Console()
+    studies = studies_named(only) if only else STUDIES
+    make_folder(out)
+    bar = Progress(
+        TextColumn("{task.description:24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+    )
+    with bar:
+        task = bar.add_task("studies", total=len(studies))
+
+        def show(progress: CampaignProgress) -> None:
+            bar.update(task, completed=progress.done, description=f"studies: {progress.last or 'starting'}")
+
+        results = run_campaign(studies, scheduler=scheduler, workers=workers, progress=show)
+    console.print(_claims(results))
+    if only:
+        write_figures(out, results)
+        console.print(f"figures as .png and .html: {out}")
+    else:
+        write_paper(out, results)
+        console.print(f"index.html, claims.json, figures as .png and .html: {out}")
+
+
+def _claims(results: dict[str, StudyResult]) -> Table:
+    from rich.table import Table
+
+    table = Table("paper", "claim", "finding", "verdict", title="The paper's claims on the simulator")
+    colours = {"agrees": "green", "agrees in part": "yellow", "does not agree": "red"}
+    for result in results.values():
+        for claim in result.claims:
+            verdict = f"[{colours[claim.verdict]}]{claim.verdict}[/]"
+            table.add_row(claim.paper_figure, claim.id, claim.finding, verdict)
+    return table

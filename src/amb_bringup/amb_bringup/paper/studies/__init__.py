@@ -1,0 +1,20 @@
+"""The studies, in the order of the paper."""
+
+from collections.abc import Sequence
+
+from amb_bringup.paper.studies.sweep_two_axes import TwoAxisSweep
+from amb_bringup.paper.study import Study, StudyError
+
+STUDIES: tuple[Study, ...] = (TwoAxisSweep(),)
+
+HEADLINE = "fig3"
+"""Name of the figure that opens the report."""
+
+
+def studies_named(names: Sequence[str]) -> tuple[Study, ...]:
+    """Studies by name; StudyError if there is none of a name."""
+    known = {study.name: study for study in STUDIES}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise StudyError(f"no study {unknown[0]!r}; the studies are {', '.join(known)}")
+    return tuple(known[name] for name in names)

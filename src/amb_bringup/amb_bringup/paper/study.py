@@ -1,0 +1,154 @@
+"""A study: what it takes to redo one figure or claim of the paper, and what comes out of it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import inspect
+import io
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from amb_core.errors import AmbError
+from amb_core.figures.chart import Chart
+from amb_core.figures.matplotlib_figure import draw_figure
+from amb_core.figures.plotly_page import draw_page
+from amb_core.report import Answer
+from amb_core.tasks import Task
+from amb_core.tasks.provenance import code_version
+
+
+class StudyError(AmbError):
+    """A study is unknown or has failed, or its results cannot be written."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement of the paper next to what the simulator shows.
+
+    Attributes
+    ----------
+    id : str
+        Short name, of letters, digits and hyphens.
+    paper_figure : str
+        Figure, equation or section of the paper.
+    statement : str
+        What the paper says, in our words.
+    finding : str
+        What we got, with numbers of this run.
+    verdict : Answer
+        Whether both agree.
+    reason : str
+        Why they do not, or only in part; empty where they agree and nothing need be said.
+    figure : str
+        Name of our figure that shows it.
+    """
+
+    id: str
+    paper_figure: str
+    statement: str
+    finding: str
+    verdict: Answer
+    reason: str = ""
+    figure: str = ""
+
+
+@dataclass(frozen=True)
+class DrawnFigure:
+    """A figure, drawn: as PNG, and as the JSON of a plotly figure."""
+
+    name: str
+    title: str
+    png: bytes
+    page: str
+
+    @classmethod
+    def of(cls, name: str, chart: Chart) -> DrawnFigure:
+        """Draw a chart both ways."""
+        page = draw_page(chart)
+        image = io.BytesIO()
+        draw_figure(chart).savefig(
+            image,
+            format="png",
+            metadata={"Title": chart.title, "Description": chart.alt},
+            pil_kwargs={"optimize": True},
+        )
+        return cls(name, chart.title, image.getvalue(), page.to_json())
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What came out of a study.
+
+    Attributes
+    ----------
+    figures : sequence of DrawnFigure
+        In the order in which the report shows them.
+    claims : sequence of Claim
+        Likewise.
+    parameters : mapping of str to str
+        What the experiment was, by name, with units.
+    notes : sequence of str
+        Paragraphs for the report: what a reader must know to judge the figures.
+    """
+
+    figures: Sequence[DrawnFigure]
+    claims: Sequence[Claim]
+    parameters: Mapping[str, str] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+
+
+class Study(Task[StudyResult]):
+    """Redoes a figure or claim of the paper. Studies have no parameters: those of the paper are in their code.
+
+    Attributes
+    ----------
+    name : str
+        Short name, of letters, digits and hyphens; different for each study.
+    heading : str
+        Heading of its section in the report.
+    parallel : bool
+        Whether it runs on a worker of the cluster; otherwise in the program itself, which may use the cluster or ROS.
+    """
+
+    name: ClassVar[str]
+    heading: ClassVar[str]
+    parallel: ClassVar[bool] = True
+
+    @abstractmethod
+    def run(self) -> StudyResult:
+        """Run the experiments, draw the figures, judge the claims."""
+
+    def describe(self) -> dict[str, Any]:
+        """Name and versions: of the whole library, and of the modules of the study."""
+        modules = hashlib.sha256()
+        for kind in (type(self), Study):
+            modules.update(Path(inspect.getfile(kind)).read_bytes())
+        return {"study": self.name, "library": code_version(("",)), "modules": modules.hexdigest()}
+
+    @staticmethod
+    def to_json(result: StudyResult, /) -> dict[str, Any]:
+        """A result as JSON values."""
+        figures = [
+            {"name": one.name, "title": one.title, "png": base64.b64encode(one.png).decode(), "page": one.page}
+            for one in result.figures
+        ]
+        return {
+            "figures": figures,
+            "claims": [asdict(claim) for claim in result.claims],
+            "parameters": dict(result.parameters),
+            "notes": list(result.notes),
+        }
+
+    @staticmethod
+    def from_json(entry: dict[str, Any], /) -> StudyResult:
+        """The result that `to_json` wrote."""
+        figures = [
+            DrawnFigure(one["name"], one["title"], base64.b64decode(one["png"]), one["page"])
+            for one in entry["figures"]
+        ]
+        claims = [Claim(**claim) for claim in entry["claims"]]
+        return StudyResult(figures, claims, entry["parameters"], entry["notes"])

@@ -1,0 +1,72 @@
+"""Studies run, are kept, and are not run again; a study that fails does not cost the others."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from amb_bringup.paper.campaign import run_campaign
+from amb_bringup.paper.studies import STUDIES, studies_named
+from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyError, StudyResult
+from amb_core.errors import RegionError
+from amb_core.figures.chart import Axis, Chart, Curve, Panel
+from amb_core.figures.style import PLANT
+
+
+class Drawing(Study):
+    """Draws a line in this process, and counts how often."""
+
+    name = "drawing"
+    heading = "A line"
+    parallel = False
+    runs: ClassVar[int] = 0
+
+    def run(self) -> StudyResult:
+        type(self).runs += 1
+        curve = Curve(np.arange(3.0), np.arange(3.0), "line", PLANT)
+        chart = Chart("A line", "It rises.", (Panel(Axis("x (m)"), Axis("y (m)"), (curve,)),))
+        claim = Claim("rises", "Fig. 0", "It rises.", "from 0 to 2 m", "agrees", figure="line")
+        return StudyResult([DrawnFigure.of("line", chart)], [claim], {"steps": "3"}, ["A note."])
+
+
+class Failing(Study):
+    name = "failing"
+    heading = "Nothing"
+    parallel = False
+
+    def run(self) -> StudyResult:
+        raise RegionError("the rotor fell")
+
+
+def test_a_finished_study_is_read_from_the_disk_as_it_was(tmp_path: Path) -> None:
+    Drawing.runs = 0
+    first = run_campaign([Drawing()], cache=tmp_path)
+    progress = []
+    again = run_campaign([Drawing()], cache=tmp_path, progress=progress.append)
+    assert Drawing.runs == 1
+    assert again == first
+    assert [(step.done, step.reused) for step in progress] == [(1, 1)]
+
+
+def test_others_are_kept_when_a_study_fails(tmp_path: Path) -> None:
+    Drawing.runs = 0
+    with pytest.raises(StudyError, match="failing: the rotor fell"):
+        run_campaign([Failing(), Drawing()], cache=tmp_path)
+    run_campaign([Drawing()], cache=tmp_path)
+    assert Drawing.runs == 1
+
+
+def test_results_are_plain_json() -> None:
+    result = Drawing().run()
+    assert Study.from_json(json.loads(json.dumps(Study.to_json(result)))) == result
+
+
+def test_studies_have_names_of_their_own() -> None:
+    assert len({study.name for study in STUDIES}) == len(STUDIES)
+    assert len({study.heading for study in STUDIES}) == len(STUDIES)
+    with pytest.raises(StudyError, match="no study 'fig99'; the studies are"):
+        studies_named(["fig99"])
