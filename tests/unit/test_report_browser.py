@@ -1,0 +1,127 @@
+"""A report in a browser: it draws, answers to the pointer and the keyboard, and asks for nothing outside itself.
+
+Needs Chromium, as Debian packages it; without it these tests are left out.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from amb_core.figures import map_page, response_page
+from amb_core.records import LoopRecord
+from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap
+from amb_core.regions import Region
+from amb_core.report import Chart, Prose, Report, Section, Table, Verdict, write_report
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
+
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+
+
+def sweep(amplitude: float, drift: float, fall: float) -> MapSweep:
+    boundaries = {Region.B: Boundary(drift, False), Region.D: Boundary(fall, False)}
+    return MapSweep(amplitude, boundaries, (), fall, 1000)
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    region_map = RegionMap(
+        MapSettings(amplitude_low=10e-6, amplitude_high=100e-6),
+        (sweep(10e-6, 1000.0, 4000.0), sweep(100e-6, 60.0, 100.0)),
+    )
+    time = np.arange(2000.0)[:, np.newaxis] * np.ones(2)
+    record = LoopRecord(0, 1e-4, 0.0 * time, 1e-5 * np.sin(0.01 * time), 0.0 * time)
+    report = Report(
+        "Shaken too fast",
+        "What a bearing does then.",
+        [Chart(map_page(region_map))],
+        [
+            Section("Fig. 14: response", [Prose("A sine."), Chart(response_page(record), "Response")]),
+            Section(
+                "Claims", [Verdict("It moves.", "It does.", "agrees"), Table(("what", "value"), [("a", "1")], "One")]
+            ),
+        ],
+    )
+    path = tmp_path_factory.mktemp("report") / "index.html"
+    write_report(report, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    with playwright.sync_playwright() as driver:
+        with driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as chromium:
+            yield chromium
+
+
+class Visit:
+    """The page, opened, with everything that it complained of and asked for."""
+
+    def __init__(self, browser, document: Path, **options) -> None:
+        self.page = browser.new_page(**options)
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(document.as_uri())
+        self.page.wait_for_function("document.querySelectorAll('.plotly-graph-div .main-svg').length >= 4")
+
+
+@pytest.fixture(params=[{}, {"color_scheme": "dark"}, PHONE], ids=["light", "dark", "phone"])
+def visit(request, browser, document: Path) -> Iterator[Visit]:
+    visit = Visit(browser, document, **request.param)
+    yield visit
+    visit.page.close()
+
+
+def test_figures_are_drawn_without_complaints_and_without_a_request(visit: Visit, document: Path) -> None:
+    for chart in visit.page.query_selector_all(".plotly-graph-div"):
+        assert chart.query_selector_all(".trace path, .hm image")
+    assert visit.complaints == []
+    assert visit.requests == [document.as_uri()]
+
+
+def test_nothing_is_wider_than_the_screen(visit: Visit) -> None:
+    assert visit.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def test_text_stands_out_from_the_page(visit: Visit) -> None:
+    shades = visit.page.evaluate(
+        """() => [getComputedStyle(document.body).color, getComputedStyle(document.body).backgroundColor]
+            .map(text => text.match(/[0-9]+/g).slice(0, 3).reduce((sum, part) => sum + Number(part), 0) / 765)"""
+    )
+    assert abs(shades[0] - shades[1]) > 0.6
+
+
+def test_pointing_at_the_map_tells_amplitude_frequency_and_region(browser, document: Path) -> None:
+    visit = Visit(browser, document)
+    plot = visit.page.locator(".plotly-graph-div").first.locator(".nsewdrag").first
+    box = plot.bounding_box()
+    visit.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.8 * box["height"])
+    hover = visit.page.locator(".hoverlayer .hovertext").first
+    hover.wait_for()
+    text = hover.text_content()
+    assert "µm" in text and "Hz" in text and "A linear" in text
+    visit.page.close()
+
+
+def test_the_keyboard_reaches_content_links_and_tables(browser, document: Path) -> None:
+    visit = Visit(browser, document)
+    visit.page.keyboard.press("Tab")
+    assert visit.page.evaluate("document.activeElement.textContent") == "Skip to the content"
+    reached = set()
+    for _ in range(40):
+        visit.page.keyboard.press("Tab")
+        reached.add(
+            visit.page.evaluate("document.activeElement.getAttribute('href') || document.activeElement.tagName")
+        )
+    assert {"#fig-14-response", "#claims", "DIV", "SUMMARY"} <= reached
+    visit.page.close()
