@@ -8,6 +8,7 @@ from amb_core.identification.closed_loop import closed_loop_poles, simulate_clos
 from amb_core.identification.conversion import to_continuous, to_predictor, to_scipy
 from amb_core.identification.cva import cva
 from amb_core.identification.data import IdentificationData
+from amb_core.identification.frequency_response import FrequencyResponse, response_of
 from amb_core.identification.identify import Focus, Identification, identify
 from amb_core.identification.methods import METHODS, Method
 from amb_core.identification.model import StateSpaceModel
@@ -18,27 +19,32 @@ from amb_core.identification.progress import IdentificationProgress
 from amb_core.identification.reduction import Reduction, reduce_balanced
 from amb_core.identification.ssarx import ssarx
 from amb_core.identification.subspace import n4sid
+from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import Validation, nrmse_fit, validate
 
 __all__ = [
     "METHODS",
     "Focus",
+    "FrequencyResponse",
     "Identification",
     "IdentificationData",
     "IdentificationProgress",
     "Method",
+    "ModelUncertainty",
     "OrderSelection",
     "Reduction",
     "StateSpaceModel",
     "Validation",
     "closed_loop_poles",
     "cva",
+    "estimate_uncertainty",
     "identify",
     "n4sid",
     "nrmse_fit",
     "pbsid",
     "pem",
     "reduce_balanced",
+    "response_of",
     "select_order",
     "simulate_closed_loop",
     "ssarx",

@@ -16,7 +16,7 @@ Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 1
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numba
@@ -60,18 +60,13 @@ class Modes:
             If pairs of modes are not independent, as those of a multiple eigenvalue may be.
         """
         n = len(f)
-        values, vectors = np.linalg.eig(f)
-        reals = np.flatnonzero(values.imag == 0.0)
-        reals = reals[np.argsort(-values[reals].real, kind="stable")]
-        bases = [np.column_stack([vectors[:, i].real, vectors[:, i].imag]) for i in np.flatnonzero(values.imag > 0.0)]
-        bases += [vectors[:, reals[i : i + 2]].real for i in range(0, len(reals), 2)]
-        basis = np.hstack([np.linalg.qr(columns)[0] for columns in bases])
-        f, c = np.linalg.solve(basis, f @ basis), c @ basis
+        basis = modal_basis(f, c)
+        f, c = np.asarray(np.linalg.solve(basis, f @ basis)), c @ basis
         blocks = (n + 1) // 2
         f, c = np.pad(f, (0, 2 * blocks - n)), np.pad(c, ((0, 0), (0, 2 * blocks - n)))
         m = np.array([f[i : i + 2, i : i + 2] for i in range(0, n, 2)])
         c = np.array([c[:, i : i + 2] for i in range(0, n, 2)])
-        return cls(m, c / np.maximum(np.linalg.norm(c, axis=(1, 2), keepdims=True), np.finfo(float).tiny), n)
+        return cls(m, c, n)
 
     @property
     def trace(self) -> NDArray[np.float64]:
@@ -138,6 +133,25 @@ class Fit:
         return f + k @ c, b, c, k, initial_states.T
 
 
+def modal_basis(f: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The coordinates of `Modes.of`: columns that span the pairs of modes of F, shape (n, n).
+
+    Within a pair they are orthogonal and of equal length, such that the pair's columns of C have norm 1.
+
+    Raises
+    ------
+    LinAlgError
+        If F has no finite eigenvalues.
+    """
+    values, vectors = np.linalg.eig(f)
+    reals = np.flatnonzero(values.imag == 0.0)
+    reals = reals[np.argsort(-values[reals].real, kind="stable")]
+    bases = [np.column_stack([vectors[:, i].real, vectors[:, i].imag]) for i in np.flatnonzero(values.imag > 0.0)]
+    bases += [vectors[:, reals[i : i + 2]].real for i in range(0, len(reals), 2)]
+    orthonormal = [np.linalg.qr(columns)[0] for columns in bases]
+    return np.hstack([columns / (float(np.linalg.norm(c @ columns)) or 1.0) for columns in orthonormal])
+
+
 def fit_gains(
     modes: Modes,
     inputs: NDArray[np.float64],
@@ -159,14 +173,8 @@ def fit_gains(
         Steps of each experiment; one experiment by default.
     """
     p, blocks = outputs.shape[1], len(modes.m)
-    factor = _factor(modes, inputs, outputs, experiments(len(inputs), lengths))
-    signals = factor[:, :-p].reshape(len(factor), blocks, 4, -1)
-    v, zv = signals[:, :, 0], signals[:, :, 1]
-    c = weight @ modes.c
-    # Columns: what each gain (block, state, channel) adds to the weighted outputs.
-    regressors = np.einsum("bia,rbj->irbaj", c, zv) - np.einsum("bia,rbj->irbaj", c @ modes.adjoint, v)
-    regressors = regressors.reshape(p * len(factor), -1)
-    targets = (weight @ factor[:, -p:].T).reshape(-1)
+    signals, targets = compressed(modes, inputs, outputs, weight, lengths)
+    regressors = gain_sensitivity(modes, signals, weight)
     scale = np.linalg.norm(regressors, axis=0)
     scale[scale == 0.0] = 1.0  # padding
     left, singular, right = linalg.svd(regressors / scale, full_matrices=False, check_finite=False)
@@ -175,15 +183,28 @@ def fit_gains(
     along = left.T @ targets
     gains = (right.T @ (along / singular) / scale).reshape(blocks, 2, -1)
     errors = targets - left @ along
-    sensitivity = _sensitivity(modes, gains, signals, weight)
+    sensitivity = mode_sensitivity(modes, gains, signals, weight)
     unweighted = np.linalg.solve(weight, errors.reshape(p, -1))
     return Fit(modes, gains, unweighted @ unweighted.T, errors, sensitivity - left @ (left.T @ sensitivity))
 
 
-def _sensitivity(
+def gain_sensitivity(modes: Modes, signals: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Derivatives of the weighted predictions by the gains (block, state, channel), shape (p * rows, gains).
+
+    `signals` has shape (rows, blocks, 4, channels); any rows that depend linearly on the filters' signals will do.
+    """
+    v, zv, c = signals[:, :, 0], signals[:, :, 1], weight @ modes.c
+    by_gain = np.einsum("bia,rbj->irbaj", c, zv) - np.einsum("bia,rbj->irbaj", c @ modes.adjoint, v)
+    return np.asarray(by_gain.reshape(len(weight) * len(signals), -1))
+
+
+def mode_sensitivity(
     modes: Modes, gains: NDArray[np.float64], signals: NDArray[np.float64], weight: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Derivatives of the weighted predictions by the entries of `modes.m`, then `modes.c`, the gains held."""
+    """Derivatives of the weighted predictions by the entries of `modes.m`, then `modes.c`, the gains held.
+
+    Rows are those of `gain_sensitivity`.
+    """
     v, zv, s, zs = (signals[:, :, kind] for kind in range(4))
     adjoint, c = modes.adjoint, weight @ modes.c
     trace, determinant = modes.trace[:, np.newaxis, np.newaxis], modes.determinant[:, np.newaxis, np.newaxis]
@@ -204,13 +225,32 @@ def _sensitivity(
     return np.hstack([by_m.reshape(rows, -1), np.einsum("il,rba->irbla", weight, by_c).reshape(rows, -1)])
 
 
-def _factor(
-    modes: Modes, inputs: NDArray[np.float64], outputs: NDArray[np.float64], parts: list[slice]
-) -> NDArray[np.float64]:
-    """Triangular factor of the filters' signals (block, kind, channel) and the outputs, over the root of the steps."""
-    steps, measured = len(inputs), inputs.shape[1] + outputs.shape[1]
-    w = np.hstack([inputs, outputs, np.zeros((steps, len(parts)))])
-    triangle = np.zeros((0, len(modes.m) * 4 * w.shape[1] + outputs.shape[1]))
+def compressed(
+    modes: Modes,
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    lengths: Sequence[int] | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Triangular factor of the filters' signals and the weighted outputs, over the root of the steps.
+
+    Shapes (rows, blocks, 4, channels) and (p * rows,), the latter one output after the other.
+    """
+    p, triangle = outputs.shape[1], np.zeros((0, 0))
+    for part, signals in filtered(modes, inputs, outputs, experiments(len(inputs), lengths)):
+        block = np.hstack([signals.reshape(len(signals), -1), outputs[part]])
+        # NumPy's is a third faster than SciPy's.
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, block]) if triangle.size else block, mode="r"))
+    triangle = triangle / math.sqrt(len(inputs))
+    return triangle[:, :-p].reshape(len(triangle), len(modes.m), 4, -1), (weight @ triangle[:, -p:].T).reshape(-1)
+
+
+def filtered(
+    modes: Modes, inputs: NDArray[np.float64], outputs: NDArray[np.float64], parts: Sequence[slice]
+) -> Iterator[tuple[slice, NDArray[np.float64]]]:
+    """Samples and the filters' signals at them, shape (steps, blocks, 4, channels), in blocks of the experiments."""
+    measured = inputs.shape[1] + outputs.shape[1]
+    w = np.hstack([inputs, outputs, np.zeros((len(inputs), len(parts)))])
     for index, experiment in enumerate(parts):
         state = np.zeros((len(modes.m), 4, w.shape[1]))
         state[:, 1, measured + index] = 1.0  # z v of the impulse one step before the first sample
@@ -218,9 +258,7 @@ def _factor(
             part = slice(start, min(start + _BLOCK, experiment.stop))
             signals = np.empty((len(w[part]), *state.shape))
             _filter(modes.trace, modes.determinant, w[part], state, signals)
-            rows = np.vstack([triangle, np.hstack([signals.reshape(len(signals), -1), outputs[part]])])
-            triangle = np.asarray(np.linalg.qr(rows, mode="r"))  # NumPy's is a third faster than SciPy's
-    return triangle / math.sqrt(steps)
+            yield part, signals
 
 
 @numba.njit(cache=True)

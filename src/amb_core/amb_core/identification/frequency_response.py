@@ -1,0 +1,206 @@
+"""Frequency responses, of models and measured, with what is known of their accuracy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.model import StateSpaceModel
+
+LEVEL = 0.99
+"""Confidence of bands unless another is asked for."""
+
+_ENTRIES_AT_ONCE = 100_000  # of the matrices zI - A held at once
+_AT_NYQUIST = 1.0 + 1e-9  # a frequency is at the Nyquist frequency but for rounding
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """Response from m inputs to p outputs over frequency; arrays are read-only.
+
+    Attributes
+    ----------
+    frequency : ndarray, shape (f,)
+        Frequencies (Hz), ascending, not negative.
+    response : ndarray of complex, shape (f, p, m)
+        Output over input (m/A for the magnetic bearing).
+    label : str
+        What it is the response of, for legends.
+    magnitude_deviation : ndarray, shape (f, p, m), or None
+        Standard deviation of the magnitude, in the unit of the response.
+    phase_deviation : ndarray, shape (f, p, m), or None
+        Standard deviation of the phase (rad).
+    coherence : ndarray, shape (f, p), or None
+        Squared multiple coherence of each output with what excites the loop, 0 to 1.
+    input_names, output_names, input_units, output_units : tuple of str
+        Names and units of the signals.
+
+    Raises
+    ------
+    IdentificationError
+        If shapes do not fit together, the frequencies do not ascend or a value is not finite.
+    """
+
+    frequency: NDArray[np.float64]
+    response: NDArray[np.complex128]
+    label: str = ""
+    magnitude_deviation: NDArray[np.float64] | None = None
+    phase_deviation: NDArray[np.float64] | None = None
+    coherence: NDArray[np.float64] | None = None
+    input_names: tuple[str, ...] = ("i_x", "i_y")
+    output_names: tuple[str, ...] = ("x", "y")
+    input_units: tuple[str, ...] = ("A", "A")
+    output_units: tuple[str, ...] = ("m", "m")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency", checked_frequencies(self.frequency))
+        for name in ("input_names", "output_names", "input_units", "output_units"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        f, p, m = len(self.frequency), len(self.output_names), len(self.input_names)
+        self._freeze("response", (f, p, m), np.complex128)
+        for name in ("magnitude_deviation", "phase_deviation"):
+            if getattr(self, name) is not None:
+                self._freeze(name, (f, p, m), np.float64)
+        if self.coherence is not None:
+            self._freeze("coherence", (f, p), np.float64)
+        if len(self.input_units) != m or len(self.output_units) != p:
+            raise IdentificationError(f"{m} inputs and {p} outputs need as many units")
+
+    @property
+    def magnitude(self) -> NDArray[np.float64]:
+        """Magnitude, in the unit of the response, shape (f, p, m)."""
+        return np.abs(self.response)
+
+    @property
+    def phase(self) -> NDArray[np.float64]:
+        """Phase (rad), -pi to pi at the first frequency and continuous from there on, shape (f, p, m)."""
+        return np.unwrap(np.angle(self.response), axis=0)
+
+    def magnitude_band(self, level: float = LEVEL) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Lower and upper end of the magnitude at a confidence, shape (f, p, m); None where the deviation is unknown.
+
+        The logarithm of the magnitude is taken as normally distributed, so the lower end is positive.
+        """
+        if self.magnitude_deviation is None:
+            return None
+        magnitude = np.maximum(self.magnitude, np.finfo(float).tiny)
+        with np.errstate(over="ignore"):  # where the response is not known at all
+            factor = np.exp(normal_quantile(level) * self.magnitude_deviation / magnitude)
+        return magnitude / factor, magnitude * factor
+
+    def phase_band(self, level: float = LEVEL) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Lower and upper end of the phase (rad) at a confidence, shape (f, p, m); None where the deviation is unknown.
+
+        It is at most the whole circle, half of it to either side.
+        """
+        if self.phase_deviation is None:
+            return None
+        half = np.minimum(normal_quantile(level) * self.phase_deviation, np.pi)
+        return self.phase - half, self.phase + half
+
+    def _freeze(self, name: str, shape: tuple[int, ...], kind: type[np.generic]) -> None:
+        array = np.array(getattr(self, name), dtype=kind)
+        if array.shape != shape:
+            raise IdentificationError(f"'{name}' has shape {array.shape}; {shape} is needed")
+        if not np.all(np.isfinite(array)):
+            raise IdentificationError(f"'{name}' holds values that are not finite")
+        array.flags.writeable = False
+        object.__setattr__(self, name, array)
+
+
+def response_of(model: StateSpaceModel, frequencies: ArrayLike, label: str = "") -> FrequencyResponse:
+    """The frequency response of a model, C (z I - A)^-1 B + D at z = exp(2 pi i f T); it may be unstable.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The model.
+    frequencies : array_like, shape (f,)
+        Frequencies (Hz), ascending, from 0 to half the sample rate.
+    label : str
+        For legends; by default the method and the order.
+
+    Raises
+    ------
+    IdentificationError
+        If a frequency is not allowed, or the model has a pole at it.
+    """
+    frequency = checked_frequencies(frequencies, model.sample_time)
+    response = np.empty((len(frequency), *model.d.shape), dtype=np.complex128)
+    for part, by_state, _ in transfers(model, frequency):
+        response[part] = by_state @ model.b + model.d
+    return FrequencyResponse(
+        frequency,
+        response,
+        label or f"{model.method}, order {model.order}".lstrip(", "),
+        input_names=model.input_names,
+        output_names=model.output_names,
+    )
+
+
+def transfers(
+    model: StateSpaceModel, frequency: NDArray[np.float64]
+) -> Iterator[tuple[slice, NDArray[np.complex128], NDArray[np.complex128]]]:
+    """Which frequencies, C (z I - A)^-1 and (z I - A)^-1 B at them, shapes (part, p, n) and (part, n, m), in parts.
+
+    Raises
+    ------
+    IdentificationError
+        If the model has a pole at a frequency.
+    """
+    at_once = max(1, _ENTRIES_AT_ONCE // model.order**2)
+    for start in range(0, len(frequency), at_once):
+        part = slice(start, min(start + at_once, len(frequency)))
+        z = np.exp(2j * np.pi * frequency[part] * model.sample_time)
+        resolvent = z[:, np.newaxis, np.newaxis] * np.eye(model.order) - model.a
+        try:
+            by_input = np.linalg.solve(resolvent, np.broadcast_to(model.b, (len(z), *model.b.shape)))
+            transposed = np.linalg.solve(
+                resolvent.transpose(0, 2, 1), np.broadcast_to(model.c.T, (len(z), *model.c.T.shape))
+            )
+        except np.linalg.LinAlgError:
+            raise IdentificationError(
+                f"the model has a pole at a frequency between {frequency[part][0]:g} and {frequency[part][-1]:g} Hz, "
+                "where its response is infinite; choose other frequencies"
+            ) from None
+        yield part, transposed.transpose(0, 2, 1), by_input
+
+
+def checked_frequencies(frequencies: ArrayLike, sample_time: float = 0.0) -> NDArray[np.float64]:
+    """A read-only array of frequencies (Hz), up to the Nyquist frequency where the sample time (s) is given.
+
+    Raises
+    ------
+    IdentificationError
+        If there is none, or they do not ascend, are negative or above the Nyquist frequency.
+    """
+    frequency = np.array(frequencies, dtype=np.float64)
+    if frequency.ndim != 1 or not len(frequency) or not np.all(np.isfinite(frequency)):
+        raise IdentificationError(f"frequencies must be a row of finite numbers, not of shape {frequency.shape}")
+    if frequency[0] < 0.0 or np.any(np.diff(frequency) <= 0.0):
+        raise IdentificationError("frequencies must ascend, from 0 Hz on")
+    if sample_time and frequency[-1] > 0.5 / sample_time * _AT_NYQUIST:
+        raise IdentificationError(
+            f"a frequency of {frequency[-1]:g} Hz is not allowed; allowed: 0 to {0.5 / sample_time:g} Hz, half the "
+            "sample rate"
+        )
+    frequency.flags.writeable = False
+    return frequency
+
+
+def normal_quantile(level: float) -> float:
+    """Standard deviations to either side of the mean that hold a share of a normal distribution.
+
+    Raises
+    ------
+    IdentificationError
+        If the share does not lie between 0 and 1.
+    """
+    if not 0.0 < level < 1.0:
+        raise IdentificationError(f"a confidence of {level} is not allowed; it must lie between 0 and 1")
+    return float(ndtri(0.5 + 0.5 * level))

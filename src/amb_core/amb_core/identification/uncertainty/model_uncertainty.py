@@ -1,0 +1,172 @@
+"""What the covariance of a model's parameters tells about its poles, its frequency response and the models near by.
+
+All by linearisation about the model (Gauss' approximation formula). Derivatives: with R = (z I - A)^-1,
+
+    dG(z) = dC R B + C R dA R B + C R dB,    d pole = w' dA v / (w' v)
+
+for the pole's left and right eigenvectors w and v.
+
+Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 9.5 and (9.56) to (9.59).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.frequency_response import FrequencyResponse, response_of, transfers
+from amb_core.identification.model import StateSpaceModel
+
+_MOST_DRAWS = 100  # of each sample, until its predictor is stable
+_LARGEST_RADIUS = 1.0 - 1e-9  # of a sample's predictor
+
+
+@dataclass(frozen=True, eq=False)
+class ModelUncertainty:
+    """The distribution of a model's parameters that its data leave: normal, about the model.
+
+    The parameters are the entries of A, B, C and K, row by row, in the model's units and state coordinates. The n^2
+    directions that only change the coordinates of the state are left out, so their covariance is singular, of rank
+    n (2 p + m); what does not depend on the coordinates, such as poles and responses, has its true deviation.
+
+    Attributes
+    ----------
+    model : StateSpaceModel
+        The model.
+    root : ndarray, shape (n (n + m + 2 p), n (2 p + m))
+        Root of the covariance: each column is a change of the parameters, and with independent standard normal factors
+        their sum is the difference between estimate and truth.
+    inflation : float
+        Mean ratio of the variances that the innovations of the data show to those that white innovations would give.
+        Near 1 (within 0.05 or so) where the model explains the data; more, rarely less, where order or linearity do not
+        suffice.
+    distance : float
+        How far the model is from the one with the least prediction errors on the data: root mean square over all
+        directions, in standard deviations. Near 0 for the result of `pem` on them; 1 for the true system; where it is
+        more, the deviations are those of another model.
+    robust : bool
+        Whether the covariance takes the innovations as they are; otherwise it takes them as white.
+    """
+
+    model: StateSpaceModel
+    root: NDArray[np.float64]
+    inflation: float
+    distance: float
+    robust: bool
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance of the parameters, n (n + m + 2 p) square; products of the units of the entries."""
+        return self.root @ self.root.T
+
+    @property
+    def changes(self) -> tuple[NDArray[np.float64], ...]:
+        """The columns of the root as changes of A, B, C and K, shapes (q, n, n), (q, n, m), (q, p, n), (q, n, p)."""
+        matrices = (self.model.a, self.model.b, self.model.c, self.model.k)
+        ends = np.cumsum([matrix.size for matrix in matrices])[:-1]
+        rows = np.split(self.root, ends)
+        return tuple(row.T.reshape(-1, *matrix.shape) for row, matrix in zip(rows, matrices, strict=True))
+
+    @property
+    def pole_covariance(self) -> NDArray[np.float64]:
+        """Covariance of real and imaginary part of each of `model.poles()`, z plane, shape (n, 2, 2).
+
+        Poles that come in pairs have the same but for the sign. Of poles closer together than their deviations it tells
+        little: a multiple pole has no derivative.
+        """
+        by_direction = self._pole_changes()
+        parts = np.stack([by_direction.real, by_direction.imag], axis=1)
+        return np.asarray(parts @ parts.transpose(0, 2, 1))
+
+    def pole_deviations(self) -> NDArray[np.float64]:
+        """Standard deviation of real and imaginary part of each of `model.poles()`, z plane, shape (n, 2)."""
+        return np.sqrt(np.diagonal(self.pole_covariance, axis1=1, axis2=2))
+
+    def response(self, frequencies: ArrayLike, label: str = "") -> FrequencyResponse:
+        """The model's frequency response with standard deviations.
+
+        Near a zero of an entry, where the deviation comes near the magnitude, phase and logarithm of the magnitude are
+        no longer linear in the parameters, and bands are a rough guide.
+
+        Parameters
+        ----------
+        frequencies : array_like, shape (f,)
+            Frequencies (Hz), ascending, from 0 to half the sample rate.
+        label : str
+            For legends; by default the method and the order.
+
+        Raises
+        ------
+        IdentificationError
+            If a frequency is not allowed, or the model has a pole at it.
+        """
+        response = response_of(self.model, frequencies, label)
+        magnitude, phase = np.empty(response.response.shape), np.empty(response.response.shape)
+        for part, change in self._response_changes(response.frequency):
+            found = response.response[part]
+            size = np.maximum(np.abs(found), np.finfo(float).tiny)
+            turned = change * (found.conj() / size)[..., np.newaxis]  # real part: along the response; imaginary: across
+            magnitude[part] = np.linalg.norm(turned.real, axis=-1)
+            phase[part] = np.linalg.norm(turned.imag, axis=-1) / size
+        return replace(response, magnitude_deviation=magnitude, phase_deviation=phase)
+
+    def samples(self, count: int, seed: int = 0) -> list[StateSpaceModel]:
+        """Models drawn from the distribution, all with stable predictors, `fit` empty.
+
+        The few draws whose predictor is unstable are repeated, so the distribution ends there. Innovation covariance
+        and initial state are those of the model.
+
+        Parameters
+        ----------
+        count : int
+            Number of models.
+        seed : int
+            Of the random numbers; the same seed gives the same models.
+
+        Raises
+        ------
+        IdentificationError
+            If nearly no model near by has a stable predictor.
+        """
+        random = np.random.default_rng(seed)
+        return [self._sample(random) for _ in range(count)]
+
+    def _sample(self, random: np.random.Generator) -> StateSpaceModel:
+        matrices = (self.model.a, self.model.b, self.model.c, self.model.k)
+        for _ in range(_MOST_DRAWS):
+            factors = random.normal(size=self.root.shape[1])
+            a, b, c, k = (
+                matrix + np.tensordot(factors, change, axes=1)
+                for matrix, change in zip(matrices, self.changes, strict=True)
+            )
+            if np.max(np.abs(np.linalg.eigvals(a - k @ c))) < _LARGEST_RADIUS:
+                return replace(self.model, a=a, b=b, c=c, k=k, fit=np.empty(0))
+        raise IdentificationError(
+            f"of {_MOST_DRAWS} models drawn none has a stable predictor: the data leave the model of order "
+            f"{self.model.order} too uncertain; lower the order or take more data"
+        )
+
+    def _pole_changes(self) -> NDArray[np.complex128]:
+        """Change of each pole, in the order of `model.poles()`, by each column of the root, shape (n, q)."""
+        values, right = np.linalg.eig(self.model.a)
+        order = np.argsort(-np.abs(values), kind="stable")
+        try:
+            left = np.linalg.inv(right)
+        except np.linalg.LinAlgError:
+            raise IdentificationError("the model has a multiple pole, which has no standard deviation") from None
+        return np.asarray(np.einsum("in,qnm,mi->iq", left, self.changes[0], right, optimize=True)[order])
+
+    def _response_changes(self, frequency: NDArray[np.float64]) -> Iterator[tuple[slice, NDArray[np.complex128]]]:
+        """Which frequencies, and the change of the response by each column of the root, shape (part, p, m, q)."""
+        by_a, by_b, by_c, _ = self.changes
+        for part, by_state, by_input in transfers(self.model, frequency):
+            yield (
+                part,
+                np.einsum("fin,qnk,fkj->fijq", by_state, by_a, by_input, optimize=True)
+                + np.einsum("fin,qnj->fijq", by_state, by_b, optimize=True)
+                + np.einsum("qik,fkj->fijq", by_c, by_input, optimize=True),
+            )
