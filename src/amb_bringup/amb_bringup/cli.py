@@ -6,7 +6,20 @@ import sys
 
 import typer
 
-from amb_bringup.commands import bag, demo, excitation, graph, identify, map, plant, regions, reproduce, subharmonics
+from amb_bringup.commands import (
+    bag,
+    compare,
+    demo,
+    excitation,
+    graph,
+    identify,
+    map,
+    plant,
+    regions,
+    reproduce,
+    subharmonics,
+    validate,
+)
 from amb_core.errors import AmbError
 
 app = typer.Typer(
@@ -20,6 +33,8 @@ app.command()(demo.demo)
 app.command()(graph.up)
 app.command(context_settings={"allow_extra_args": True, "allow_interspersed_args": False})(graph.run)
 app.command()(identify.identify)
+app.command()(validate.validate)
+app.command()(compare.compare)
 app.command("map")(map.region_map)
 app.command()(regions.regions)
 app.command()(reproduce.reproduce)

@@ -37,6 +37,8 @@ class Stroke:
 PLANT = Stroke(BLUE)
 MODEL = Stroke(VERMILION, "dash", 1.1)
 REFERENCE = Stroke(GREY, width=0.8)
+MODELS = (MODEL, Stroke(GREEN, "dashdot", 1.2), Stroke(PURPLE, "dot", 1.4), Stroke(ORANGE, "solid", 1.0))
+"""Of several models in one figure, in turn."""
 MEAN = Stroke(ORANGE, "dashdot", 1.8)
 
 

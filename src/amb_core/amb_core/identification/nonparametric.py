@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import Experiment, IdentificationData
+from amb_core.identification.frequency_response import FrequencyResponse
 
 _FEWEST_PERIODS = 6
 _SETTLING = 0.1  # s, in which the loop of a bearing forgets
@@ -53,25 +54,17 @@ class NonparametricEstimate:
 
     Attributes
     ----------
-    frequency : ndarray, shape (f,)
-        Frequencies (Hz).
-    response : ndarray of complex, shape (f, p, m)
-        Response from inputs to outputs, in their units (m/A).
+    response : FrequencyResponse
+        The response with its deviations by noise, in which the bias by leakage is not, and the coherence of each output
+        with the references, the chance of few terms allowed for; its label tells how it was estimated.
     variance : ndarray, shape (f, p, m)
-        Variance of the complex error of each element by noise; the bias by leakage is not in it.
-    coherence : ndarray, shape (f, p)
-        Share of the power of each output that the references explain, the chance of few terms allowed for.
-    method : str
-        How it was estimated, in a few words.
+        Variance of the complex error of each element by noise.
     notes : tuple of str
         Where the data do not determine it.
     """
 
-    frequency: NDArray[np.float64]
-    response: NDArray[np.complex128]
+    response: FrequencyResponse
     variance: NDArray[np.float64]
-    coherence: NDArray[np.float64]
-    method: str
     notes: tuple[str, ...]
 
 
@@ -227,14 +220,23 @@ def _estimate(spectra: _Spectra, data: IdentificationData) -> NonparametricEstim
             "the frequency response is not determined: nowhere do inputs and outputs follow the reference clearly "
             "enough; excite more strongly or longer"
         )
-    excited = int(independent.sum())
+    response, variance = response[kept], variance[kept]
+    deviation = np.sqrt(0.5 * variance)  # of the real and of the imaginary part alike
     return NonparametricEstimate(
-        frequency,
-        response[kept],
-        variance[kept],
-        np.clip(coherence[kept], 0.0, 1.0),
-        spectra.method,
-        _notes(excited, frequency, spectra.frequency[independent]),
+        FrequencyResponse(
+            frequency,
+            response,
+            spectra.method,
+            deviation,
+            deviation / np.maximum(np.abs(response), np.finfo(float).tiny),
+            np.clip(coherence[kept], 0.0, 1.0),
+            data.input_names,
+            data.output_names,
+            data.input_units,
+            data.output_units,
+        ),
+        variance,
+        _notes(int(independent.sum()), frequency, spectra.frequency[independent]),
     )
 
 

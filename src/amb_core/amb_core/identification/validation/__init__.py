@@ -1,21 +1,29 @@
 """Validation: what data other than those of the identification say about a model."""
 
 from amb_core.identification.validation.fit import nrmse_fit
+from amb_core.identification.validation.frequency import BandComparison, FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
+from amb_core.identification.validation.recorded import RecordedLoop, read_loop
 from amb_core.identification.validation.residuals import ChiSquareTest, ResidualTests, check_residuals
 from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop, simulate_records
-from amb_core.identification.validation.validate import Validation, validate
+from amb_core.identification.validation.validate import HORIZONS, Validation, validate
 
 __all__ = [
+    "HORIZONS",
+    "BandComparison",
     "ChiSquareTest",
     "ClosedLoop",
+    "FrequencyComparison",
     "Prediction",
+    "RecordedLoop",
     "ResidualTests",
     "Validation",
     "check_closed_loop",
     "check_residuals",
+    "compare_responses",
     "nrmse_fit",
     "predict",
+    "read_loop",
     "simulate_records",
     "validate",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +34,8 @@ def summary_line(validation: Validation) -> str:
 def report_text(validation: Validation) -> str:
     """One page of text, 100 columns at most."""
     lines = [*_heading(validation), "", *_closed_loop(validation), "", *_prediction(validation), ""]
-    lines += [*_residuals(validation), "", f"VERDICT      {_word(validation.validated, 'validated', 'NOT validated')}"]
+    lines += [*_residuals(validation), "", *_frequency(validation), ""]
+    lines += [f"VERDICT      {_word(validation.validated, 'validated', 'NOT validated')}"]
     lines += [line for text in (*validation.notes, *advice(validation)) for line in _item(text)]
     return "\n".join(lines) + "\n"
 
@@ -41,7 +43,7 @@ def report_text(validation: Validation) -> str:
 def report_values(validation: Validation) -> dict[str, Any]:
     """All numbers as plain values; what is not finite is None."""
     model, data, residuals = validation.model, validation.data, validation.residuals
-    loop = validation.closed_loop
+    loop, comparison = validation.closed_loop, validation.frequency
     values = {
         "validated": validation.validated,
         "summary": validation.summary,
@@ -77,6 +79,10 @@ def report_values(validation: Validation) -> dict[str, Any]:
             "fit_percent": loop.fit.tolist(),
             "fit_without_means_percent": loop.fit_without_means.tolist(),
             "offset": loop.offset.tolist(),
+        },
+        "frequency_response": {
+            "measured": comparison.measured and comparison.measured.response.label,
+            "bands": [asdict(band) for band in comparison.bands],
         },
         "notes": list(validation.notes),
         "advice": advice(validation),
@@ -169,13 +175,35 @@ def _residuals(validation: Validation) -> list[str]:
         rows.append(_row(name, [_verdict(test) for test in alone]))
         rows.append(
             f"    {'together: ' + _verdict(joint):<34}statistic {joint.statistic:.4g}, limit {joint.limit:.4g}; "
-            f"unexplained {100 * joint.unexplained:.2g} % of the variance"
+            f"explains {100 * joint.unexplained:.2g} % of the variance"
         )
     return rows
 
 
+def _frequency(validation: Validation) -> list[str]:
+    comparison = validation.frequency
+    source = "not estimated" if comparison.measured is None else comparison.measured.response.label
+    rows = [
+        f"FREQUENCY    from the reference, without a model: {source}",
+        "    differences of the model in percent",
+        f"    {'band (Hz)':<18}{'lines':>6}{'median':>10}{'largest':>10}{'deviation':>12}{'within 99 %':>13}"
+        f"{'linearised plant':>18}",
+    ]
+    for band in comparison.bands:
+        rows.append(
+            f"    {f'{band.low:g} to {band.high:g}':<18}{band.lines:>6}{_percent(band.difference):>10}"
+            f"{_percent(band.largest):>10}{_percent(band.deviation):>12}{_percent(band.within):>13}"
+            f"{_percent(band.plant_difference):>18}"
+        )
+    return rows if comparison.bands else rows[:1]
+
+
+def _percent(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.2f}" if value < 10.0 else f"{value:.1f}"
+
+
 def _row(label: str, values: Any) -> str:
-    return f"    {label:<34}" + "".join(f"{value:>16}" for value in values)
+    return f"    {label:<34}" + "".join(f"{value:>20}" for value in values)
 
 
 def _item(text: str) -> list[str]:

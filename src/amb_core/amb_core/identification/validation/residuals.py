@@ -24,8 +24,9 @@ Journal of the American Statistical Association 75 (1980).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,7 @@ QUANTILE = float(special.ndtri(0.5 + 0.5 * CONFIDENCE))
 
 LAGS = 25
 _FEWEST = 10  # samples per lag
+_CONSTANT = 1e-12  # deviation, relative to the largest magnitude, that rounding alone may make
 _BLOCK = 10_000  # rows of the lagged inputs held at once
 _SMALLEST_EIGENVALUE = 1e-10  # of the correlation matrix of the lagged inputs, relative to the largest
 
@@ -60,8 +62,8 @@ class ChiSquareTest:
     p_value : float
         Probability of so large a value for a true model.
     unexplained : float
-        Share of the variance of the residuals that the lags explain beyond chance, from 0 to 1: what the failure of a
-        test is worth. With many samples a test finds defects that matter to nobody.
+        Share of the variance of the residuals that least squares on the lags explains, from 0 to 1, chance included:
+        what the failure of a test is worth. With many samples a test finds defects that matter to nobody.
     """
 
     statistic: float
@@ -142,74 +144,72 @@ def check_residuals(
             f"needed, and more than {lags} in each experiment"
         )
     mean = np.vstack(list(residuals)).mean(axis=0)
-    errors = [part - part.mean(axis=0) for part in residuals]
-    past = [part - part.mean(axis=0) for part in inputs]
-    covariance, spread = _product(errors, errors, 0) / samples, _deviation(past)
-    deviation = np.sqrt(np.diag(covariance))
-    if np.any(deviation == 0.0) or np.any(spread == 0.0):
-        kind, index = ("residual", deviation) if np.any(deviation == 0.0) else ("input", spread)
-        raise IdentificationError(f"{kind} {int(np.argmin(index))} is constant, so that it has no correlations")
-    share = samples / estimation_samples if estimation_samples else 0.0
-    decorrelation = linalg.inv(linalg.cholesky(covariance, lower=True))
-    white = [part @ decorrelation.T for part in errors]
-    auto = np.array([_product(white, white, lag) for lag in range(1, lags + 1)])
-    pairs = np.array([sum(len(part) - lag for part in errors) for lag in range(1, lags + 1)])
-    autocorrelation = np.array([_product(errors, errors, lag) / samples for lag in range(lags + 1)])
-    autocorrelation /= np.outer(deviation, deviation)
-    p = len(deviation)
-
-    def judged(statistic: float, degrees: int, outputs: int) -> ChiSquareTest:
-        return _judge(statistic, degrees, parameters, share, samples * outputs)
-
-    white_alone = samples**2 * np.sum(_diagonals(autocorrelation[1:]) ** 2 / pairs[:, np.newaxis], axis=0)
-    scores, rank = _scores(white, past, spread, lags)
-    scores_alone, _ = _scores([part / deviation for part in errors], past, spread, lags)
-    cross = [_product(errors, past, lag) / samples / np.outer(deviation, spread) for lag in range(-lags, lags + 1)]
+    errors, deviation = _normalised(residuals, "residual")
+    driving, _ = _normalised(inputs, "input")
+    white = _decorrelated(errors)
+    judge = partial(_judge, parameters=parameters, share=samples / estimation_samples if estimation_samples else 0.0)
+    alone = [[part[:, [output]] for part in errors] for output in range(len(deviation))]
     return ResidualTests(
-        lags,
-        samples,
-        deviation,
-        mean,
-        autocorrelation,
-        np.array(cross),
-        QUANTILE / np.sqrt(samples),
-        judged(float(np.sum(auto**2 / pairs[:, np.newaxis, np.newaxis])), p * p * lags, p),
-        judged(float(scores.sum()), p * rank, p),
-        tuple(judged(float(value), lags, 1) for value in white_alone),
-        tuple(judged(float(value), rank, 1) for value in scores_alone),
+        lags=lags,
+        samples=samples,
+        deviation=deviation,
+        mean=mean,
+        autocorrelation=np.array([_product(errors, errors, lag) for lag in range(lags + 1)]) / samples,
+        cross_correlation=np.array([_product(errors, driving, lag) for lag in range(-lags, lags + 1)]) / samples,
+        band=QUANTILE / np.sqrt(samples),
+        whiteness=_whiteness(white, lags, judge),
+        independence=_independence(white, driving, lags, judge),
+        whiteness_by_output=tuple(_whiteness(errors, lags, judge) for errors in alone),
+        independence_by_output=tuple(_independence(errors, driving, lags, judge) for errors in alone),
     )
 
 
-def _judge(statistic: float, degrees: int, parameters: int, share: float, values: int) -> ChiSquareTest:
+def _whiteness(white: Signals, lags: int, judge: Callable[..., ChiSquareTest]) -> ChiSquareTest:
+    """The portmanteau test of signals with the unit matrix as covariance."""
+    samples, p = sum(map(len, white)), white[0].shape[1]
+    statistic = 0.0
+    for lag in range(1, lags + 1):
+        pairs = sum(len(part) - lag for part in white)
+        statistic += float(np.sum(_product(white, white, lag) ** 2)) / pairs
+    explained, _ = _score(white, white, lags)
+    return judge(statistic, p * p * lags, unexplained=explained / (samples * p))
+
+
+def _independence(white: Signals, inputs: Signals, lags: int, judge: Callable[..., ChiSquareTest]) -> ChiSquareTest:
+    """The score test of signals with the unit matrix as covariance."""
+    samples, p = sum(map(len, white)), white[0].shape[1]
+    score, rank = _score(white, inputs, lags)
+    return judge(score, p * rank, unexplained=score / (samples * p))
+
+
+def _judge(statistic: float, degrees: int, unexplained: float, parameters: int, share: float) -> ChiSquareTest:
     """Compare with chi^2(degrees) + share chi^2(parameters), approximated by a scaled chi^2 of the same variance."""
     expected, half_variance = degrees + share * parameters, degrees + share**2 * parameters
     scale, equivalent = half_variance / expected, expected**2 / half_variance
     limit = scale * float(special.chdtri(equivalent, 1.0 - CONFIDENCE))
     p_value = float(special.chdtrc(equivalent, statistic / scale))
-    return ChiSquareTest(statistic, degrees, limit, p_value, min(max((statistic - expected) / values, 0.0), 1.0))
+    return ChiSquareTest(statistic, degrees, limit, p_value, unexplained)
 
 
-def _scores(white: Signals, inputs: Signals, spread: NDArray[np.float64], lags: int) -> tuple[NDArray[np.float64], int]:
-    """Squared lengths of white residuals in the space of the lagged inputs, shape (p,), and its dimension."""
-    columns = lags * inputs[0].shape[1]
-    power, product = np.zeros((columns, columns)), np.zeros((columns, white[0].shape[1]))
-    for regressors, errors in _lagged(inputs, white, lags, spread):
+def _score(errors: Signals, signals: Signals, lags: int) -> tuple[float, int]:
+    """Squared length of the errors in the space of the lagged signals, and the dimension of that space."""
+    columns = lags * signals[0].shape[1]
+    power, product = np.zeros((columns, columns)), np.zeros((columns, errors[0].shape[1]))
+    for regressors, explained in _lagged(signals, errors, lags):
         power += regressors.T @ regressors
-        product += regressors.T @ errors
+        product += regressors.T @ explained
     eigenvalues, vectors = np.linalg.eigh(power)
     kept = eigenvalues > _SMALLEST_EIGENVALUE * eigenvalues[-1]
     along = vectors[:, kept].T @ product / np.sqrt(eigenvalues[kept])[:, np.newaxis]
-    return np.asarray(np.sum(along**2, axis=0)), int(kept.sum())
+    return float(np.sum(along**2)), int(kept.sum())
 
 
-def _lagged(
-    inputs: Signals, errors: Signals, lags: int, spread: NDArray[np.float64]
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Inputs at the lags 1 to M, side by side and scaled, and the errors to which they belong, in blocks."""
-    for u, e in zip(inputs, errors, strict=True):
-        for start in range(lags, len(u), _BLOCK):
-            stop = min(start + _BLOCK, len(u))
-            yield np.hstack([u[start - lag : stop - lag] / spread for lag in range(1, lags + 1)]), e[start:stop]
+def _lagged(signals: Signals, errors: Signals, lags: int) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Signals at the lags 1 to M, side by side, and the errors to which they belong, in blocks."""
+    for z, e in zip(signals, errors, strict=True):
+        for start in range(lags, len(z), _BLOCK):
+            stop = min(start + _BLOCK, len(z))
+            yield np.hstack([z[start - lag : stop - lag] for lag in range(1, lags + 1)]), e[start:stop]
 
 
 def _product(first: Signals, second: Signals, lag: int) -> NDArray[np.float64]:
@@ -220,9 +220,25 @@ def _product(first: Signals, second: Signals, lag: int) -> NDArray[np.float64]:
     return np.asarray(sum(a[lag:].T @ b[: len(b) - lag] for a, b in parts))
 
 
-def _deviation(parts: Signals) -> NDArray[np.float64]:
-    return np.asarray(np.sqrt(sum(np.sum(part**2, axis=0) for part in parts) / sum(map(len, parts))))
+def _normalised(signals: Signals, kind: str) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+    """Signals without the mean of each experiment and with variance 1 over all, and their deviations."""
+    centred = [part - part.mean(axis=0) for part in signals]
+    deviation = np.sqrt(sum(np.sum(part**2, axis=0) for part in centred) / sum(map(len, centred)))
+    largest = np.max([np.abs(part).max(axis=0) for part in signals], axis=0)
+    constant = np.flatnonzero(deviation <= _CONSTANT * largest)
+    if constant.size:
+        raise IdentificationError(
+            f"{kind} {constant[0]} (counted from 0) is constant in these data, so that it has no correlations; "
+            "use data in which all signals move, of a measured or simulated bearing with noise"
+        )
+    return [part / deviation for part in centred], deviation
 
 
-def _diagonals(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.diagonal(matrices, axis1=1, axis2=2)
+def _decorrelated(errors: Signals) -> list[NDArray[np.float64]]:
+    """The errors in coordinates in which their covariance is the unit matrix."""
+    covariance = _product(errors, errors, 0) / sum(map(len, errors))
+    try:
+        factor = linalg.cholesky(covariance, lower=True)
+    except linalg.LinAlgError:
+        raise IdentificationError("the residuals of the outputs are multiples of one another") from None
+    return [linalg.solve_triangular(factor, part.T, lower=True).T for part in errors]

@@ -32,10 +32,12 @@ class ClosedLoop:
         The experiments whose reference is known.
     simulated : tuple of LoopRecord or None
         The same from the reference alone; None where the simulation diverges.
+    without_means : tuple of LoopRecord or None
+        The same by the model of the deviations alone, without its offsets.
     fit : ndarray, shape (2,)
         NRMSE fit of x and y over all these experiments (percent); -inf where a simulation diverges.
     fit_without_means : ndarray, shape (2,)
-        The same for the model of the deviations alone, without its offsets.
+        The same without means.
     offset : ndarray, shape (2,)
         Mean of the measured less that of the simulated position (m); NaN where a simulation diverges.
     """
@@ -43,6 +45,7 @@ class ClosedLoop:
     poles: NDArray[np.complex128]
     measured: tuple[LoopRecord, ...]
     simulated: tuple[LoopRecord | None, ...]
+    without_means: tuple[LoopRecord | None, ...]
     fit: NDArray[np.float64]
     fit_without_means: NDArray[np.float64]
     offset: NDArray[np.float64]
@@ -84,7 +87,13 @@ def check_closed_loop(
         errors = [one.position - two.position for one, two in zip(measured, simulated, strict=True) if two is not None]
         offset = np.vstack(errors).mean(axis=0)
     return ClosedLoop(
-        poles, tuple(measured), simulated, _fit(measured, simulated), _fit(measured, without_means), offset
+        poles,
+        tuple(measured),
+        simulated,
+        without_means,
+        _fit(measured, simulated),
+        _fit(measured, without_means),
+        offset,
     )
 
 

@@ -14,6 +14,7 @@ from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData, restore
 from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
 from amb_core.identification.validation.residuals import LAGS, ResidualTests, check_residuals
 from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop
@@ -47,6 +48,8 @@ class Validation:
         Whiteness of the one-step prediction errors and their independence of past inputs.
     closed_loop : ClosedLoop or None
         Simulation with the known controller; None where controller or reference are not known.
+    frequency : FrequencyComparison
+        The model's frequency response next to what else is known of the plant's.
     notes : tuple of str
         What was left out, and why.
     """
@@ -57,6 +60,7 @@ class Validation:
     prediction: Prediction
     residuals: ResidualTests
     closed_loop: ClosedLoop | None
+    frequency: FrequencyComparison
     notes: tuple[str, ...]
 
     @property
@@ -160,8 +164,18 @@ def validate(
             model.order * (2 * len(model.c) + model.b.shape[1]),
             model.samples,
         )
-        closed_loop, notes = _closed_loop(model, data, controller, prediction)
-    return Validation(model, data, tuple(sorted({1, *horizons})), prediction, residuals, closed_loop, tuple(notes))
+        closed_loop, loop_notes = _closed_loop(model, data, controller, prediction)
+        frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
+    return Validation(
+        model,
+        data,
+        tuple(sorted({1, *horizons})),
+        prediction,
+        residuals,
+        closed_loop,
+        frequency,
+        (*loop_notes, *frequency_notes),
+    )
 
 
 def _fitting(data: IdentificationData, model: StateSpaceModel) -> IdentificationData:
@@ -195,7 +209,7 @@ def _closed_loop(
     if not known:
         return None, ["closed loop: left out, since the data have no reference"]
     notes = []
-    if len(known) < len(data.experiments):
-        notes.append(f"closed loop: {len(data.experiments) - len(known)} experiments without reference left out")
+    if unknown := len(data.experiments) - len(known):
+        notes.append(f"closed loop: {unknown} experiment{'s' if unknown > 1 else ''} without reference left out")
     measured = [data.record(index) for index in known]
     return check_closed_loop(model, controller, measured, prediction.first_states[known]), notes

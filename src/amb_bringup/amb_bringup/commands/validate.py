@@ -1,0 +1,86 @@
+"""`amb validate`: what a recorded run says about a model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from amb_core.identification.validation import RecordedLoop
+
+NOT_VALIDATED = 3
+"""Exit code; 1 is an error, 2 a wrong command line."""
+
+RunOption = Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")]
+FirstStepOption = Annotated[
+    int, typer.Option(help="First step used; -1 for where the last excitation starts, or all without one.")
+]
+StepsOption = Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")]
+FiguresOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder for response, prediction, bode and residuals (PNG and HTML).", file_okay=False),
+]
+
+
+def validate(
+    model: Annotated[Path, typer.Argument(help="Model, as amb identify writes it (.json, .npz or .mat).")],
+    bag: Annotated[Path, typer.Argument(help="Bag of other data than the model's, or a .csv, .npz or .mat file.")],
+    horizon: Annotated[
+        list[int] | None, typer.Option(help="Prediction horizon in steps, more than once for several.")
+    ] = None,
+    run: RunOption = None,
+    first_step: FirstStepOption = -1,
+    steps: StepsOption = 0,
+    figures: FiguresOption = None,
+    results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
+) -> None:
+    """Judge a model: closed loop, predictions, residuals and frequency response, on one page.
+
+    Exit code 0 if the model is validated, 3 if it is not, 1 if it could not be judged.
+    """
+    from rich.console import Console
+
+    from amb_bringup.commands.results import make_folder, write_json
+    from amb_core.identification import StateSpaceModel
+    from amb_core.identification.validation import HORIZONS
+    from amb_core.identification.validation import validate as judge
+
+    console = Console(stderr=True)  # the report alone goes to the standard output
+    if figures is not None:
+        make_folder(figures)
+    known = StateSpaceModel.load(model)
+    loop = load_recorded(console, bag, run, first_step, steps)
+    with console.status(f"validating order {known.order} by {loop.data.samples} samples"):
+        found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or HORIZONS)
+    typer.echo(found.report())
+    if results is not None:
+        write_json(results, found.as_dict())
+    if figures is not None:
+        from amb_core.figures import save_validation_figures
+
+        with console.status("drawing"):
+            names = save_validation_figures(figures, {model.stem: found})
+        console.print(f"{', '.join(names)}, .png and .html: {figures}")
+    if not found.validated:
+        raise typer.Exit(NOT_VALIDATED)
+
+
+def load_recorded(console: Console, bag: Path, run: int | None, first_step: int, steps: int) -> RecordedLoop:
+    """Data and parameters of a bag, or the data of a file, where no run and steps can be chosen."""
+    from amb_core.identification.validation import read_loop
+
+    chosen = {"run": run, "first_step": first_step, "steps": steps}
+    default = {"run": None, "first_step": -1, "steps": 0}
+    with console.status(f"reading {bag}"):
+        loop = read_loop(bag, **{name: value for name, value in chosen.items() if value != default[name]})
+    if loop.damage:
+        console.print(f"[yellow]bag {bag} is incomplete: {loop.damage}[/yellow]")
+    if loop.controller is None:
+        console.print(
+            f"[yellow]{bag} lacks the controller's parameters; the closed loop of the models is not judged[/yellow]"
+        )
+    return loop

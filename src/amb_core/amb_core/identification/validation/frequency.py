@@ -1,0 +1,193 @@
+"""The model's frequency response next to one estimated without a model, and to that of the linearised plant.
+
+Differences are taken in the spectral norm, relative to what the model is compared with, at each frequency: in percent
+of the gain of the plant there, whatever the direction of the inputs.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.control import ControllerParameters
+from amb_core.errors import IdentificationError, PlantError
+from amb_core.identification.data import IdentificationData
+from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, response_of
+from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response
+
+if TYPE_CHECKING:
+    from amb_core.identification.uncertainty import ModelUncertainty
+    from amb_core.plant import PlantParameters
+
+_LOWEST = 1e-4  # of the sample rate: 1 Hz at 10 kHz
+_POINTS = 500
+_WITHIN = -np.log(1.0 - LEVEL)  # of |error|^2 / variance, for complex normal errors
+
+
+@dataclass(frozen=True)
+class BandComparison:
+    """The model's response in a band of frequencies. All but the frequencies in percent; NaN for what is not known.
+
+    Attributes
+    ----------
+    low, high : float
+        The band, `high` not included (Hz).
+    lines : int
+        Frequencies in it at which there is an estimate.
+    difference, largest : float
+        Median and largest difference from the estimate.
+    deviation : float
+        Median standard deviation of the estimate: smaller differences cannot be seen.
+    within : float
+        Elements of the response that lie within the 99 % region of estimate and model.
+    plant_difference : float
+        Median difference from the linearised plant.
+    """
+
+    low: float
+    high: float
+    lines: int
+    difference: float
+    largest: float
+    deviation: float
+    within: float
+    plant_difference: float
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyComparison:
+    """Frequency responses of one plant, and how they differ.
+
+    Attributes
+    ----------
+    model : FrequencyResponse
+        Of the model; with deviations where its uncertainty is known.
+    measured : NonparametricEstimate or None
+        Estimated without a model; None where the data do not determine it.
+    plant : FrequencyResponse or None
+        Of the linearised plant, at the frequencies of the model's; None where the plant is not known.
+    bands : tuple of BandComparison
+        Differences over bands of half a decade.
+    """
+
+    model: FrequencyResponse
+    measured: NonparametricEstimate | None
+    plant: FrequencyResponse | None
+    bands: tuple[BandComparison, ...]
+
+    @property
+    def responses(self) -> tuple[FrequencyResponse, ...]:
+        """All that there are, to be drawn together."""
+        measured = () if self.measured is None else (self.measured.response,)
+        return (*measured, self.model, *(() if self.plant is None else (self.plant,)))
+
+
+def compare_responses(
+    model: StateSpaceModel,
+    data: IdentificationData,
+    controller: ControllerParameters | None = None,
+    uncertainty: ModelUncertainty | None = None,
+    plant: PlantParameters | None = None,
+) -> tuple[FrequencyComparison, list[str]]:
+    """Compare the model's response with all that is known; also says what is not, and why.
+
+    Raises
+    ------
+    IdentificationError
+        If the model has a pole on the unit circle.
+    """
+    notes = []
+    measured = None
+    try:
+        measured = estimate_response(data)
+        notes += [f"frequency response: {note}" for note in measured.notes]
+    except IdentificationError as problem:
+        notes.append(f"frequency response without a model: left out: {problem}")
+    at_lines = np.empty(0) if measured is None else measured.response.frequency
+    nyquist = 0.5 / model.sample_time
+    grid = np.union1d(np.geomspace(2.0 * nyquist * _LOWEST, nyquist, _POINTS), at_lines)
+    label = f"model, {model.method or 'method unknown'}, order {model.order}"
+    of_model = response_of(model, grid, label) if uncertainty is None else uncertainty.response(grid)
+    linearised = None
+    if plant is not None:
+        try:
+            linearised = response_of_plant(plant, controller, grid)
+        except PlantError as problem:
+            notes.append(f"frequency response of the plant: left out: {problem}")
+    bands = tuple(_bands(of_model, measured, linearised))
+    return FrequencyComparison(of_model, measured, linearised, bands), notes
+
+
+def response_of_plant(
+    parameters: PlantParameters, controller: ControllerParameters | None, frequencies: NDArray[np.float64]
+) -> FrequencyResponse:
+    """Response of the plant linearised where the controller holds the rotor, from i_x, i_y (A) to x, y (m), bearing A.
+
+    Raises
+    ------
+    PlantError
+        If it cannot be linearised there, or has one axis only.
+    """
+    from amb_core.plant import Plant, linearize
+
+    discrete = linearize(Plant(parameters), controller).discrete
+    inputs, outputs = discrete.input_labels, discrete.output_labels
+    if not {"x", "y"} <= set(outputs):
+        raise PlantError("the plant has one axis only")
+    response = np.moveaxis(discrete(np.exp(2j * np.pi * frequencies * discrete.dt), squeeze=False), -1, 0)
+    rows, columns = [outputs.index(name) for name in "xy"], [inputs.index(name) for name in ("i_x", "i_y")]
+    return FrequencyResponse(frequencies, response[:, rows][:, :, columns], "plant, linearised")
+
+
+def _bands(
+    model: FrequencyResponse, measured: NonparametricEstimate | None, plant: FrequencyResponse | None
+) -> Iterator[BandComparison]:
+    edges = np.sort(np.concatenate([10.0 ** np.arange(-3, 7), 3.0 * 10.0 ** np.arange(-3, 7)]))
+    for low, high in itertools.pairwise(edges):
+        on_grid = (model.frequency >= low) & (model.frequency < high)
+        beside = np.empty(0)
+        if plant is not None:
+            beside = _relative(model.response[on_grid] - plant.response[on_grid], plant.response[on_grid])
+        difference, deviation, inside = np.empty(0), np.empty(0), np.empty(0)
+        if measured is not None:
+            found = measured.response
+            lines = (found.frequency >= low) & (found.frequency < high)
+            here = np.searchsorted(model.frequency, found.frequency[lines])
+            error = model.response[here] - found.response[lines]
+            difference = _relative(error, found.response[lines])
+            spread = np.sqrt(measured.variance[lines].sum(axis=(1, 2)))
+            deviation = spread / np.linalg.norm(found.response[lines], ord=2, axis=(1, 2))
+            variance = measured.variance[lines] + _variance(model)[here]
+            inside = np.abs(error) ** 2 <= _WITHIN * variance
+        if len(difference) or len(beside):
+            yield BandComparison(
+                float(low),
+                float(high),
+                len(difference),
+                100.0 * _median(difference),
+                100.0 * (float(difference.max()) if len(difference) else np.nan),
+                100.0 * _median(deviation),
+                100.0 * (float(inside.mean()) if inside.size else np.nan),
+                100.0 * _median(beside),
+            )
+
+
+def _relative(difference: NDArray[np.complex128], response: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.norm(difference, ord=2, axis=(1, 2)) / np.linalg.norm(response, ord=2, axis=(1, 2)))
+
+
+def _variance(response: FrequencyResponse) -> NDArray[np.float64]:
+    """Variance of the complex error, shape (f, p, m); zero where it is not known."""
+    if response.magnitude_deviation is None or response.phase_deviation is None:
+        return np.zeros(response.response.shape)
+    return response.magnitude_deviation**2 + (response.magnitude * response.phase_deviation) ** 2
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    return float(np.median(values)) if len(values) else float("nan")
