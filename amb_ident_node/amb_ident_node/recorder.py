@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -46,7 +48,7 @@ from amb_ros.services import create_service
 
 PARAMETER_EVENTS = "/parameter_events"
 DISCOVERY_TIMEOUT = 2.0  # s
-READING_ATTEMPTS = 3  # to read the parameters of a node, which may just be starting
+READING_ATTEMPTS = 3  # to read the parameters of a node, before the last one at the end of the bag
 DEFAULT_STOP_TIMEOUT = 10.0  # s
 LONGEST_STOP_TIMEOUT = 3600.0  # s
 
@@ -60,7 +62,7 @@ class RecorderParameters(Parameters):
         0.5, "s", "period of writing to the disk: what a killed recorder may lose", 0.05, 10.0
     )
     parameter_timeout: float = quantity(
-        0.5, "s", "longest wait for the parameters of a node at the start of a bag", 0.05, 10.0
+        2.0, "s", "longest wait for an answer about the parameters of a node", 0.05, 10.0
     )
 
 
@@ -108,7 +110,8 @@ class RecorderNode(Node):
         self._latched: dict[str, bytes] = {}
         self._switching = threading.Lock()  # a message falls either before or into a bag that starts
         self._remote_parameters = RemoteParameters(self)
-        self._attempts: dict[str, int] = {}  # to read a node's parameters for this bag; complete after a success
+        self._described: set[str] = set()  # nodes whose parameters are in this bag
+        self._attempts: Counter[str] = Counter()  # in vain, to read those of a node
         self._definitions = {topic.type_name: message_definition(topic.type_name) for topic in RECORDED}
         # One worker: a start and a stop never run at the same time.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="recorder")
@@ -151,8 +154,9 @@ class RecorderNode(Node):
     def _on_flush_timer(self) -> None:
         if self._recording is not None:
             self._recording.flush()
-            if self._undescribed_nodes():
-                self._worker.submit(self._describe_late_nodes)
+            late = [name for name in self._undescribed_nodes() if self._attempts[name] < READING_ATTEMPTS]
+            if late:
+                self._worker.submit(self._describe, late)
 
     # -- services, in the worker
 
@@ -174,7 +178,10 @@ class RecorderNode(Node):
         if request.wait_for_step:
             awaited = (request.wait_for_run, request.wait_for_step)
             recording.wait_for(*awaited, request.timeout or DEFAULT_STOP_TIMEOUT)
+        self._describe(self._undescribed_nodes())
         problems = [recording.failure] if recording.failure else recording.gaps(awaited)
+        if missing := self._undescribed_nodes():
+            problems.append(f"the parameters of {', '.join(missing)} are missing")
         self._recording = None
         try:
             recording.close()
@@ -198,8 +205,9 @@ class RecorderNode(Node):
             raise BagError(f"already recording {self._recording.folder}; stop that first")
         folder = Path(self._settings.directory).expanduser() / (uri or time.strftime("amb_%Y-%m-%d_%H-%M-%S"))
         self._wait_for_publishers()
+        self._described.clear()
         self._attempts.clear()
-        parameters = self._read_parameters()
+        parameters = self._read_parameters(self._undescribed_nodes())
         writer = BagWriter(folder, self._settings.chunk_period)
         for name, topic in self._topics.items():
             writer.add_topic(name, topic.type_name, self._definitions[topic.type_name], topic.latched)
@@ -237,29 +245,31 @@ class RecorderNode(Node):
             self.get_logger().warning(f"not connected to every publisher of {name}; do their QoS settings fit?")
 
     def _undescribed_nodes(self) -> list[str]:
-        return [name for name in self._remote_parameters.nodes() if self._attempts.get(name, 0) < READING_ATTEMPTS]
+        """Those nodes of the workbench whose parameters the bag lacks."""
+        return [name for name in self._remote_parameters.nodes() if name not in self._described]
 
-    def _read_parameters(self) -> dict[str, dict[str, ParameterValue]]:
-        """The parameters of those nodes of the workbench that the bag does not describe yet.
+    def _read_parameters(self, nodes: Iterable[str]) -> dict[str, dict[str, ParameterValue]]:
+        """The parameters of nodes, as far as they tell them.
 
         Reading them also proves that those nodes have heard of this one, and so that nothing they publish is missed.
         """
         parameters = {}
-        for name in self._undescribed_nodes():
+        for name in nodes:
+            if name in self._described:
+                continue
             try:
                 parameters[name] = self._remote_parameters.read(name, self._settings.parameter_timeout)
-                self._attempts[name] = READING_ATTEMPTS
+                self._described.add(name)
             except ParameterError as problem:
-                self._attempts[name] = self._attempts.get(name, 0) + 1
-                if self._attempts[name] == READING_ATTEMPTS:
-                    self.get_logger().warning(f"{problem} The bag lacks them.")
+                self._attempts[name] += 1
+                self.get_logger().warning(f"{problem} The bag lacks them.")
         return parameters
 
-    def _describe_late_nodes(self) -> None:
-        """Write the parameters of nodes that started after the bag."""
+    def _describe(self, nodes: Iterable[str]) -> None:
+        """Write the parameters of nodes that the bag lacks so far, such as of those that started after it."""
         recording = self._recording
         if recording is not None:
-            for node, values in self._read_parameters().items():
+            for node, values in self._read_parameters(nodes).items():
                 recording.write_parameters(PARAMETER_EVENTS, node, values)
 
     def _paused_at(self) -> tuple[int, int] | None:

@@ -18,6 +18,7 @@ import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from domain_coordinator import domain_id
+from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
@@ -29,6 +30,7 @@ from amb_core.records import LoopRecord
 from amb_core.telemetry import merge_blocks
 from amb_msgs.msg import LoopSamples, PlantState, SimulatorState
 from amb_msgs.srv import Reset, RunSteps, StartExcitation
+from amb_ros import middleware
 from amb_ros.qos import HISTORY, LATCHED
 
 TIMEOUT = 20.0  # s; for whatever takes a moment: start of a process, discovery, an answer
@@ -49,7 +51,9 @@ class Graph:
         }
         self._processes: list[subprocess.Popen[str]] = []
         self._nodes: list[Node] = []
+        self._clients: dict[str, Client] = {}
         self._context = Context()
+        middleware.configure()
         rclpy.init(context=self._context, domain_id=domain)
         self._executor = EventsExecutor(context=self._context)
         self._thread = threading.Thread(target=self._spin)
@@ -89,11 +93,12 @@ class Graph:
 
     def call(self, service_type: Any, name: str, /, **fields: Any) -> Any:
         """Call a service once it is there, with these fields in the request, and return its response."""
-        client = self.node.create_client(service_type, name)
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(service_type, name)
+        client = self._clients[name]
         self.wait_until(client.service_is_ready, what=f"service {name}")
         future = client.call_async(service_type.Request(**fields))
         self.wait_until(future.done, what=f"an answer of {name}")
-        self.node.destroy_client(client)
         return future.result()
 
     def wait_until(

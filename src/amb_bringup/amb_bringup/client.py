@@ -97,7 +97,7 @@ class AmbClient(GraphConnection):
 
     def pause(self) -> int:
         """Pause the simulator. Returns the next step."""
-        return self.call(Pause, "simulator/pause").step
+        return self.call(Pause, "simulator/pause", repeated=True).step
 
     def run(self, steps: int, progress: Callable[[int], None] | None = None) -> RunEnd:
         """Run a number of steps and wait for the end.
@@ -174,6 +174,7 @@ class AmbClient(GraphConnection):
         return self.call(
             PreviewExcitation,
             "excitation_generator/preview",
+            repeated=True,
             kind=kind,
             map=path,
             **_known(PreviewExcitation.Request, settings),
@@ -272,7 +273,7 @@ class AmbClient(GraphConnection):
 
     def get_model(self) -> StateSpaceModel:
         """The last identified model."""
-        return model_from_message(self.call(GetModel, "identifier/get_model").model)
+        return model_from_message(self.call(GetModel, "identifier/get_model", repeated=True).model)
 
     def _listen_to_regions(self) -> None:
         if self._region_subscription is None:

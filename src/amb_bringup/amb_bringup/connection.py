@@ -15,6 +15,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from amb_core.errors import AmbError
+from amb_ros.requests import PendingRequest
 
 
 class ClientError(AmbError):
@@ -90,17 +91,38 @@ class GraphConnection:
         """Process the next message; wait for it at most `timeout` (s)."""
         self._executor.spin_once(timeout_sec=timeout)
 
-    def call(self, service: Any, name: str, /, *, timeout: float | None = None, **fields: Any) -> Any:
-        """Call a service, relative to the namespace, with these fields in the request; returns its response."""
+    def call(
+        self, service: Any, name: str, /, *, timeout: float | None = None, repeated: bool = False, **fields: Any
+    ) -> Any:
+        """Call a service.
+
+        Parameters
+        ----------
+        service, name
+            Type and name, relative to the namespace.
+        timeout : float, optional
+            Longest wait for the answer (s).
+        repeated : bool
+            Whether the request may go out again while no answer comes, as it changes nothing or the same again.
+        **fields
+            Fields of the request.
+
+        Returns
+        -------
+        response of the service
+        """
         if name not in self._clients:
             self._clients[name] = self.node.create_client(service, name)
         client = self._clients[name]
         full_name = self.node.resolve_service_name(name)
         wait = self.timeout if timeout is None else timeout
         self.wait_until(client.service_is_ready, self.timeout, f"no service {full_name}; is the node running?")
-        future = client.call_async(service.Request(**fields))
-        self.wait_until(future.done, wait, f"no answer from {full_name} within {wait:g} s")
-        answer = future.result()
+        pending = PendingRequest(client, service.Request(**fields), repeated)
+        try:
+            self.wait_until(lambda: pending.answer() is not None, wait, f"no answer from {full_name} within {wait:g} s")
+            answer = pending.answer()
+        finally:
+            pending.forget()
         if not answer.success:
             raise ClientError(f"{full_name}: {answer.message}")
         return answer

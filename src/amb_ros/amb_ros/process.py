@@ -15,6 +15,7 @@ from rclpy.task import Future
 from threadpoolctl import threadpool_limits
 
 from amb_core.errors import AmbError
+from amb_ros import middleware
 
 SPIN_TIMEOUT = 0.5  # s
 
@@ -29,6 +30,7 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
     for number in (signal.SIGINT, signal.SIGTERM):
         # Without a KeyboardInterrupt that could break off a callback anywhere: rclpy shuts its context down instead.
         signal.signal(number, lambda number, _frame: told_to_end.append(number))
+    middleware.configure()
     rclpy.init(args=args)
     if told_to_end:
         rclpy.try_shutdown()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from typing import Any, TypeVar
 
@@ -14,6 +13,7 @@ from rclpy.node import Node
 from amb_core.errors import ParameterError
 from amb_core.messages import ParameterValue, parameters_from_messages
 from amb_core.parameters import Parameters, part_of
+from amb_ros.requests import PendingRequest
 
 P = TypeVar("P", bound=Parameters)
 
@@ -28,10 +28,10 @@ class RemoteParameters:
         self._clients: dict[str, tuple[Client, Client]] = {}
 
     def nodes(self) -> list[str]:
-        """Full names of the nodes in this node's namespace, itself included."""
-        own = self._node.get_namespace()
-        found = self._node.get_node_names_and_namespaces()
-        return sorted({f"{space.rstrip('/')}/{name}" for name, space in found if space == own and name[0] != "_"})
+        """Full names of the nodes in this node's namespace that tell their parameters, itself included."""
+        offered = (name.rpartition("/") for name, _ in self._node.get_service_names_and_types())
+        nodes = {node for node, _, service in offered if service == "list_parameters"}
+        return sorted(node for node in nodes if node.rpartition("/")[0] == self._node.get_namespace().rstrip("/"))
 
     def read(self, remote: str, timeout: float) -> dict[str, ParameterValue]:
         """All parameters of a node by name.
@@ -83,13 +83,14 @@ class RemoteParameters:
 
     def _call(self, client: Client, request: Any, remote: str, timeout: float) -> Any:
         deadline = time.monotonic() + timeout
-        while not client.service_is_ready() and time.monotonic() < deadline:
-            time.sleep(POLL_PERIOD)
-        if client.service_is_ready():
-            answered = threading.Event()
-            future = client.call_async(request)
-            future.add_done_callback(lambda _future: answered.set())
-            if answered.wait(timeout):
-                return future.result()
-            client.remove_pending_request(future)
-        raise ParameterError(f"node {remote} did not tell its parameters within {timeout:g} s; is it running?")
+        pending = PendingRequest(client, request, repeated=True)
+        try:
+            while (answer := pending.answer()) is None:
+                if time.monotonic() > deadline:
+                    raise ParameterError(
+                        f"node {remote} did not tell its parameters within {timeout:g} s; is it running?"
+                    )
+                time.sleep(POLL_PERIOD)
+        finally:
+            pending.forget()
+        return answer

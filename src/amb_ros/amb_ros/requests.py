@@ -1,0 +1,49 @@
+"""Requests to services, polled for their answer; those that may be asked twice are asked again while none comes."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+from rclpy.client import Client
+from rclpy.task import Future
+
+REPEAT_PERIOD = 0.5  # s; answers of nodes of others may get lost, see `middleware`
+
+
+class PendingRequest:
+    """A request that goes out as soon as its service is there.
+
+    Parameters
+    ----------
+    client : Client
+        Client of the service.
+    request : request of the service
+        What is asked.
+    repeated : bool
+        Whether it may be asked again, as it changes nothing or the same again.
+    """
+
+    def __init__(self, client: Client, request: Any, repeated: bool) -> None:
+        self._client = client
+        self._request = request
+        self._period = REPEAT_PERIOD if repeated else math.inf
+        self._next = -math.inf
+        self._futures: list[Future] = []
+
+    def answer(self) -> Any:
+        """The response, None as long as there is none; asks when it is time to."""
+        for future in self._futures:
+            if future.done():
+                return future.result()
+        now = time.monotonic()
+        if now >= self._next and self._client.service_is_ready():
+            self._futures.append(self._client.call_async(self._request))
+            self._next = now + self._period
+        return None
+
+    def forget(self) -> None:
+        """Expect no answer any more."""
+        for future in self._futures:
+            self._client.remove_pending_request(future)

@@ -1,0 +1,123 @@
+"""Answers of services that get lost, as they do on a busy machine, and who makes up for it."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from amb_core.bags import read_bag
+from amb_core.errors import ParameterError
+from amb_msgs.srv import GetModel, StartRecording, StopRecording
+from amb_ros import middleware
+from amb_ros.remote_parameters import RemoteParameters
+from amb_ros.requests import REPEAT_PERIOD
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+    from tests.graph.conftest import Graph
+
+
+def forgetful_node(graph: Graph, lost: int) -> Node:
+    """A node whose first answers about its parameters get lost, each as often."""
+    node = graph.add_node("forgetful", "/amb", start_parameter_services=False)
+
+    def names(_: Any, response: Any) -> Any:
+        response.result.names = ["gain"]
+        return response
+
+    def values(_: Any, response: Any) -> Any:
+        response.values = [graph.node.get_parameter("use_sim_time").get_parameter_value()]
+        return response
+
+    for kind, name, callback in ((ListParameters, "list", names), (GetParameters, "get", values)):
+        _lose_answers(node.create_service(kind, f"~/{name}_parameters", callback), lost)
+    return node
+
+
+def _lose_answers(service: Any, count: int) -> None:
+    send, sent = service.send_response, []
+
+    def send_later_ones(response: Any, header: Any) -> None:
+        sent.append(response)
+        if len(sent) > count:
+            send(response, header)
+
+    service.send_response = send_later_ones
+
+
+def test_parameters_are_asked_for_again(graph: Graph) -> None:
+    forgetful_node(graph, lost=1)
+    remote = RemoteParameters(graph.node)
+    began = time.monotonic()
+    assert remote.read("/amb/forgetful", 10.0) == {"gain": False}
+    assert time.monotonic() - began >= 2 * REPEAT_PERIOD, "neither answer came at once"
+    assert remote.read("/amb/forgetful", 10.0) == {"gain": False}
+
+
+def test_a_node_that_never_tells_its_parameters_is_named(graph: Graph) -> None:
+    forgetful_node(graph, lost=1_000)
+    with pytest.raises(ParameterError, match="node /amb/forgetful did not tell its parameters"):
+        RemoteParameters(graph.node).read("/amb/forgetful", 0.2)
+
+
+def test_the_recorder_asks_until_the_bag_is_closed_and_says_which_parameters_are_missing(graph: Graph) -> None:
+    node = forgetful_node(graph, lost=1_000)
+    graph.start("amb_ident_node.recorder", parameters={"parameter_timeout": 0.2})
+    graph.wait_until(lambda: graph.node.count_subscribers("/amb/telemetry"), "the recorder")
+    assert graph.call(StartRecording, "/amb/recorder/start", uri="lacking").success
+    stopped = graph.call(StopRecording, "/amb/recorder/stop")
+    assert not stopped.success
+    assert stopped.message == "the parameters of /amb/forgetful are missing"
+    bag = read_bag(stopped.uri)
+    assert not bag.truncated
+    assert set(bag.parameters()) == {"/amb/recorder"}
+
+    assert graph.call(StartRecording, "/amb/recorder/start", uri="complete").success
+    for service in node.services:
+        vars(service).pop("send_response", None)  # from now on its answers come through
+    stopped = graph.call(StopRecording, "/amb/recorder/stop")
+    assert stopped.success, stopped.message
+    assert read_bag(stopped.uri).parameters()["/amb/forgetful"] == {"gain": False}
+
+
+@pytest.mark.slow
+def test_a_service_waits_for_a_client_that_is_not_matched_yet(graph: Graph) -> None:
+    """By its quality of service this client is never matched, so the service waits as long as it is told to."""
+    waited: list[float] = []
+    service = graph.node.create_service(GetModel, "/half", lambda _, response: response)
+    send = service.send_response
+
+    def send_timed(response: Any, header: Any) -> None:
+        began = time.monotonic()
+        with pytest.warns(RuntimeWarning, match="client will not receive response"):
+            send(response, header)
+        waited.append(time.monotonic() - began)
+
+    service.send_response = send_timed
+    client = graph.node.create_client(
+        GetModel, "/half", qos_profile=QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    )
+
+    def asked() -> bool:  # until the service has heard of the client's requests, which are lost
+        client.call_async(GetModel.Request())
+        time.sleep(0.1)
+        return bool(waited)
+
+    graph.wait_until(asked, "the end of the wait")
+    assert waited[0] == pytest.approx(3.0, abs=0.5)
+
+
+def test_settings_of_the_user_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(middleware.VARIABLE, "mine.xml")
+    middleware.configure()
+    assert os.environ[middleware.VARIABLE] == "mine.xml"
+    monkeypatch.delenv(middleware.VARIABLE)
+    middleware.configure()
+    assert os.environ[middleware.VARIABLE] == str(middleware.PROFILES)
+    assert middleware.PROFILES.is_file()
