@@ -1,7 +1,8 @@
 """Accuracy, time and memory of identification, next to other packages, on a known unstable bearing in closed loop.
 
 Every identification runs in a process of its own with one BLAS thread. Those of other packages run with the interpreter
-of an environment in which peers.txt is installed; without it they are left out. Prints a table per data set and writes
+of an environment in which peers.txt is installed; without it they are left out. Finished runs are kept in
+results/bench_ident and not repeated as long as code and packages are the same. Prints a table per data set and writes
 results/bench_ident.json: medians of the scores (see `scores`), seconds and peak_mb over the runs that gave a model, and
 counts of runs, unstable_poles_right, closed_loop_stable and failures. The row `bound` is what no unbiased method can
 beat.
@@ -10,6 +11,8 @@ beat.
 from __future__ import annotations
 
 import argparse
+import functools
+import hashlib
 import json
 import math
 import os
@@ -35,15 +38,20 @@ from rich.progress import Progress
 from rich.table import Table
 from scores import innovation_ratio, score
 
+import amb_core.identification
+
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parents[2]
 RESULTS = ROOT / "results" / "bench_ident.json"
+KEPT = ROOT / "results" / "bench_ident"  # finished runs
 PEERS_PYTHON = ROOT / ".venv-peers" / "bin" / "python"
 MEMORY_LIMIT = 8 * 1024**3  # bytes
+LIBRARY = Path(amb_core.identification.__file__).parent
 _TABLE_WIDTH = 180
 _NOT_DONE = "not done after"  # how the reason of a run begins that took too long
 COUNTED = ("unstable_poles_right", "closed_loop_stable")
 
+Run = dict[str, float] | str  # scores of a run, or why it failed
 Summary = dict[str, float | str | None]  # medians and counts of a method, and the reason of its first failure
 
 
@@ -96,27 +104,48 @@ def _arguments() -> argparse.Namespace:
 
 def _measure(data_set: str, methods: list[Method], seeds: int, limit: int, patience: int) -> dict[str, Summary]:
     """Scores of each method; one that is over the limit `patience` times is not run with the other seeds."""
-    experiment = plant.DATA_SETS[data_set]
-    runs: dict[str, list[dict[str, float] | str]] = {method.name: [] for method in methods}
+    runs: dict[str, list[Run]] = {method.name: [] for method in methods}
     with Progress(transient=True) as progress:
         task = progress.add_task(data_set, total=seeds * len(methods))
         for seed in range(seeds):
-            record = plant.record(experiment, seed)
             for method in methods:
                 progress.update(task, advance=1, description=f"{data_set}, seed {seed}: {method.name}")
                 late = [run for run in runs[method.name] if isinstance(run, str) and run.startswith(_NOT_DONE)]
-                if len(late) >= patience:
-                    continue
-                found = _identify(method, record.current, record.position, plant.ORDER, limit)
-                if isinstance(found, str):
-                    runs[method.name].append(found)
-                else:
-                    scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
-                    scores |= score((found["a"], found["b"], found["c"]))
-                    if "innovation_covariance" in found:
-                        scores["innovation_ratio"] = innovation_ratio(found["innovation_covariance"], experiment.noise)
-                    runs[method.name].append(scores)
+                if len(late) < patience:
+                    runs[method.name].append(_run(data_set, seed, method, limit))
     return {name: _summary(scores) for name, scores in runs.items()}
+
+
+def _run(data_set: str, seed: int, method: Method, limit: int) -> Run:
+    """Scores of one run, or why it failed; from the disk where it has been made before."""
+    described = {"data": data_set, "seed": seed, "method": method.name, "limit": limit, "code": _version(method.module)}
+    path = KEPT / f"{hashlib.sha256(json.dumps(described).encode()).hexdigest()[:32]}.json"
+    if path.exists():
+        kept: Run = json.loads(path.read_text())["run"]
+        return kept
+    experiment = plant.DATA_SETS[data_set]
+    record = plant.record(experiment, seed)
+    found = _identify(method, record.current, record.position, plant.ORDER, limit)
+    run: Run = found if isinstance(found, str) else _scores(found, experiment.noise)
+    KEPT.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(described | {"run": run}))
+    return run
+
+
+def _scores(found: dict[str, NDArray[np.float64]], noise: float) -> dict[str, float]:
+    scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
+    scores |= score((found["a"], found["b"], found["c"]))
+    if "innovation_covariance" in found:
+        scores["innovation_ratio"] = innovation_ratio(found["innovation_covariance"], noise)
+    return {name: float(value) for name, value in scores.items()}
+
+
+@functools.cache
+def _version(module: str) -> str:
+    """Checksum of what decides the results of a module's methods: sources of the library, or versions of packages."""
+    sources = {"ours": sorted(LIBRARY.rglob("*.py")), "peers": [FOLDER / "peers.py", FOLDER / "peers.txt"]}[module]
+    sources += sorted(FOLDER / name for name in ("plant.py", "scores.py", "worker.py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
 
 
 def _real(method: Method, path: Path, limit: int) -> Summary:
@@ -157,7 +186,7 @@ def _limit(processor_seconds: int) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (processor_seconds, processor_seconds + 5))
 
 
-def _summary(runs: list[dict[str, float] | str]) -> Summary:
+def _summary(runs: list[Run]) -> Summary:
     """Medians over the runs that gave a model, counts, and the reason of the first failure."""
     good = [run for run in runs if not isinstance(run, str)]
     summary: Summary = {}
