@@ -3,6 +3,7 @@
 `save_figure` writes both. Figures are made without pyplot, so they need no display and leave no state behind.
 """
 
+from amb_core.figures.bode import bode_figure, bode_page
 from amb_core.figures.comparison import comparison_figure, comparison_page, save_validation_figures
 from amb_core.figures.loop import orbit_figure, orbit_page, response_figure, response_page, save_loop_figures
 from amb_core.figures.overlay import overlay_figure, overlay_page
@@ -15,6 +16,8 @@ from amb_core.figures.surface import surface_figure, surface_page
 from amb_core.figures.sweep import sweep_figure, sweep_page
 
 __all__ = [
+    "bode_figure",
+    "bode_page",
     "comparison_figure",
     "comparison_page",
     "map_figure",

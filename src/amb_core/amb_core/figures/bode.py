@@ -11,18 +11,11 @@ from numpy.typing import NDArray
 from amb_core.errors import IdentificationError
 from amb_core.figures.chart import Axis, Band, Chart, Curve, Item, Panel, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import BLUE, GREEN, ORANGE, PURPLE, SKY, UM, VERMILION, Stroke
+from amb_core.figures.style import MODELS, PLANT, UM, Stroke
 from amb_core.figures.thinning import SPANS, extremes
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse
 
-STROKES = (
-    Stroke(BLUE),
-    Stroke(VERMILION, "dash"),
-    Stroke(GREEN, "dashdot"),
-    Stroke(PURPLE, "dot", 1.8),
-    Stroke(ORANGE),
-    Stroke(SKY, "dash"),
-)
+STROKES = (PLANT, *MODELS)
 HEADROOM = 1.5  # factor above and below the curves that is free
 REACH = 5.0  # likewise, as far as bands may extend the panel
 HIGHEST_START = 90.0  # degree; phases start between this and a turn less, so that -180 is not drawn as 180
