@@ -83,6 +83,6 @@ def damped_step(sensitivity: Arrays, errors: Arrays, damping: float) -> tuple[Ar
     level = damping * singular[0] ** 2
     step = right.T @ (singular / (singular**2 + level) * along) / scale
     kept = level / (singular**2 + level)  # share of the errors that stays, per direction
-    total = float(np.sum(errors**2))
+    total = max(float(np.sum(errors**2)), np.finfo(float).tiny)
     certain = singular > _REDUNDANT * singular[0]
     return step, float(np.sum((1.0 - kept**2) * along**2)) / total, float(np.sum(along[certain] ** 2)) / total

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,15 +11,17 @@ from scipy import linalg
 
 from amb_core.identification.levenberg_marquardt import minimise
 from amb_core.identification.model import StateSpaceModel
-from amb_core.identification.predictor import experiment_factor, innovations, kalman_gain
-from amb_core.records import LoopRecord
+from amb_core.identification.predictor import experiment_factor, experiments, innovations, kalman_gain
 
 _LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
+_LEAST_GAIN = 1e-4  # relative decrease of the squared errors at which the search ends
 
 Arrays = NDArray[np.float64]
 
 
-def fit_kalman_gain(model: StateSpaceModel, records: list[LoopRecord], initial_states: Arrays) -> StateSpaceModel:
+def fit_kalman_gain(
+    model: StateSpaceModel, inputs: Sequence[Arrays], outputs: Sequence[Arrays], initial_states: Arrays
+) -> StateSpaceModel:
     """The model with K and the covariance of the innovations estimated anew, everything else as it is.
 
     Errors are weighted by the inverse of their covariance with the gain at the start: the model's own K where that
@@ -27,10 +30,10 @@ def fit_kalman_gain(model: StateSpaceModel, records: list[LoopRecord], initial_s
     Parameters
     ----------
     model : StateSpaceModel
-        Gives A, B, C, offsets, and K and the covariance of the innovations to start from.
-    records : list of LoopRecord
-        The data, signals as measured.
-    initial_states : ndarray, shape (records, n)
+        Gives A, B and C, and K and the covariance of the innovations to start from.
+    inputs, outputs : sequences of ndarray, shapes (steps, 2), (steps, 2)
+        Currents (A) and positions (m) of each experiment, without the offsets of the model.
+    initial_states : ndarray, shape (experiments, n)
         State at the first sample of each.
 
     Raises
@@ -38,15 +41,13 @@ def fit_kalman_gain(model: StateSpaceModel, records: list[LoopRecord], initial_s
     IdentificationError
         If there is no gain that makes a stable predictor.
     """
-    inputs = np.vstack([record.current for record in records]) - model.input_offset
-    outputs = np.vstack([record.position for record in records]) - model.output_offset
-    lengths = [record.steps for record in records]
-    parts = np.split(np.arange(len(inputs)), np.cumsum(lengths)[:-1])
+    lengths = [len(part) for part in inputs]
+    joined_inputs, joined_outputs = np.vstack(inputs), np.vstack(outputs)
     noise = model.innovation_covariance
     first = kalman_gain(model.a, model.c, model.k @ noise @ model.k.T, noise, model.k @ noise)
 
     def errors_of(k: Arrays) -> Arrays:
-        return innovations(model.a, model.b, model.c, k, initial_states, inputs, outputs, lengths)
+        return innovations(model.a, model.b, model.c, k, initial_states, joined_inputs, joined_outputs, lengths)
 
     errors = errors_of(first)
     weight = np.linalg.inv(linalg.cholesky(errors.T @ errors / len(errors), lower=True))
@@ -57,7 +58,10 @@ def fit_kalman_gain(model: StateSpaceModel, records: list[LoopRecord], initial_s
     def linearise(k: Arrays) -> tuple[Arrays, Arrays]:
         f, errors = model.a - k @ model.c, errors_of(k)
         # K acts on the errors as an input matrix does on inputs.
-        factors = [experiment_factor(f, weight @ model.c, errors[part], errors[part] @ weight.T) for part in parts]
+        factors = [
+            experiment_factor(f, weight @ model.c, errors[part], errors[part] @ weight.T)
+            for part in experiments(len(errors), lengths)
+        ]
         rows = np.vstack([factor[:, model.order :] for factor in factors])
         return rows[:, :-1], rows[:, -1]
 
@@ -66,6 +70,6 @@ def fit_kalman_gain(model: StateSpaceModel, records: list[LoopRecord], initial_s
         radius = float(np.max(np.abs(np.linalg.eigvals(model.a - moved @ model.c))))
         return moved if radius < _LARGEST_RADIUS else None
 
-    k = minimise(first, squares, linearise, move)
+    k = minimise(first, squares, linearise, move, least_gain=_LEAST_GAIN)
     errors = errors_of(k)
     return replace(model, k=k, innovation_covariance=errors.T @ errors / len(errors))

@@ -56,7 +56,7 @@ def sensitivity_factor(
     record: LoopRecord,
     first_current: Arrays | None,
     directions: Directions,
-    weight: Arrays,
+    scale: Arrays,
 ) -> Arrays:
     """Triangular factor of derivatives and errors of the simulated positions.
 
@@ -68,8 +68,8 @@ def sensitivity_factor(
         The measured loop.
     directions : Directions
         Changes of the model.
-    weight : ndarray, shape (2, 2)
-        Errors and derivatives are weighted as weight @ error.
+    scale : ndarray, shape (2,)
+        Errors and derivatives of each position are divided by it (m).
 
     Returns
     -------
@@ -101,8 +101,8 @@ def sensitivity_factor(
             np.ascontiguousarray(directions.of_c), offset_change, gains, linear, record.reference[part],
             record.position[part], state, change, law, law_change, rows,
         )  # fmt: skip
-        weighted = np.einsum("ij,kjc->kic", weight, rows).reshape(-1, columns + 1)
-        factor = np.asarray(np.linalg.qr(np.vstack([factor, weighted]), mode="r"))
+        rows /= scale[:, np.newaxis]
+        factor = np.asarray(np.linalg.qr(np.vstack([factor, rows.reshape(-1, columns + 1)]), mode="r"))
     return factor
 
 
@@ -146,9 +146,9 @@ def _advance(
                 factor, along = c[axis, index], change[index]
                 for column in range(columns):
                     row[column] += factor * along[column]
-                value, direction = state[index], of_c[axis, index]
+                value, direction, part = state[index], of_c[axis, index], row[first:columns]
                 for column in range(columns - first):
-                    row[first + column] += value * direction[column]
+                    part[column] += value * direction[column]
         pd_update(law, gains, output[0], output[1], reference[step, 0], reference[step, 1], current)
         free_x, free_y = abs(current[0]) < limit, abs(current[1]) < limit
         for column in range(columns):
@@ -168,10 +168,11 @@ def _advance(
                 factor, along = b[index, inner], input_change[inner]
                 for column in range(columns):
                     row[column] += factor * along[column]
+            part = row[first:]
             for inner in range(n + 2):
                 value, direction = known[inner], by_state[index, inner]
                 for column in range(columns - first):
-                    row[first + column] += value * direction[column]
+                    part[column] += value * direction[column]
         change[:] = advanced_change
         set_product(a, state, advanced)
         add_product(b, known[n:], advanced)
