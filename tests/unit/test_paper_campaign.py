@@ -11,7 +11,7 @@ import pytest
 
 from amb_bringup.paper.campaign import run_campaign
 from amb_bringup.paper.studies import STUDIES, studies_named
-from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyError, StudyResult
+from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyError, StudyResult, Workplace
 from amb_core.errors import RegionError
 from amb_core.figures.chart import Axis, Chart, Curve, Panel
 from amb_core.figures.style import PLANT
@@ -44,9 +44,9 @@ class Failing(Study):
 
 def test_a_finished_study_is_read_from_the_disk_as_it_was(tmp_path: Path) -> None:
     Drawing.runs = 0
-    first = run_campaign([Drawing()], cache=tmp_path)
+    first = run_campaign([Drawing()], Workplace(cache=tmp_path))
     progress = []
-    again = run_campaign([Drawing()], cache=tmp_path, progress=progress.append)
+    again = run_campaign([Drawing()], Workplace(cache=tmp_path), progress=progress.append)
     assert Drawing.runs == 1
     assert again == first
     assert [(step.done, step.reused) for step in progress] == [(1, 1)]
@@ -55,9 +55,34 @@ def test_a_finished_study_is_read_from_the_disk_as_it_was(tmp_path: Path) -> Non
 def test_others_are_kept_when_a_study_fails(tmp_path: Path) -> None:
     Drawing.runs = 0
     with pytest.raises(StudyError, match="failing: the rotor fell"):
-        run_campaign([Failing(), Drawing()], cache=tmp_path)
-    run_campaign([Drawing()], cache=tmp_path)
+        run_campaign([Failing(), Drawing()], Workplace(cache=tmp_path))
+    run_campaign([Drawing()], Workplace(cache=tmp_path))
     assert Drawing.runs == 1
+
+
+class Leaving(Drawing):
+    """Leaves a file besides its result."""
+
+    name = "leaving"
+
+    def run_at(self, workplace: Workplace) -> StudyResult:
+        (workplace.folder / "left").touch()
+        return self.run()
+
+    def files_are_whole(self, folder: Path) -> bool:
+        return (folder / "left").exists()
+
+
+def test_a_study_whose_files_are_gone_runs_again(tmp_path: Path) -> None:
+    Leaving.runs = 0
+    workplace = Workplace(folder=tmp_path, cache=tmp_path / "cache")
+    run_campaign([Leaving()], workplace)
+    run_campaign([Leaving()], workplace)
+    assert Leaving.runs == 1
+    (tmp_path / "left").unlink()
+    run_campaign([Leaving()], workplace)
+    assert Leaving.runs == 2
+    assert (tmp_path / "left").exists()
 
 
 def test_results_are_plain_json() -> None:

@@ -34,6 +34,7 @@ def reproduce(
     from amb_bringup.paper.campaign import run_campaign
     from amb_bringup.paper.output import write_figures, write_paper
     from amb_bringup.paper.studies import STUDIES, studies_named
+    from amb_bringup.paper.study import Workplace
 
     console = Console()
     studies = studies_named(only) if only else STUDIES
@@ -47,7 +48,7 @@ def reproduce(
         def show(progress: CampaignProgress) -> None:
             bar.update(task, completed=progress.done, description=f"studies: {progress.last or 'starting'}")
 
-        results = run_campaign(studies, scheduler=scheduler, workers=workers, progress=show)
+        results = run_campaign(studies, Workplace(folder=out, scheduler=scheduler, workers=workers), progress=show)
     console.print(_claims(results))
     if only:
         write_figures(out, results)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-from amb_bringup.paper.study import Study, StudyError, StudyResult
+from amb_bringup.paper.study import Study, StudyError, StudyResult, Workplace
 from amb_core.errors import AmbError
-from amb_core.tasks import ResultCache, cache_folder
+from amb_core.tasks import ResultCache
 
 POLL = 1.0  # s; how long workers that have failed may go unnoticed, no more depends on it
 
@@ -25,10 +24,8 @@ class CampaignProgress:
 
 def run_campaign(
     studies: Sequence[Study],
+    workplace: Workplace | None = None,
     *,
-    cache: Path | None = None,
-    scheduler: str | None = None,
-    workers: int | None = None,
     progress: Callable[[CampaignProgress], None] | None = None,
 ) -> dict[str, StudyResult]:
     """Results of studies by name, in their order; what has been run before with the same code is not run again.
@@ -37,10 +34,8 @@ def run_campaign(
     ----------
     studies : sequence of Study
         With different names.
-    cache : Path, optional
-        Folder of results, by default `cache_folder("paper")`.
-    scheduler, workers : optional
-        As for `amb_core.tasks.cluster.open_cluster`.
+    workplace : Workplace, optional
+        Its cluster, where results are kept, and where studies leave files.
     progress : callable, optional
         Called at the start and after each study.
 
@@ -53,7 +48,8 @@ def run_campaign(
     """
     from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
 
-    kept = ResultCache(cache or cache_folder("paper"))
+    workplace = workplace or Workplace()
+    kept = ResultCache(workplace.cache)
     results: dict[str, StudyResult] = {}
     problems: list[str] = []
     waiting: dict[str, Study] = {}
@@ -71,11 +67,11 @@ def run_campaign(
             kept.ensure(key, study, result)
         report(study.name)
 
-    with TaskPool[StudyResult](scheduler, workers) as pool:
+    with TaskPool[StudyResult](workplace.scheduler, workplace.workers) as pool:
         own: dict[str, Study] = {}
         for study in studies:
             key = study.key()
-            known = kept.load(key, study)
+            known = kept.load(key, study) if study.files_are_whole(workplace.folder) else None
             if known is not None:
                 results[study.name] = known
                 reused += 1
@@ -91,7 +87,7 @@ def run_campaign(
                 take(waiting.pop(finished[0]), *finished)
     for key, study in own.items():  # after the others, since these have the whole machine
         try:
-            take(study, key, study.run())
+            take(study, key, study.run_at(workplace))
         except AmbError as problem:
             take(study, key, problem)
     if problems:

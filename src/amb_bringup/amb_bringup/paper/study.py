@@ -10,6 +10,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any, ClassVar
 
 from amb_core.errors import AmbError
@@ -17,7 +18,7 @@ from amb_core.figures.chart import Chart
 from amb_core.figures.matplotlib_figure import draw_figure
 from amb_core.figures.plotly_page import draw_page
 from amb_core.report import Answer
-from amb_core.tasks import Task
+from amb_core.tasks import Task, cache_folder
 from amb_core.tasks.provenance import code_version
 
 
@@ -101,6 +102,26 @@ class StudyResult:
     notes: Sequence[str] = ()
 
 
+@dataclass(frozen=True)
+class Workplace:
+    """What a study that is not parallel may use besides its own process.
+
+    Attributes
+    ----------
+    folder : Path
+        For files that belong to its result, such as bags.
+    cache : Path
+        For results of tasks of its own.
+    scheduler, workers : optional
+        Of a cluster, as for `amb_core.tasks.cluster.open_cluster`.
+    """
+
+    folder: Path = Path("results/paper")
+    cache: Path = field(default_factory=lambda: cache_folder("paper"))
+    scheduler: str | None = None
+    workers: int | None = None
+
+
 class Study(Task[StudyResult]):
     """Redoes a figure or claim of the paper. Studies have no parameters: those of the paper are in their code.
 
@@ -112,21 +133,33 @@ class Study(Task[StudyResult]):
         Heading of its section in the report.
     parallel : bool
         Whether it runs on a worker of the cluster; otherwise in the program itself, which may use the cluster or ROS.
+    sources : tuple of modules
+        Modules of this package, besides its own, on which its result depends.
     """
 
     name: ClassVar[str]
     heading: ClassVar[str]
     parallel: ClassVar[bool] = True
+    sources: ClassVar[tuple[ModuleType, ...]] = ()
 
     @abstractmethod
     def run(self) -> StudyResult:
         """Run the experiments, draw the figures, judge the claims."""
 
+    def run_at(self, workplace: Workplace) -> StudyResult:
+        """As `run`, for a study that is not parallel and leaves files or uses the cluster."""
+        return self.run()
+
+    def files_are_whole(self, folder: Path) -> bool:
+        """Whether the files that it left in the folder of a workplace are still there; otherwise it is run again."""
+        return True
+
     def describe(self) -> dict[str, Any]:
         """Name and versions: of the whole library, and of the modules of the study."""
         modules = hashlib.sha256()
-        for kind in (type(self), Study):
-            modules.update(Path(inspect.getfile(kind)).read_bytes())
+        files = [inspect.getfile(type(self)), inspect.getfile(Study), *map(inspect.getfile, self.sources)]
+        for file in files:
+            modules.update(Path(file).read_bytes())
         return {"study": self.name, "library": code_version(("",)), "modules": modules.hexdigest()}
 
     @staticmethod
