@@ -19,6 +19,7 @@ from amb_core.plant.parameters import (
 from amb_core.plant.plant import Plant, PlantSnapshot
 from amb_core.plant.ross_rotor import modal_data_from_ross
 from amb_core.plant.trace import Trace
+from amb_core.plant.uniform_shaft import uniform_shaft
 
 __all__ = [
     "AmplifierParameters",
@@ -41,4 +42,5 @@ __all__ = [
     "describe",
     "linearize",
     "modal_data_from_ross",
+    "uniform_shaft",
 ]

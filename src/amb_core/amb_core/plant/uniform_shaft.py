@@ -1,0 +1,136 @@
+"""Modal data of a uniform round shaft, in closed form: a flexible rotor without a finite element program.
+
+    from amb_core.plant import uniform_shaft
+
+    uniform_shaft(length=0.5, diameter=0.064, bearings=(-0.15, 0.15)).save("shaft.npz")
+
+Bending is that of a slender beam with free ends (Euler and Bernoulli: no shear, no rotary inertia), whose frequencies
+are somewhat too high where the shaft is not slender; so is the rotary inertia of a tilting disc left out of the tilt.
+
+Source: Blevins, "Formulas for Natural Frequency and Mode Shape", Van Nostrand Reinhold 1979, table 8-1, free-free beam.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from amb_core.errors import PlantError
+from amb_core.plant.modal_data import ModalData
+
+MOST_BENDING_MODES = 8
+"""Beyond, hyperbolic functions of the shape cancel to less than six digits."""
+_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+"""Planes x and y as a gyroscopic matrix connects them."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)
+
+
+def uniform_shaft(
+    length: float,
+    diameter: float,
+    bearings: Sequence[float],
+    sensors: Sequence[float] | None = None,
+    *,
+    bending_modes: int = 3,
+    damping_ratio: float = 0.005,
+    density: float = 7850.0,
+    elastic_modulus: float = 2.1e11,
+) -> ModalData:
+    """Rigid body modes and lowest bending modes of a uniform round shaft, free and at standstill.
+
+    Modes come in pairs, one along x and one along y: translation, tilt about the middle, then bending. The unbalance is
+    in the middle.
+
+    Parameters
+    ----------
+    length, diameter : float
+        Of the shaft (m).
+    bearings : sequence of two float
+        Axial positions of bearings A and B from the middle of the shaft, A at smaller z (m).
+    sensors : sequence of two float, optional
+        Those of their sensors (m); by default in the bearings.
+    bending_modes : int
+        Number of bending modes in each plane, 0 to 8.
+    damping_ratio : float
+        Damping ratio of the bending modes (-).
+    density, elastic_modulus : float
+        Of the material (kg/m^3, Pa); by default those of steel.
+
+    Raises
+    ------
+    PlantError
+        If a dimension is not positive, a position is not on the shaft, or the number of modes is out of its range.
+    """
+    sensors = bearings if sensors is None else sensors
+    for name, value in {
+        "length": length, "diameter": diameter, "density": density, "elastic_modulus": elastic_modulus
+    }.items():  # fmt: skip
+        if not (np.isfinite(value) and value > 0.0):
+            raise PlantError(f"uniform shaft: {name} = {value:g}; it must be positive and finite")
+    for name, places in {"bearings": bearings, "sensors": sensors}.items():
+        if len(places) != 2 or not -0.5 * length <= places[0] < places[1] <= 0.5 * length:
+            raise PlantError(
+                f"uniform shaft: {name} = {list(places)} m; needed: two positions, A below B, within "
+                f"{0.5 * length:g} m of the middle"
+            )
+    if not 0 <= bending_modes <= MOST_BENDING_MODES:
+        raise PlantError(f"uniform shaft: bending_modes = {bending_modes}; allowed: 0 to {MOST_BENDING_MODES}")
+
+    area = 0.25 * np.pi * diameter**2
+    mass = density * area * length
+    wave_numbers = [_wave_number(mode) / length for mode in range(1, bending_modes + 1)]
+    stiffness_per_mass = elastic_modulus * diameter**2 / (16.0 * density)
+    bending = [wave**2 * np.sqrt(stiffness_per_mass) / (2.0 * np.pi) for wave in wave_numbers]
+
+    place = 0.5 * length * _NODES
+    slopes = _slopes(place, length, wave_numbers) / np.sqrt(mass)
+    polar_inertia = 0.125 * density * area * diameter**2  # per length
+    gyroscopic = polar_inertia * (slopes.T * (0.5 * length * _WEIGHTS)) @ slopes
+    weight = np.zeros(2 * (2 + bending_modes))
+    weight[1] = -np.sqrt(mass)
+
+    def in_both_planes(places: Sequence[float]) -> NDArray[np.float64]:
+        shapes = _shapes(np.asarray(places, dtype=np.float64), length, wave_numbers) / np.sqrt(mass)
+        return np.asarray(np.kron(shapes, np.eye(2)), dtype=np.float64)
+
+    return ModalData(
+        natural_frequencies=np.repeat([0.0, 0.0, *bending], 2),
+        damping_ratios=np.repeat([0.0, 0.0, *[damping_ratio] * bending_modes], 2),
+        bearings=in_both_planes(bearings),
+        sensors=in_both_planes(sensors),
+        unbalance=in_both_planes([0.0]),
+        weight=weight,
+        gyroscopic=np.kron(0.5 * (gyroscopic + gyroscopic.T), _TURN),
+        description=f"uniform shaft, {length:g} m long, {diameter:g} m in diameter, {mass:g} kg",
+    )
+
+
+def _wave_number(mode: int) -> float:
+    """Root of cos(b) cosh(b) = 1, divided by cosh(b) so that it stays small."""
+    guess = (mode + 0.5) * np.pi
+    return float(brentq(lambda b: np.cos(b) - 1.0 / np.cosh(b), guess - 0.5, guess + 0.5))
+
+
+def _shapes(place: NDArray[np.float64], length: float, wave_numbers: Sequence[float]) -> NDArray[np.float64]:
+    """Shapes with a mean square of 1 over the shaft, at places from its middle (m), shape (places, modes)."""
+    columns = [np.ones_like(place), np.sqrt(12.0) * place / length]
+    for wave in wave_numbers:
+        x, ratio = wave * (place + 0.5 * length), _ratio(wave * length)
+        columns.append(np.cosh(x) + np.cos(x) - ratio * (np.sinh(x) + np.sin(x)))
+    return np.column_stack(columns)
+
+
+def _slopes(place: NDArray[np.float64], length: float, wave_numbers: Sequence[float]) -> NDArray[np.float64]:
+    """Slopes of these shapes (1/m)."""
+    columns = [np.zeros_like(place), np.full_like(place, np.sqrt(12.0) / length)]
+    for wave in wave_numbers:
+        x, ratio = wave * (place + 0.5 * length), _ratio(wave * length)
+        columns.append(wave * (np.sinh(x) - np.sin(x) - ratio * (np.cosh(x) + np.cos(x))))
+    return np.column_stack(columns)
+
+
+def _ratio(b: float) -> float:
+    return float((np.cosh(b) - np.cos(b)) / (np.sinh(b) - np.sin(b)))
