@@ -133,6 +133,9 @@ def _closed_loops(validations: Mapping[str, Validation]) -> tuple[LoopRecord | N
 def _responses(validations: Mapping[str, Validation]) -> list[FrequencyResponse]:
     """What the models are compared with, which is the same for all, and the response of each."""
     one = next(iter(validations.values())).frequency
+    if len(validations) == 1:
+        return list(one.responses)
     models = [replace(item.frequency.model, label=f"model {label}") for label, item in validations.items()]
-    measured = [] if one.measured is None else [one.measured.response]
-    return [*measured, *models, *([] if one.plant is None else [one.plant])]
+    return [
+        response for response in (one.measured and one.measured.response, *models, one.plant) if response is not None
+    ]

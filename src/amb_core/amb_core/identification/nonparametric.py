@@ -59,13 +59,24 @@ class NonparametricEstimate:
         with the references, the chance of few terms allowed for; its label tells how it was estimated.
     variance : ndarray, shape (f, p, m)
         Variance of the complex error of each element by noise.
+    free_terms : float
+        Independent terms from which the variance is estimated, less those that the estimate itself takes.
     notes : tuple of str
         Where the data do not determine it.
     """
 
     response: FrequencyResponse
     variance: NDArray[np.float64]
+    free_terms: float
     notes: tuple[str, ...]
+
+    def largest_error(self, level: float) -> float:
+        """Ratio of |error|^2 to `variance` that is exceeded with the probability 1 - level.
+
+        Half the ratio of a chi-square variable of 2 degrees of freedom to the variance estimated from so many terms: an
+        F distribution, whose quantile has a closed form.
+        """
+        return self.free_terms * float((1.0 - level) ** (-1.0 / self.free_terms) - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,6 +247,7 @@ def _estimate(spectra: _Spectra, data: IdentificationData) -> NonparametricEstim
             data.output_units,
         ),
         variance,
+        free,
         _notes(int(independent.sum()), frequency, spectra.frequency[independent]),
     )
 

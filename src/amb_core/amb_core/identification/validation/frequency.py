@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 _LOWEST = 1e-4  # of the sample rate: 1 Hz at 10 kHz
 _POINTS = 500
-_WITHIN = -np.log(1.0 - LEVEL)  # of |error|^2 / variance, for complex normal errors
 
 
 @dataclass(frozen=True)
@@ -164,7 +163,7 @@ def _bands(
             spread = np.sqrt(measured.variance[lines].sum(axis=(1, 2)))
             deviation = spread / np.linalg.norm(found.response[lines], ord=2, axis=(1, 2))
             variance = measured.variance[lines] + _variance(model)[here]
-            inside = np.abs(error) ** 2 <= _WITHIN * variance
+            inside = np.abs(error) ** 2 <= measured.largest_error(LEVEL) * variance
         if len(difference) or len(beside):
             yield BandComparison(
                 float(low),

@@ -1,0 +1,285 @@
+"""Validation: true models pass, wrong ones fail for the right reason, and data that tell nothing are refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from amb_core.control import ControllerParameters
+from amb_core.errors import IdentificationError
+from amb_core.identification import IdentificationData, StateSpaceModel, Validation, validate
+from amb_core.identification.data import detrend, merge
+from amb_core.identification.predictor import kalman_gain
+from amb_core.identification.validation import check_residuals, predict
+from amb_core.identification.validation.report import WIDTH
+
+NOISE, FORCE = 2e-8, 0.1  # m, N: rms on sensors and rotor
+CONTROLLER = ControllerParameters()
+
+
+@pytest.fixture(scope="module")
+def model(bearing) -> StateSpaceModel:
+    """The bearing with the Kalman filter of its noise: the truth about the data."""
+    by_force = bearing._matrices[1][:, 2:]
+    a, c = bearing.model.a, bearing.model.c
+    k = kalman_gain(a, c, by_force @ by_force.T * FORCE**2, np.eye(2) * NOISE**2, np.zeros((6, 2)))
+    covariance = bearing.innovation_covariance(NOISE, FORCE)
+    return replace(bearing.model, k=k, innovation_covariance=covariance, method="truth")
+
+
+@pytest.fixture(scope="module")
+def data(bearing) -> IdentificationData:
+    """6000 samples of squares of 20 Hz on x, then on y."""
+    record = bearing.experiment(NOISE, force=FORCE, frequency=20.0, duration=0.6)
+    return IdentificationData.from_record(record, source="bearing")
+
+
+@pytest.fixture(scope="module")
+def validation(model: StateSpaceModel, data: IdentificationData) -> Validation:
+    return validate(model, data, CONTROLLER)
+
+
+def test_the_true_model_is_validated(validation: Validation) -> None:
+    assert validation.white and validation.independent and validation.closed_loop_stable and validation.validated
+    assert validation.fit.min() > 99.0 and validation.one_step_fit.min() > 99.8
+
+
+def test_residuals_of_the_true_model_have_the_covariance_of_its_innovations(
+    validation: Validation, model: StateSpaceModel
+) -> None:
+    expected = np.sqrt(np.diag(model.innovation_covariance))
+    assert validation.residuals.deviation == pytest.approx(expected, rel=0.03)  # 6000 samples: one sigma is 0.9 %
+
+
+def test_a_model_of_too_low_an_order_fails(data: IdentificationData, model: StateSpaceModel) -> None:
+    """Without the actuators' states the first lags of the inputs explain what is missing."""
+    low = replace(
+        model, a=model.a[:4, :4], b=model.b[:4] + 0.1 * model.b[:4], c=model.c[:, :4], k=model.k[:4],
+        initial_state=np.zeros(4),
+    )  # fmt: skip
+    found = validate(low, data, CONTROLLER)
+    assert not found.independent and not found.validated
+    assert any("raise the order" in line for line in found.report().splitlines())
+
+
+def test_k_steps_ahead_is_the_filtered_state_left_alone(data: IdentificationData, model: StateSpaceModel) -> None:
+    short = data.window(0, 400)
+    found = predict(model, short, (1, 7))
+    item = short.experiments[0]
+    u, y = item.inputs - model.input_offset, item.outputs
+    state, expected = found.first_states[0], []
+    for step in range(400):
+        ahead = state
+        for later in range(step, min(step + 6, 400)):
+            ahead = model.a @ ahead + model.b @ u[later]
+        expected.append(model.c @ ahead)  # of y[step + 6] from outputs before `step`
+        state = model.a @ state + model.b @ u[step] + model.k @ (y[step] - model.c @ state)
+    spread = np.linalg.norm(y[6:] - y[6:].mean(axis=0), axis=0)
+    error = np.linalg.norm(y[6:] - np.array(expected[:-6]), axis=0)
+    assert found.fit_at(7) == pytest.approx(100.0 * (1.0 - error / spread), abs=1e-6)
+
+
+def test_predictions_get_worse_with_the_horizon(validation: Validation) -> None:
+    fit = [validation.prediction.fit_at(horizon).min() for horizon in (1, 20, 100)]
+    assert fit[0] > fit[1] > fit[2]
+
+
+def test_a_model_with_feedthrough_predicts_what_it_makes() -> None:
+    random = np.random.default_rng(0)
+    u = random.normal(size=(300, 1))
+    y = lfilter([0.5, 0.2], [1.0, -0.8], u, axis=0) + 3.0
+    first_order = StateSpaceModel(
+        [[0.8]], [[1.0]], [[0.6]], [[0.5]], [[0.1]], [[1e-12]], [0.0], [3.0], [0.0], 1e-3, ("u",), ("y",)
+    )  # fmt: skip
+    found = predict(first_order, IdentificationData.from_arrays(u, y, 1e-3, input_names=["u"], output_names=["y"]))
+    assert np.abs(found.residuals[0]).max() < 1e-12
+
+
+def test_the_first_state_of_other_data_is_found(bearing, data: IdentificationData, model: StateSpaceModel) -> None:
+    """Amid a square wave the rotor moves: a start at rest would show in the first residuals."""
+    amid = data.window(1_010, 3_000)
+    residuals = predict(model, amid).residuals[0][:20]
+    assert np.abs(residuals).max() < 6.0 * np.sqrt(model.innovation_covariance.max())
+
+
+def test_data_amid_a_run_are_followed_from_the_start(data: IdentificationData, model: StateSpaceModel) -> None:
+    assert validate(model, data.window(1_010, 5_500), CONTROLLER).fit.min() > 99.0
+
+
+def test_means_are_what_the_deviations_lack(bearing, validation: Validation) -> None:
+    """Without its offsets the model does not know that gravity holds the rotor below the reference."""
+    loop = validation.closed_loop
+    assert loop is not None
+    assert loop.fit_without_means[1] < 50.0 < 99.0 < loop.fit[1]
+    sag = [record.position[-1] for record in (*loop.simulated, *loop.without_means) if record is not None]
+    assert sag[1][1] - sag[0][1] == pytest.approx(-loop.measured[0].position[:, 1].mean(), rel=0.02)
+
+
+def test_another_load_shows_as_an_offset(data: IdentificationData, model: StateSpaceModel) -> None:
+    light = replace(model, input_offset=0.5 * model.input_offset)
+    found = validate(light, data, CONTROLLER)
+    assert found.closed_loop is not None and found.closed_loop.offset[1] < -10e-6
+    assert not found.validated and "rests elsewhere" in found.report()
+
+
+def test_a_loop_that_diverges_is_no_error(data: IdentificationData, model: StateSpaceModel) -> None:
+    found = validate(replace(model, b=-model.b), data, CONTROLLER)
+    assert found.closed_loop_stable is False and not found.validated
+    assert np.all(found.fit == -np.inf)
+    text = json.dumps(found.as_dict(), allow_nan=False)
+    assert json.loads(text)["closed_loop"]["fit_percent"] == [None, None]
+    assert "UNSTABLE" in found.report()
+
+
+def test_without_controller_or_reference_the_closed_loop_is_left_out(
+    data: IdentificationData, model: StateSpaceModel
+) -> None:
+    alone = replace(data, experiments=tuple(replace(item, reference=None) for item in data.experiments))
+    for found, reason in (
+        (validate(model, data), "controller is not known"),
+        (validate(model, alone, CONTROLLER), "no reference"),
+    ):
+        assert found.closed_loop is None and found.closed_loop_stable is None and found.fit.size == 0
+        assert found.validated and reason in found.report()
+
+
+def test_experiments_without_reference_are_counted(data: IdentificationData, model: StateSpaceModel) -> None:
+    alone = replace(data, experiments=tuple(replace(item, reference=None) for item in data.experiments))
+    found = validate(model, merge([data, alone]), CONTROLLER)
+    assert "1 experiment without reference left out" in found.report()
+    assert found.residuals.samples == 2 * data.samples
+
+
+def test_detrended_data_give_the_same_verdict(
+    data: IdentificationData, model: StateSpaceModel, validation: Validation
+) -> None:
+    again = validate(model, detrend(data), CONTROLLER)
+    assert again.fit == pytest.approx(validation.fit, abs=1e-6)
+    assert again.residuals.whiteness.statistic == pytest.approx(validation.residuals.whiteness.statistic, rel=1e-6)
+
+
+def test_the_report_is_a_page_of_plain_text(validation: Validation) -> None:
+    lines = validation.report().splitlines()
+    assert len(lines) < 60 and max(map(len, lines)) <= WIDTH
+    for part in ("CLOSED LOOP", "PREDICTION", "RESIDUALS", "FREQUENCY", "VERDICT      validated"):
+        assert any(line.startswith(part) for line in lines)
+    assert "\n" not in validation.summary and validation.summary.startswith("validated: truth, order 6")
+
+
+def test_the_numbers_are_strict_json(validation: Validation) -> None:
+    values = json.loads(json.dumps(validation.as_dict(), allow_nan=False))
+    assert values["validated"] is True
+    assert values["closed_loop"]["fit_percent"] == pytest.approx(validation.fit.tolist())
+    assert values["residuals"]["whiteness"]["passed"] is True
+
+
+def with_outputs(data: IdentificationData, outputs: np.ndarray) -> IdentificationData:
+    return replace(data, experiments=tuple(replace(item, outputs=outputs) for item in data.experiments))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda data: replace(data, sample_time=2e-4), r"sample time of 0\.0002 s, the model of 0\.0001 s"),
+        (lambda data: replace(data, output_names=("x", "z")), "the data have the outputs x, z, the model x, y"),
+        (lambda data: data.window(0, 150), "horizons from 1 to 100 steps are not allowed"),
+        (lambda data: data.window(0, 220), "220 samples are too few to test residuals over 25 lags"),
+        (lambda data: with_outputs(data, np.full((6_000, 2), np.nan)), "experiment 0 holds values that are not finite"),
+        (lambda data: with_outputs(data, np.zeros((6_000, 2))), "output 0 is constant"),
+    ],
+)
+def test_data_that_do_not_fit_are_refused(
+    data: IdentificationData,
+    model: StateSpaceModel,
+    change: Callable[[IdentificationData], IdentificationData],
+    reason: str,
+) -> None:
+    with pytest.raises(IdentificationError, match=reason):
+        validate(model, change(data), CONTROLLER)
+
+
+def test_a_model_without_stable_predictor_is_refused(data: IdentificationData, model: StateSpaceModel) -> None:
+    with pytest.raises(IdentificationError, match=r"predictor of the model is unstable \(spectral radius"):
+        validate(replace(model, k=np.zeros((6, 2))), data, CONTROLLER)
+
+
+def test_a_controller_of_another_rate_is_refused(data: IdentificationData, model: StateSpaceModel) -> None:
+    with pytest.raises(IdentificationError, match="must have one sample time"):
+        validate(model, data, ControllerParameters(sample_rate=20_000.0))
+
+
+class TestResiduals:
+    """Tests of residuals alone, on signals whose nature is known."""
+
+    random = np.random.default_rng(5)
+
+    def test_one_of_a_hundred_white_residuals_fails_each_test(self) -> None:
+        """Of 200 runs 2 are expected to fail; more than 8 have a probability of 2e-4."""
+        fails = np.zeros(2)
+        for _ in range(200):
+            white = self.random.normal(size=(400, 2)) @ [[1.0, 0.6], [0.0, 1.0]]
+            found = check_residuals([white], [self.random.normal(size=(400, 2))], lags=5)
+            fails += not found.whiteness.passed, not found.independence.passed
+        assert fails.max() <= 8
+
+    def test_feedback_does_not_count_as_dependence(self) -> None:
+        """A controller answers the residual of the same and of earlier samples, never of later ones."""
+        white = self.random.normal(size=(20_000, 1))
+        feedback = lfilter([0.9, 0.3], [1.0, -0.5], white, axis=0) + 0.1 * self.random.normal(size=white.shape)
+        found = check_residuals([white], [feedback])
+        assert found.independence.passed and found.whiteness.passed
+        assert np.abs(found.cross_correlation[25, 0, 0]) > 0.5  # lag 0: told, not tested
+
+    def test_what_past_inputs_explain_is_found_and_measured(self) -> None:
+        u = self.random.normal(size=(20_000, 1))
+        missed = np.vstack([np.zeros((3, 1)), u[:-3]])
+        found = check_residuals([self.random.normal(size=u.shape) + 0.2 * missed], [u])
+        assert not found.independence.passed
+        assert found.independence.unexplained == pytest.approx(0.04 / 1.04, rel=0.15)
+        assert found.cross_correlation[25 + 3, 0, 0] > found.band
+
+    def test_colour_is_found_and_measured(self) -> None:
+        coloured = lfilter([1.0], [1.0, -0.3], self.random.normal(size=(20_000, 1)), axis=0)
+        found = check_residuals([coloured], [self.random.normal(size=(20_000, 1))])
+        assert not found.whiteness.passed and found.independence.passed
+        assert found.whiteness.unexplained == pytest.approx(0.09, rel=0.15)
+
+    def test_borders_between_experiments_are_not_crossed(self) -> None:
+        """The second experiment starts with the end of the first: across the border they are alike."""
+        white = self.random.normal(size=(600, 1))
+        found = check_residuals([white[:300], white[280:]], [white[:300] * 0 + self.random.normal(size=(300, 1)),
+                                                           self.random.normal(size=(320, 1))], lags=5)  # fmt: skip
+        assert found.samples == 620 and found.whiteness.passed
+
+    def test_an_estimated_model_is_allowed_its_uncertain_parameters(self) -> None:
+        signals = ([self.random.normal(size=(1_000, 2))], [self.random.normal(size=(1_000, 2))])
+        exact = check_residuals(*signals).whiteness
+        estimated = check_residuals(*signals, parameters=60, estimation_samples=1_000).whiteness
+        endless = check_residuals(*signals, parameters=60, estimation_samples=10**9).whiteness
+        assert exact.limit == pytest.approx(135.8, abs=0.1)  # chi^2 of 100 degrees of freedom at 99 %
+        assert estimated.limit > exact.limit + 60 and endless.limit == pytest.approx(exact.limit, rel=1e-4)
+
+    def test_inputs_that_follow_from_each_other_count_once(self) -> None:
+        u = self.random.normal(size=(1_000, 1))
+        found = check_residuals([self.random.normal(size=(1_000, 1))], [np.hstack([u, 2.0 * u])], lags=10)
+        assert found.independence.degrees == 10
+
+    @pytest.mark.parametrize(
+        ("residuals", "inputs", "reason"),
+        [
+            (np.ones((100, 1)), np.ones((100, 1)), "100 samples are too few to test residuals over 25 lags"),
+            (np.ones((500, 1)), random.normal(size=(500, 1)), "residual 0 .* is constant"),
+            (random.normal(size=(500, 1)), np.ones((500, 1)), "input 0 .* is constant"),
+            (random.normal(size=(500, 1)) * [1.0, 1.0], random.normal(size=(500, 1)), "multiples of one another"),
+        ],
+    )
+    def test_signals_that_tell_nothing_are_refused(
+        self, residuals: np.ndarray, inputs: np.ndarray, reason: str
+    ) -> None:
+        with pytest.raises(IdentificationError, match=reason):
+            check_residuals([residuals], [inputs])
