@@ -16,7 +16,7 @@ Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 1
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -60,13 +60,18 @@ class Modes:
             If pairs of modes are not independent, as those of a multiple eigenvalue may be.
         """
         n = len(f)
-        basis = modal_basis(f, c)
-        f, c = np.asarray(np.linalg.solve(basis, f @ basis)), c @ basis
+        values, vectors = np.linalg.eig(f)
+        reals = np.flatnonzero(values.imag == 0.0)
+        reals = reals[np.argsort(-values[reals].real, kind="stable")]
+        bases = [np.column_stack([vectors[:, i].real, vectors[:, i].imag]) for i in np.flatnonzero(values.imag > 0.0)]
+        bases += [vectors[:, reals[i : i + 2]].real for i in range(0, len(reals), 2)]
+        basis = np.hstack([np.linalg.qr(columns)[0] for columns in bases])
+        f, c = np.linalg.solve(basis, f @ basis), c @ basis
         blocks = (n + 1) // 2
         f, c = np.pad(f, (0, 2 * blocks - n)), np.pad(c, ((0, 0), (0, 2 * blocks - n)))
         m = np.array([f[i : i + 2, i : i + 2] for i in range(0, n, 2)])
         c = np.array([c[:, i : i + 2] for i in range(0, n, 2)])
-        return cls(m, c, n)
+        return cls(m, c / np.maximum(np.linalg.norm(c, axis=(1, 2), keepdims=True), np.finfo(float).tiny), n)
 
     @property
     def trace(self) -> NDArray[np.float64]:
@@ -133,25 +138,6 @@ class Fit:
         return f + k @ c, b, c, k, initial_states.T
 
 
-def modal_basis(f: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The coordinates of `Modes.of`: columns that span the pairs of modes of F, shape (n, n).
-
-    Within a pair they are orthogonal and of equal length, such that the pair's columns of C have norm 1.
-
-    Raises
-    ------
-    LinAlgError
-        If F has no finite eigenvalues.
-    """
-    values, vectors = np.linalg.eig(f)
-    reals = np.flatnonzero(values.imag == 0.0)
-    reals = reals[np.argsort(-values[reals].real, kind="stable")]
-    bases = [np.column_stack([vectors[:, i].real, vectors[:, i].imag]) for i in np.flatnonzero(values.imag > 0.0)]
-    bases += [vectors[:, reals[i : i + 2]].real for i in range(0, len(reals), 2)]
-    orthonormal = [np.linalg.qr(columns)[0] for columns in bases]
-    return np.hstack([columns / (float(np.linalg.norm(c @ columns)) or 1.0) for columns in orthonormal])
-
-
 def fit_gains(
     modes: Modes,
     inputs: NDArray[np.float64],
@@ -172,9 +158,15 @@ def fit_gains(
     lengths : sequence of int, optional
         Steps of each experiment; one experiment by default.
     """
-    p, blocks = outputs.shape[1], len(modes.m)
-    signals, targets = compressed(modes, inputs, outputs, weight, lengths)
+    return best_gains(modes, _factor(modes, inputs, outputs, experiments(len(inputs), lengths)), weight)
+
+
+def best_gains(modes: Modes, factor: NDArray[np.float64], weight: NDArray[np.float64]) -> Fit:
+    """As `fit_gains`, from a factor of the filters' signals (block, kind, channel) and the outputs."""
+    p, blocks = len(weight), len(modes.m)
+    signals = factor[:, :-p].reshape(len(factor), blocks, 4, -1)
     regressors = gain_sensitivity(modes, signals, weight)
+    targets = (weight @ factor[:, -p:].T).reshape(-1)
     scale = np.linalg.norm(regressors, axis=0)
     scale[scale == 0.0] = 1.0  # padding
     left, singular, right = linalg.svd(regressors / scale, full_matrices=False, check_finite=False)
@@ -183,28 +175,22 @@ def fit_gains(
     along = left.T @ targets
     gains = (right.T @ (along / singular) / scale).reshape(blocks, 2, -1)
     errors = targets - left @ along
-    sensitivity = mode_sensitivity(modes, gains, signals, weight)
+    sensitivity = _sensitivity(modes, gains, signals, weight)
     unweighted = np.linalg.solve(weight, errors.reshape(p, -1))
     return Fit(modes, gains, unweighted @ unweighted.T, errors, sensitivity - left @ (left.T @ sensitivity))
 
 
 def gain_sensitivity(modes: Modes, signals: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Derivatives of the weighted predictions by the gains (block, state, channel), shape (p * rows, gains).
-
-    `signals` has shape (rows, blocks, 4, channels); any rows that depend linearly on the filters' signals will do.
-    """
+    """Derivatives of the weighted predictions by the gains (block, state, channel), shape (p * rows, gains)."""
     v, zv, c = signals[:, :, 0], signals[:, :, 1], weight @ modes.c
     by_gain = np.einsum("bia,rbj->irbaj", c, zv) - np.einsum("bia,rbj->irbaj", c @ modes.adjoint, v)
     return np.asarray(by_gain.reshape(len(weight) * len(signals), -1))
 
 
-def mode_sensitivity(
+def _sensitivity(
     modes: Modes, gains: NDArray[np.float64], signals: NDArray[np.float64], weight: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Derivatives of the weighted predictions by the entries of `modes.m`, then `modes.c`, the gains held.
-
-    Rows are those of `gain_sensitivity`.
-    """
+    """Derivatives of the weighted predictions by the entries of `modes.m`, then `modes.c`, the gains held."""
     v, zv, s, zs = (signals[:, :, kind] for kind in range(4))
     adjoint, c = modes.adjoint, weight @ modes.c
     trace, determinant = modes.trace[:, np.newaxis, np.newaxis], modes.determinant[:, np.newaxis, np.newaxis]
@@ -225,32 +211,13 @@ def mode_sensitivity(
     return np.hstack([by_m.reshape(rows, -1), np.einsum("il,rba->irbla", weight, by_c).reshape(rows, -1)])
 
 
-def compressed(
-    modes: Modes,
-    inputs: NDArray[np.float64],
-    outputs: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    lengths: Sequence[int] | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Triangular factor of the filters' signals and the weighted outputs, over the root of the steps.
-
-    Shapes (rows, blocks, 4, channels) and (p * rows,), the latter one output after the other.
-    """
-    p, triangle = outputs.shape[1], np.zeros((0, 0))
-    for part, signals in filtered(modes, inputs, outputs, experiments(len(inputs), lengths)):
-        block = np.hstack([signals.reshape(len(signals), -1), outputs[part]])
-        # NumPy's is a third faster than SciPy's.
-        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, block]) if triangle.size else block, mode="r"))
-    triangle = triangle / math.sqrt(len(inputs))
-    return triangle[:, :-p].reshape(len(triangle), len(modes.m), 4, -1), (weight @ triangle[:, -p:].T).reshape(-1)
-
-
-def filtered(
-    modes: Modes, inputs: NDArray[np.float64], outputs: NDArray[np.float64], parts: Sequence[slice]
-) -> Iterator[tuple[slice, NDArray[np.float64]]]:
-    """Samples and the filters' signals at them, shape (steps, blocks, 4, channels), in blocks of the experiments."""
-    measured = inputs.shape[1] + outputs.shape[1]
-    w = np.hstack([inputs, outputs, np.zeros((len(inputs), len(parts)))])
+def _factor(
+    modes: Modes, inputs: NDArray[np.float64], outputs: NDArray[np.float64], parts: list[slice]
+) -> NDArray[np.float64]:
+    """Triangular factor of the filters' signals (block, kind, channel) and the outputs, over the root of the steps."""
+    steps, measured = len(inputs), inputs.shape[1] + outputs.shape[1]
+    w = np.hstack([inputs, outputs, np.zeros((steps, len(parts)))])
+    triangle = np.zeros((0, len(modes.m) * 4 * w.shape[1] + outputs.shape[1]))
     for index, experiment in enumerate(parts):
         state = np.zeros((len(modes.m), 4, w.shape[1]))
         state[:, 1, measured + index] = 1.0  # z v of the impulse one step before the first sample
@@ -258,7 +225,9 @@ def filtered(
             part = slice(start, min(start + _BLOCK, experiment.stop))
             signals = np.empty((len(w[part]), *state.shape))
             _filter(modes.trace, modes.determinant, w[part], state, signals)
-            yield part, signals
+            rows = np.vstack([triangle, np.hstack([signals.reshape(len(signals), -1), outputs[part]])])
+            triangle = np.asarray(np.linalg.qr(rows, mode="r"))  # NumPy's is a third faster than SciPy's
+    return triangle / math.sqrt(steps)
 
 
 @numba.njit(cache=True)

@@ -87,7 +87,11 @@ def pem(
     with threadpool_limits(limits=1, user_api="blas"):
         try:
             modes = Modes.of(start.a - start.k @ start.c, start.c / data.output_scale[:, np.newaxis])
-            fit = _minimise(modes, data, progress, most_iterations)
+
+            def best(trial: Modes, weight: NDArray[np.float64]) -> Fit:
+                return fit_gains(trial, data.inputs, data.outputs, weight, data.lengths)
+
+            fit = minimise(modes, best, data.outputs.shape[1], progress, most_iterations)
             a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
             return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source)
         except (linalg.LinAlgError, ValueError) as problem:
@@ -97,27 +101,49 @@ def pem(
             ) from None
 
 
-def _minimise(
-    modes: Modes, data: ScaledData, progress: Callable[[int, float], None] | None, most_iterations: int
+def minimise(
+    modes: Modes,
+    best: Callable[[Modes, NDArray[np.float64]], Fit],
+    outputs: int,
+    progress: Callable[[int, float], None] | None = None,
+    most_iterations: int = MOST_ITERATIONS,
+    least_gain: float = _LEAST_GAIN,
 ) -> Fit:
-    """The best fit from `modes` on."""
-    first = fit_gains(modes, data.inputs, data.outputs, np.eye(data.outputs.shape[1]), data.lengths)
-    fit = fit_gains(modes, data.inputs, data.outputs, _weight(first.covariance), data.lengths)
-    iteration, cost, damping, growth = 0, _cost(fit), _FIRST_DAMPING, 2.0
+    """The fit of the least determinant of the covariance of the errors that is found from `modes` on.
+
+    Parameters
+    ----------
+    modes : Modes
+        Where to start.
+    best : callable
+        Called as best(modes, weight) for the best fit with these modes, its errors weighted.
+    outputs : int
+        Number of outputs p.
+    progress, most_iterations : see `pem`
+    least_gain : float
+        Relative decrease of the squared errors, as far as it can be foreseen, at which the search ends.
+
+    Raises
+    ------
+    LinAlgError
+        If the start determines no fit.
+    """
+    fit = best(modes, _weight(best(modes, np.eye(outputs)).covariance))
+    iteration, cost, damping, growth = 0, cost_of(fit), _FIRST_DAMPING, 2.0
     if progress is not None:
         progress(iteration, cost)
     while iteration < most_iterations:
         step, promised, possible = _damped_step(fit, damping)
-        if not possible >= _LEAST_GAIN:
+        if not possible >= least_gain:
             break
         iteration += 1
-        trial = _try(fit.modes.moved(step), data, _weight(fit.covariance))
-        if trial is None or not _cost(trial) < cost:
+        trial = _try(fit.modes.moved(step), best, _weight(fit.covariance))
+        if trial is None or not cost_of(trial) < cost:
             damping, growth = damping * growth, 2.0 * growth
             continue
-        kept = 2.0 * (cost - _cost(trial)) / len(fit.covariance) / promised  # share of the promise
+        kept = 2.0 * (cost - cost_of(trial)) / len(fit.covariance) / promised  # share of the promise
         damping, growth = max(damping * max(0.1, 1.0 - (2.0 * kept - 1.0) ** 3), _LEAST_DAMPING), 2.0
-        fit, cost = trial, _cost(trial)
+        fit, cost = trial, cost_of(trial)
         if progress is not None:
             progress(iteration, cost)
     return fit
@@ -137,17 +163,18 @@ def _damped_step(fit: Fit, damping: float) -> tuple[NDArray[np.float64], float, 
     return step, float(np.sum((1.0 - kept**2) * along**2)) / squares, float(np.sum(along[certain] ** 2)) / squares
 
 
-def _try(modes: Modes, data: ScaledData, weight: NDArray[np.float64]) -> Fit | None:
+def _try(modes: Modes, best: Callable[[Modes, NDArray[np.float64]], Fit], weight: NDArray[np.float64]) -> Fit | None:
     """The fit with these modes in renewed coordinates; None where they make no stable predictor."""
     if not modes.radius < _LARGEST_RADIUS:
         return None
     try:
-        return fit_gains(Modes.of(*modes.matrices()), data.inputs, data.outputs, weight, data.lengths)
+        return best(Modes.of(*modes.matrices()), weight)
     except linalg.LinAlgError:
         return None
 
 
-def _cost(fit: Fit) -> float:
+def cost_of(fit: Fit) -> float:
+    """Half the logarithm of the determinant of the covariance of the errors."""
     return 0.5 * float(np.linalg.slogdet(fit.covariance)[1])
 
 

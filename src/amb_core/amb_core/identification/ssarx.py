@@ -49,10 +49,10 @@ def ssarx(
     IdentificationError
         If order or horizons do not suit the data or the data determine no model; one line that says why.
     """
-    return identify_by_states(inputs, outputs, sample_time, order, past, future, source, "ssarx", _future_map)
+    return identify_by_states(inputs, outputs, sample_time, order, past, future, source, "ssarx", future_map)
 
 
-def _future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:
+def future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:
     """Future outputs of unknown future signals, each weighted by what the past leaves unexplained of them."""
     triangle = regression.triangle
     p, q = triangle.p, triangle.q

@@ -27,7 +27,7 @@ from amb_core.identification.scaled_data import Samples, ScaledData, check_order
 _LONGEST_PAST = 60  # steps; by then the predictor of a bearing has forgotten most, at any noise worth the name
 _SAMPLES_PER_STEP = 20  # at least, so that short data leave the long ARX model enough freedom
 _LEAST_STRENGTH = 1e-12  # of a state, relative to the strongest; beyond it is rounding
-_RIDGES = np.logspace(-14, -2, 13)  # relative to the largest eigenvalue of the past's covariance
+RIDGES = np.logspace(-14, -2, 13)  # relative to the largest eigenvalue of the past's covariance
 
 # From the past's regression and a ridge to the map from past to state before weighting: rows z[k-1] ... z[k-past],
 # columns the predicted future outputs, weighted so that their strongest directions are the states to keep.
@@ -51,21 +51,8 @@ def identify_by_states(
     """
     check_order(order)
     data = ScaledData.of(inputs, outputs)
-    steps = len(data.inputs)
-    shortest = math.ceil(order / 2) + 1
-    longest = max(shortest, min(_LONGEST_PAST, steps // _SAMPLES_PER_STEP)) if past is None else past
-    future = max(shortest, 2 * order) if future is None else future
-    for name, horizon in (("past", longest), ("future", future)):
-        if horizon < shortest:
-            raise IdentificationError(
-                f"{name} {horizon} is not allowed; allowed: at least {shortest} for order {order}"
-            )
-    usable = sum(max(length - longest - future, 0) for length in data.lengths)
-    needed = (data.inputs.shape[1] + data.outputs.shape[1]) * (longest + future + 1) + 1
-    if usable < needed:
-        lost = f", each less {longest + future} for the horizons," if len(data.lengths) > 1 else ""
-        needed += longest + future if len(data.lengths) == 1 else 0
-        raise IdentificationError(f"{steps} samples{lost} are too few for order {order}; at least {needed} are needed")
+    steps, shortest = len(data.inputs), shortest_horizon(order)
+    longest, future = horizons(data, order, past, future)
     # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
     with threadpool_limits(limits=1, user_api="blas"):
         try:
@@ -79,14 +66,45 @@ def identify_by_states(
             raise IdentificationError(f"no model of order {order} from {steps} samples: {reason}") from None
 
 
+def shortest_horizon(order: int) -> int:
+    """Fewest steps of past and of future that tell that many states apart."""
+    return math.ceil(order / 2) + 1
+
+
+def horizons(data: ScaledData, order: int, past: int | None = None, future: int | None = None) -> tuple[int, int]:
+    """The longest past and the future (steps) to use for an order, where they are not given.
+
+    Raises
+    ------
+    IdentificationError
+        If a horizon is too short for the order, or the samples are too few.
+    """
+    steps = len(data.inputs)
+    shortest = shortest_horizon(order)
+    longest = max(shortest, min(_LONGEST_PAST, steps // _SAMPLES_PER_STEP)) if past is None else past
+    future = max(shortest, 2 * order) if future is None else future
+    for name, horizon in (("past", longest), ("future", future)):
+        if horizon < shortest:
+            raise IdentificationError(
+                f"{name} {horizon} is not allowed; allowed: at least {shortest} for order {order}"
+            )
+    usable = sum(max(length - longest - future, 0) for length in data.lengths)
+    needed = (data.inputs.shape[1] + data.outputs.shape[1]) * (longest + future + 1) + 1
+    if usable < needed:
+        lost = f", each less {longest + future} for the horizons," if len(data.lengths) > 1 else ""
+        needed += longest + future if len(data.lengths) == 1 else 0
+        raise IdentificationError(f"{steps} samples{lost} are too few for order {order}; at least {needed} are needed")
+    return longest, future
+
+
 def _best_predictor(
     data: ScaledData, regression: PastRegression, order: int, future_map: FutureMap
 ) -> tuple[NDArray[np.float64], ...]:
     """A, C and K of the ridge with the smallest one-step prediction errors."""
     best, least, reason = None, math.inf, IdentificationError(f"no ridge gives a predictor of order {order}")
-    for ridge in _RIDGES:
+    for ridge in RIDGES:
         try:
-            a, b, c, k = _predictor(regression, future_map(regression, float(ridge)), order)
+            a, b, c, k = predictor_matrices(regression, future_map(regression, float(ridge)), order)
         except IdentificationError as problem:
             reason = problem
             continue
@@ -100,10 +118,16 @@ def _best_predictor(
     return best
 
 
-def _predictor(
+def predictor_matrices(
     regression: PastRegression, future_map: NDArray[np.float64], order: int
 ) -> tuple[NDArray[np.float64], ...]:
-    """A, B, C and the Kalman gain K."""
+    """A, B, C and the Kalman gain K from what a `FutureMap` gives.
+
+    Raises
+    ------
+    IdentificationError
+        If the data show fewer states, or no Kalman gain exists.
+    """
     triangle, steps = regression.triangle, regression.steps
     directions, strengths, _ = linalg.svd((regression.columns @ future_map).T, full_matrices=False, check_finite=False)
     if not strengths[order - 1] > _LEAST_STRENGTH * strengths[0]:
