@@ -117,6 +117,8 @@ def model_from_message(message: Any) -> StateSpaceModel:
         sample_time=float(message.sample_time),
         input_names=tuple(message.input_names),
         output_names=tuple(message.output_names),
+        input_units=tuple(getattr(message, "input_units", ())),  # bags of old lack them
+        output_units=tuple(getattr(message, "output_units", ())),
         method=str(message.method),
         source=str(message.source),
         samples=int(message.samples),

@@ -22,6 +22,8 @@ def model_to_message(model: StateSpaceModel, stamp: Time) -> StateSpaceModelMess
         sample_time=model.sample_time,
         input_names=list(model.input_names),
         output_names=list(model.output_names),
+        input_units=list(model.input_units),
+        output_units=list(model.output_units),
         method=model.method,
         source=model.source,
         samples=model.samples,

@@ -90,6 +90,8 @@ def estimate(data: IdentificationData, order: int, method: str, watch: Watch, so
             output_offset=model.output_offset + data.output_offset,
             input_names=data.input_names,
             output_names=data.output_names,
+            input_units=data.input_units,
+            output_units=data.output_units,
             source=source,
         )
         for model in METHODS[method](inputs, outputs, data.sample_time, order, watch)

@@ -3,7 +3,8 @@
     x[k+1] = A x[k] + B (u[k] - input_offset) + K e[k]
     y[k]   = C x[k] + D (u[k] - input_offset) + output_offset + e[k]
 
-u are the control current references (A), y the rotor position (m), e the innovations (m).
+u and y are in `input_units` and `output_units`: of a bearing, the control current references (A) and the rotor position
+(m), for which the units below are given. e are the innovations, in the units of y.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from amb_core.identification.model_mat import fields_of, variables_of
 if TYPE_CHECKING:
     import control
 
+_UNITS = {"input_units": "A", "output_units": "m"}  # where a model or an old file names none
 _ARRAYS = (
     "a", "b", "c", "d", "k", "innovation_covariance", "input_offset", "output_offset", "initial_state", "fit",
 )  # fmt: skip
@@ -57,6 +59,8 @@ class StateSpaceModel:
     fit : ndarray, shape (p,) or (0,)
         Closed-loop NRMSE fit with the known controller on the data (percent); -inf where the closed loop of the model
         diverges, empty where the model has not been validated.
+    input_units, output_units : tuple of str
+        Units of inputs and outputs; empty for all inputs in A, all outputs in m.
 
     Raises
     ------
@@ -80,14 +84,18 @@ class StateSpaceModel:
     source: str = ""
     samples: int = 0
     fit: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    input_units: tuple[str, ...] = ()
+    output_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
             array = np.array(getattr(self, name), dtype=np.float64, order="C")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        object.__setattr__(self, "input_names", tuple(self.input_names))
-        object.__setattr__(self, "output_names", tuple(self.output_names))
+        for kind in ("input", "output"):
+            names, units = tuple(getattr(self, f"{kind}_names")), tuple(getattr(self, f"{kind}_units"))
+            object.__setattr__(self, f"{kind}_names", names)
+            object.__setattr__(self, f"{kind}_units", units or (_UNITS[f"{kind}_units"],) * len(names))
         self._check()
 
     @property
@@ -161,7 +169,7 @@ class StateSpaceModel:
             else:
                 content = json.loads(path.read_text())
         names = {item.name for item in fields(cls)}
-        if not isinstance(content, dict) or set(content) != names:
+        if not isinstance(content, dict) or set(content) | set(_UNITS) != names:
             found = ", ".join(sorted(content)) if isinstance(content, dict) else type(content).__name__
             raise IdentificationError(f"model {path}: expected the fields {', '.join(sorted(names))}; found {found}")
         try:
@@ -190,6 +198,10 @@ class StateSpaceModel:
                 )
             if not np.all(np.isfinite(array)):
                 raise IdentificationError(f"'{name}' holds values that are not finite")
+        for kind, count in (("input", m), ("output", p)):
+            units = getattr(self, f"{kind}_units")
+            if len(units) != count:
+                raise IdentificationError(f"'{kind}_units' = {units} is not allowed; {count} texts or none are needed")
         if self.fit.shape not in ((p,), (0,)) or np.any(np.isnan(self.fit)):
             raise IdentificationError(f"'fit' = {self.fit.tolist()} is not allowed; {p} numbers or none are needed")
         if not (math.isfinite(self.sample_time) and self.sample_time > 0.0):

@@ -15,13 +15,17 @@ from amb_core.identification.matlab import cell, texts
 
 _MATRICES = {"a": "A", "b": "B", "c": "C", "d": "D", "k": "K", "innovation_covariance": "NoiseVariance"}
 _VECTORS = {"input_offset": "InputOffset", "output_offset": "OutputOffset", "initial_state": "X0", "fit": "Fit"}
-_NAMES = {"input_names": "InputName", "output_names": "OutputName"}
+_NAMES = {
+    "input_names": "InputName",
+    "output_names": "OutputName",
+    "input_units": "InputUnit",
+    "output_units": "OutputUnit",
+}
 _TEXTS = {"method": "Method", "source": "Source"}
 
 
 def variables_of(fields: Mapping[str, Any]) -> dict[str, Any]:
     """Variables by their name in MATLAB from the fields of a model; vectors are columns."""
-    m, p = len(fields["input_names"]), len(fields["output_names"])
     return {
         **{matlab: fields[name] for name, matlab in _MATRICES.items()},
         **{matlab: fields[name][:, np.newaxis] for name, matlab in _VECTORS.items()},
@@ -29,8 +33,6 @@ def variables_of(fields: Mapping[str, Any]) -> dict[str, Any]:
         **{matlab: cell([fields[name]]) for name, matlab in _TEXTS.items()},
         "Ts": fields["sample_time"],
         "Samples": float(fields["samples"]),
-        "InputUnit": cell(["A"] * m),
-        "OutputUnit": cell(["m"] * p),
     }
 
 
