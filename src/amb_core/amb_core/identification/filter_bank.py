@@ -230,6 +230,13 @@ def _factor(
     return triangle / math.sqrt(steps)
 
 
+def filtered(modes: Modes, w: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signals v, z v, s, z s of every block and channel of w, from rest, shape (steps, blocks, 4, channels)."""
+    signals = np.empty((len(w), len(modes.m), 4, w.shape[1]))
+    _filter(modes.trace, modes.determinant, w, np.zeros(signals.shape[1:]), signals)
+    return signals
+
+
 @numba.njit(cache=True)
 def _filter(
     trace: NDArray[np.float64],

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.identification.filter_bank import Fit, Modes, best_gains, gain_sensitivity
+from amb_core.identification.filter_bank import Fit, Modes, best_gains, filtered, gain_sensitivity
 from amb_core.identification.predictor import experiments
 from amb_core.identification.scaled_data import ScaledData
 
@@ -33,7 +33,7 @@ class FiniteMemory:
 
     Attributes
     ----------
-    lagged : ndarray, shape (rows, P, m + p)
+    lagged : ndarray, shape (rows, m + p, P)
         Its columns for the past inputs and outputs.
     outputs : ndarray, shape (rows, p)
         Its columns for the outputs.
@@ -59,12 +59,13 @@ class FiniteMemory:
         kept = np.concatenate([kept, np.arange(q - outputs, q)])
         matrix = products.reshape(q * (memory + 1), -1)[np.ix_(kept, kept)] / steps
         factor = linalg.cholesky(matrix + _ADDED_NOISE * np.eye(len(matrix)), check_finite=True)
-        return cls(factor[:, :-outputs].reshape(len(factor), memory, q), factor[:, -outputs:], steps)
+        lagged = factor[:, :-outputs].reshape(len(factor), memory, q).transpose(0, 2, 1)
+        return cls(np.ascontiguousarray(lagged), factor[:, -outputs:], steps)
 
     def best(self, modes: Modes, weight: NDArray[np.float64]) -> Fit:
         """The best predictor with given modes, as `fit_gains` finds it from all samples."""
         rows = np.hstack([self._signals(modes).reshape(len(self.lagged), -1), self.outputs])
-        return best_gains(modes, np.linalg.qr(rows, mode="r"), weight)
+        return best_gains(modes, np.asarray(np.linalg.qr(rows, mode="r")), weight)
 
     def error_covariance(self, fit: Fit) -> NDArray[np.float64]:
         """Covariance of the one-step prediction errors of a fit to any data, shape (p, p)."""
@@ -75,9 +76,11 @@ class FiniteMemory:
 
     def _signals(self, modes: Modes) -> NDArray[np.float64]:
         """The signals v, z v, s, z s of the filter bank in the coordinates of the rows, shape (rows, blocks, 4, q)."""
-        rows, memory, q = self.lagged.shape
-        answers = _impulse_responses(modes, memory)
-        signals = self.lagged.transpose(0, 2, 1).reshape(rows * q, memory) @ answers.reshape(memory, -1)
+        rows, q, memory = self.lagged.shape
+        impulse = np.zeros((memory + 1, 1))
+        impulse[0] = 1.0
+        answers = filtered(modes, impulse)[1:].reshape(memory, -1)
+        signals = self.lagged.reshape(rows * q, memory) @ answers
         return signals.reshape(rows, q, len(modes.m), 4).transpose(0, 2, 3, 1)
 
 
@@ -117,14 +120,3 @@ def _products(z: NDArray[np.float64], start: int, stop: int, memory: int) -> NDA
             - np.multiply.outer(z[stop - 1 - lag], leaving)
         )
     return products
-
-
-def _impulse_responses(modes: Modes, memory: int) -> NDArray[np.float64]:
-    """What v, z v, s, z s are after an impulse of w, 1 to `memory` steps later, shape (memory, blocks, 4)."""
-    responses = np.zeros((memory, len(modes.m), 4))
-    trace, determinant = modes.trace, modes.determinant
-    responses[0, :, 1] = 1.0
-    for step in range(1, memory):
-        v, zv, s, zs = responses[step - 1].T
-        responses[step] = np.column_stack([zv, trace * zv - determinant * v, zs, trace * zs - determinant * s + v])
-    return responses
