@@ -2,10 +2,19 @@
 
 from collections.abc import Sequence
 
+from amb_bringup.paper.studies.causes import PaperCauses, SlowAmplifierCauses
+from amb_bringup.paper.studies.force_equations import ForceEquations
+from amb_bringup.paper.studies.sweep_one_axis import OneAxisSweep
 from amb_bringup.paper.studies.sweep_two_axes import TwoAxisSweep
 from amb_bringup.paper.study import Study, StudyError
 
-STUDIES: tuple[Study, ...] = (TwoAxisSweep(),)
+STUDIES: tuple[Study, ...] = (
+    OneAxisSweep(),
+    TwoAxisSweep(),
+    ForceEquations(),
+    PaperCauses(),
+    SlowAmplifierCauses(),
+)
 
 HEADLINE = "fig3"
 """Name of the figure that opens the report."""
