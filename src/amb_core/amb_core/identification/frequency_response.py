@@ -132,7 +132,7 @@ def response_of(model: StateSpaceModel, frequencies: ArrayLike, label: str = "")
     """
     frequency = checked_frequencies(frequencies, model.sample_time)
     response = np.empty((len(frequency), *model.d.shape), dtype=np.complex128)
-    for part, by_state, _ in transfers(model, frequency):
+    for part, by_state, _ in transfers(model, frequency, model.b):
         response[part] = by_state @ model.b + model.d
     return FrequencyResponse(
         frequency,
@@ -140,13 +140,17 @@ def response_of(model: StateSpaceModel, frequencies: ArrayLike, label: str = "")
         label or f"{model.method}, order {model.order}".lstrip(", "),
         input_names=model.input_names,
         output_names=model.output_names,
+        input_units=model.input_units,
+        output_units=model.output_units,
     )
 
 
 def transfers(
-    model: StateSpaceModel, frequency: NDArray[np.float64]
+    model: StateSpaceModel, frequency: NDArray[np.float64], b: NDArray[np.float64]
 ) -> Iterator[tuple[slice, NDArray[np.complex128], NDArray[np.complex128]]]:
-    """Which frequencies, C (z I - A)^-1 and (z I - A)^-1 B at them, shapes (part, p, n) and (part, n, m), in parts.
+    """In parts: which frequencies, C R and R b at them, shapes (part, p, n) and (part, n, columns), R = (z I - A)^-1.
+
+    `b` has shape (n, columns): B, K or both.
 
     Raises
     ------
@@ -159,7 +163,7 @@ def transfers(
         z = np.exp(2j * np.pi * frequency[part] * model.sample_time)
         resolvent = z[:, np.newaxis, np.newaxis] * np.eye(model.order) - model.a
         try:
-            by_input = np.linalg.solve(resolvent, np.broadcast_to(model.b, (len(z), *model.b.shape)))
+            by_input = np.linalg.solve(resolvent, np.broadcast_to(b, (len(z), *b.shape)))
             transposed = np.linalg.solve(
                 resolvent.transpose(0, 2, 1), np.broadcast_to(model.c.T, (len(z), *model.c.T.shape))
             )

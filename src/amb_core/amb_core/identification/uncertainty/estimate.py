@@ -5,9 +5,8 @@ samples and white innovations e of unit covariance after that weight,
 
     Cov(theta) = (sum psi psi')^-1,    in general    (sum psi psi')^-1 Q (sum psi psi')^-1,    Q = Var(sum psi e),
 
-where Q is estimated from sums over batches of samples, longer than the errors are correlated ("sandwich"). The
-derivatives are those of the stable predictor, in its modal coordinates; initial states are estimated along and
-projected out, and changes of coordinates within a pair of modes, which the data do not see, are left out.
+where Q is estimated from sums over batches of samples, longer than the errors are correlated ("sandwich"). Initial
+states are estimated along with the parameters and projected out.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, (9.10) to (9.17) of sections 9.2 and 9.3, and
 section 9.4 for closed loop; H. White, Maximum likelihood estimation of misspecified models, Econometrica 50 (1982).
@@ -16,6 +15,7 @@ section 9.4 for closed loop; H. White, Maximum likelihood estimation of misspeci
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +24,17 @@ from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.filter_bank import compressed, filtered
+from amb_core.identification.local_coordinates import local_directions
 from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.predictor import experiments
 from amb_core.identification.scaled_data import ScaledData
-from amb_core.identification.uncertainty.modal_predictor import ModalPredictor
+from amb_core.identification.uncertainty.directions import Directions
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
+from amb_core.identification.uncertainty.sensitivity import sensitivity
+from amb_core.identification.validation.prediction import first_state, predicted_states
 
-_LEAST_SINGULAR_VALUE = 1e-10  # of the normalised sensitivities, relative to the largest; good data stay above 1e-5
+_LEAST_SINGULAR_VALUE = 1e-10  # of the normalised sensitivities, relative to the largest; good data stay above 1e-4
+_LEAST_SQUARE = 1e-28  # of a Hankel singular value, relative to the largest
 
 Arrays = NDArray[np.float64]
 
@@ -58,31 +61,66 @@ def estimate_uncertainty(model: StateSpaceModel, data: IdentificationData, *, ro
     IdentificationError
         If model and data do not fit together, the predictor is unstable or the data do not determine the model.
     """
-    scaled = _scaled(model, data)
+    _check(model, data)
+    scaled = ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
     with threadpool_limits(limits=1, user_api="blas"):
         try:
-            predictor = ModalPredictor.of(model, scaled)
-            signals, _ = compressed(predictor.modes, scaled.inputs, scaled.outputs, predictor.weight, scaled.lengths)
-            normal, scores = _normal_coordinates(predictor, signals, scaled)
+            return _estimate(model, scaled, robust)
         except (linalg.LinAlgError, ValueError) as problem:
             reason = " ".join(str(problem).split())
             raise IdentificationError(f"no uncertainty of the model of order {model.order}: {reason}") from None
-        # In these coordinates the estimate has the unit matrix as covariance if the innovations are white.
-        to_least = scores.sum(axis=0)
-        centred = scores - to_least / len(scores)
-        covariance = centred.T @ centred * len(scores) / (len(scores) - 1)
-        root = normal @ _root(covariance) if robust else normal
-        return ModelUncertainty(
-            model=model,
-            root=predictor.changes_of(model, scaled, signals, root),
-            inflation=float(np.trace(covariance)) / len(covariance),
-            distance=float(np.linalg.norm(to_least)) / math.sqrt(len(covariance)),
-            robust=robust,
+
+
+def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUncertainty:
+    of_scaled = replace(
+        model,
+        b=model.b * data.input_scale,
+        c=model.c / data.output_scale[:, np.newaxis],
+        k=model.k * data.output_scale,
+        innovation_covariance=model.innovation_covariance / np.outer(data.output_scale, data.output_scale),
+    )
+    parts = experiments(len(data.inputs), data.lengths)
+    states = [_states(of_scaled, data.inputs[part], data.outputs[part]) for part in parts]
+    basis = _balanced(of_scaled, np.vstack(states))
+    back = np.linalg.inv(basis)
+    balanced = replace(
+        of_scaled, a=back @ of_scaled.a @ basis, b=back @ of_scaled.b, c=of_scaled.c @ basis, k=back @ of_scaled.k
+    )
+    directions = _directions(balanced)
+    weight = np.linalg.inv(np.linalg.cholesky(of_scaled.innovation_covariance))
+    batch = math.isqrt(len(data.inputs))  # many samples in each, and many of them
+    found = [
+        sensitivity(
+            balanced, directions, data.inputs[part], x @ back.T, data.outputs[part] - x @ of_scaled.c.T, weight, batch
         )
+        for part, x in zip(parts, states, strict=True)
+    ]
+    normal = _normal_coordinates(np.vstack([item.factor for item in found]), model.order)
+    scores = np.vstack([item.scores for item in found]) @ normal
+    to_least = scores.sum(axis=0)  # the way to the least prediction errors; each coordinate has the variance 1
+    centred = scores - to_least / len(scores)
+    covariance = centred.T @ centred * len(scores) / (len(scores) - 1)
+    if robust:
+        normal = normal @ _root(covariance)
+    # The errors are smaller than the innovations: of their degrees of freedom, the unknowns have used some.
+    unknowns = directions.count + model.order * len(parts)
+    normal = normal / math.sqrt(1.0 - unknowns / data.outputs.size)
+    changes = (
+        basis @ directions.a @ back,
+        basis @ directions.b / data.input_scale,
+        directions.c @ back * data.output_scale[:, np.newaxis],
+        basis @ directions.k / data.output_scale,
+    )
+    return ModelUncertainty(
+        model=model,
+        root=np.hstack([change.reshape(directions.count, -1) for change in changes]).T @ normal,
+        inflation=float(np.trace(covariance)) / len(covariance),
+        distance=float(np.linalg.norm(to_least)) / math.sqrt(len(covariance)),
+        robust=robust,
+    )
 
 
-def _scaled(model: StateSpaceModel, data: IdentificationData) -> ScaledData:
-    """The data, checked against the model."""
+def _check(model: StateSpaceModel, data: IdentificationData) -> None:
     if (len(model.input_names), len(model.output_names)) != (len(data.input_names), len(data.output_names)):
         raise IdentificationError(
             f"the model has {len(model.input_names)} inputs and {len(model.output_names)} outputs, "
@@ -104,54 +142,50 @@ def _scaled(model: StateSpaceModel, data: IdentificationData) -> ScaledData:
         raise IdentificationError(
             f"{data.samples} samples are too few for the {unknowns} unknowns of order {model.order}"
         )
-    return ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
 
 
-def _normal_coordinates(predictor: ModalPredictor, signals: Arrays, data: ScaledData) -> tuple[Arrays, Arrays]:
-    """Coordinates in which the estimate has independent errors of variance 1, and the scores of batches in them.
+def _states(model: StateSpaceModel, inputs: Arrays, outputs: Arrays) -> Arrays:
+    """States of the predictor from the initial state on that predicts best, shape (steps, n)."""
+    return predicted_states(model, inputs, outputs, first_state(model, inputs, outputs))
 
-    Shapes (parameters, q) and (batches, q): the parameters' change by each coordinate, and shares of each batch in the
-    way to the least prediction errors.
+
+def _balanced(model: StateSpaceModel, states: Arrays) -> Arrays:
+    """Columns are coordinates in which each state is seen in the predictions as much as the data move it.
+
+    Shape (n, n), from them into those of the model. Small changes of the matrices then are small changes of the model;
+    in other coordinates, those of nearly equal modes for one, they can be anything.
     """
-    sensitivity = predictor.sensitivity(signals).reshape(-1, predictor.parameters)
-    directions = predictor.directions
-    by_state, by_direction = sensitivity[:, predictor.initial_states], sensitivity @ directions
-    absorbed = linalg.lstsq(by_state, by_direction, check_finite=False)[0]  # by the initial states
-    by_direction = by_direction - by_state @ absorbed
-    scale = np.linalg.norm(by_direction, axis=0)
+    moved = np.asarray(np.linalg.qr(states / math.sqrt(len(states)), mode="r")).T
+    f, c = np.linalg.solve(moved, (model.a - model.k @ model.c) @ moved), model.c @ moved
+    vectors, squares, _ = np.linalg.svd(linalg.solve_discrete_lyapunov(f.T, c.T @ c))
+    if not squares[-1] > _LEAST_SQUARE * squares[0]:
+        raise IdentificationError(
+            f"a state of the model of order {model.order} is not moved in the data, or not seen in the outputs; lower "
+            "the order"
+        )
+    return np.asarray(moved @ vectors / squares**0.25)
+
+
+def _directions(model: StateSpaceModel) -> Directions:
+    """Changes of A, B and C that are not just other coordinates of the state, and all those of K."""
+    n, p = model.k.shape
+    local = [change.transpose(2, 0, 1) for change in local_directions(model.a, model.b, model.c)]
+    a, b, c = (np.concatenate([change, np.zeros((n * p, *change.shape[1:]))]) for change in local)
+    return Directions(a, b, c, np.concatenate([np.zeros((len(local[0]), n, p)), np.eye(n * p).reshape(n * p, n, p)]))
+
+
+def _normal_coordinates(factor: Arrays, order: int) -> Arrays:
+    """Combinations of the columns along which the estimate has independent errors of variance 1, in new columns."""
+    scale = np.linalg.norm(factor, axis=0)
     if not np.all(scale > 0.0):
-        raise IdentificationError("the data do not tell all parameters of the model; lower the order or excite more")
-    _, singular, right = linalg.svd(by_direction / scale, full_matrices=False, check_finite=False)
+        raise IdentificationError(f"the data do not tell all parameters of a model of order {order}; lower the order")
+    _, singular, right = linalg.svd(factor / scale, full_matrices=False, check_finite=False)
     if not singular[-1] > _LEAST_SINGULAR_VALUE * singular[0]:
         raise IdentificationError(
-            f"the data do not tell the parameters of a model of order {predictor.modes.order} apart; lower the order "
-            "or excite all axes independently"
+            f"the data do not tell the parameters of a model of order {order} apart; lower the order or excite "
+            "all axes independently"
         )
-    unknowns = by_direction.shape[1] + by_state.shape[1]
-    p = len(predictor.weight)
-    freedom = len(data.inputs) - unknowns / p
-    to_normal = right.T / singular / scale[:, np.newaxis] / math.sqrt(freedom)
-    scores = _batch_scores(predictor, data)
-    return directions @ to_normal, (scores @ directions - scores[:, predictor.initial_states] @ absorbed) @ to_normal
-
-
-def _batch_scores(predictor: ModalPredictor, data: ScaledData) -> Arrays:
-    """Sums over batches of samples of the derivatives times the weighted errors, shape (batches, parameters).
-
-    A batch has about the root of the number of samples: many samples in each, and many batches.
-    """
-    parts = experiments(len(data.inputs), data.lengths)
-    errors = predictor.errors(data)
-    length = math.isqrt(len(errors))
-    products = [
-        np.tensordot(errors[part][start : start + length], signals[start : start + length], axes=(0, 0))
-        for part, signals in filtered(predictor.modes, data.inputs, data.outputs, parts)
-        for start in range(0, len(signals), length)
-    ]
-    p = errors.shape[1]
-    # Derivatives are linear in the signals, so those of the products with an error are products with that error.
-    derivatives = predictor.sensitivity(np.concatenate(products)).reshape(p, len(products), p, -1)
-    return np.einsum("ibik->bk", derivatives)
+    return np.asarray(right.T / singular / scale[:, np.newaxis])
 
 
 def _root(covariance: Arrays) -> Arrays:

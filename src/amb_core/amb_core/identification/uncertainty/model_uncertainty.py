@@ -11,7 +11,6 @@ Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 9
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,9 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from amb_core.errors import IdentificationError
 from amb_core.identification.frequency_response import FrequencyResponse, response_of, transfers
 from amb_core.identification.model import StateSpaceModel
-
-_MOST_DRAWS = 100  # of each sample, until its predictor is stable
-_LARGEST_RADIUS = 1.0 - 1e-9  # of a sample's predictor
+from amb_core.identification.uncertainty.directions import Directions, response_changes
+from amb_core.identification.uncertainty.samples import Sampler
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +62,12 @@ class ModelUncertainty:
         return self.root @ self.root.T
 
     @property
-    def changes(self) -> tuple[NDArray[np.float64], ...]:
-        """The columns of the root as changes of A, B, C and K, shapes (q, n, n), (q, n, m), (q, p, n), (q, n, p)."""
+    def deviations(self) -> Directions:
+        """The columns of the root as changes of A, B, C and K."""
         matrices = (self.model.a, self.model.b, self.model.c, self.model.k)
-        ends = np.cumsum([matrix.size for matrix in matrices])[:-1]
-        rows = np.split(self.root, ends)
-        return tuple(row.T.reshape(-1, *matrix.shape) for row, matrix in zip(rows, matrices, strict=True))
+        rows = np.split(self.root, np.cumsum([matrix.size for matrix in matrices])[:-1])
+        a, b, c, k = (row.T.reshape(-1, *matrix.shape) for row, matrix in zip(rows, matrices, strict=True))
+        return Directions(a, b, c, k)
 
     @property
     def pole_covariance(self) -> NDArray[np.float64]:
@@ -106,7 +104,9 @@ class ModelUncertainty:
         """
         response = response_of(self.model, frequencies, label)
         magnitude, phase = np.empty(response.response.shape), np.empty(response.response.shape)
-        for part, change in self._response_changes(response.frequency):
+        deviations = self.deviations
+        for part, by_state, by_input in transfers(self.model, response.frequency, self.model.b):
+            change = response_changes(by_state, by_input, deviations.a, deviations.b, deviations.c)
             found = response.response[part]
             size = np.maximum(np.abs(found), np.finfo(float).tiny)
             turned = change * (found.conj() / size)[..., np.newaxis]  # real part: along the response; imaginary: across
@@ -117,8 +117,9 @@ class ModelUncertainty:
     def samples(self, count: int, seed: int = 0) -> list[StateSpaceModel]:
         """Models drawn from the distribution, all with stable predictors, `fit` empty.
 
-        The few draws whose predictor is unstable are repeated, so the distribution ends there. Innovation covariance
-        and initial state are those of the model.
+        A and C are drawn, B and K are those that give the responses their distribution: see
+        `amb_core.identification.uncertainty.samples`. The few draws whose predictor is unstable are repeated, so the
+        distribution ends there. Innovation covariance and initial state are those of the model.
 
         Parameters
         ----------
@@ -132,23 +133,8 @@ class ModelUncertainty:
         IdentificationError
             If nearly no model near by has a stable predictor.
         """
-        random = np.random.default_rng(seed)
-        return [self._sample(random) for _ in range(count)]
-
-    def _sample(self, random: np.random.Generator) -> StateSpaceModel:
-        matrices = (self.model.a, self.model.b, self.model.c, self.model.k)
-        for _ in range(_MOST_DRAWS):
-            factors = random.normal(size=self.root.shape[1])
-            a, b, c, k = (
-                matrix + np.tensordot(factors, change, axes=1)
-                for matrix, change in zip(matrices, self.changes, strict=True)
-            )
-            if np.max(np.abs(np.linalg.eigvals(a - k @ c))) < _LARGEST_RADIUS:
-                return replace(self.model, a=a, b=b, c=c, k=k, fit=np.empty(0))
-        raise IdentificationError(
-            f"of {_MOST_DRAWS} models drawn none has a stable predictor: the data leave the model of order "
-            f"{self.model.order} too uncertain; lower the order or take more data"
-        )
+        random, sampler = np.random.default_rng(seed), Sampler.of(self.model, self.deviations)
+        return [sampler.draw(random) for _ in range(count)]
 
     def _pole_changes(self) -> NDArray[np.complex128]:
         """Change of each pole, in the order of `model.poles()`, by each column of the root, shape (n, q)."""
@@ -158,15 +144,4 @@ class ModelUncertainty:
             left = np.linalg.inv(right)
         except np.linalg.LinAlgError:
             raise IdentificationError("the model has a multiple pole, which has no standard deviation") from None
-        return np.asarray(np.einsum("in,qnm,mi->iq", left, self.changes[0], right, optimize=True)[order])
-
-    def _response_changes(self, frequency: NDArray[np.float64]) -> Iterator[tuple[slice, NDArray[np.complex128]]]:
-        """Which frequencies, and the change of the response by each column of the root, shape (part, p, m, q)."""
-        by_a, by_b, by_c, _ = self.changes
-        for part, by_state, by_input in transfers(self.model, frequency):
-            yield (
-                part,
-                np.einsum("fin,qnk,fkj->fijq", by_state, by_a, by_input, optimize=True)
-                + np.einsum("fin,qnj->fijq", by_state, by_b, optimize=True)
-                + np.einsum("qik,fkj->fijq", by_c, by_input, optimize=True),
-            )
+        return np.asarray(np.einsum("in,qnm,mi->iq", left, self.deviations.a, right, optimize=True)[order])

@@ -1,0 +1,56 @@
+"""Directions in which a model changes, and what they do to its frequency response."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """Directions in which a model changes.
+
+    Attributes
+    ----------
+    a, b, c, k : ndarray, shapes (q, n, n), (q, n, m), (q, p, n), (q, n, p)
+        Changes of A, B, C and K along each.
+    """
+
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    c: NDArray[np.float64]
+    k: NDArray[np.float64]
+
+    @property
+    def count(self) -> int:
+        """Number of directions q."""
+        return len(self.a)
+
+
+def response_changes(
+    by_state: NDArray[np.complex128],
+    by_input: NDArray[np.complex128],
+    of_a: NDArray[np.float64],
+    of_b: NDArray[np.float64],
+    of_c: NDArray[np.float64],
+) -> NDArray[np.complex128]:
+    """Change of C R B, R = (z I - A)^-1, along each of q directions: C R dA R B + C R dB + dC R B.
+
+    Parameters
+    ----------
+    by_state, by_input : ndarray, shapes (f, p, n), (f, n, m)
+        C R and R B.
+    of_a, of_b, of_c : ndarray, shapes (q, n, n), (q, n, m), (q, p, n)
+        Changes of A, B and C.
+
+    Returns
+    -------
+    ndarray, shape (f, p, m, q)
+    """
+    return np.asarray(
+        np.einsum("fin,qnk,fkj->fijq", by_state, of_a, by_input, optimize=True)
+        + np.einsum("fin,qnj->fijq", by_state, of_b, optimize=True)
+        + np.einsum("qik,fkj->fijq", of_c, by_input, optimize=True)
+    )

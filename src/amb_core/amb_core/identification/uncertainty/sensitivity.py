@@ -1,0 +1,113 @@
+"""How the one-step predictions of a model answer to small changes of its matrices.
+
+With F = A - K C, the predictor's state x, inputs u and innovations e = y - C x,
+
+    dx[k+1] = F dx[k] + (dA - K dC) x[k] + dB u[k] + dK e[k],    dyhat[k] = C dx[k] + dC x[k].
+
+F is stable even where A is not, so unstable plants need nothing special.
+
+Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 10.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.identification.model import StateSpaceModel
+from amb_core.identification.uncertainty.directions import Directions
+
+_ENTRIES = 1_000_000  # of the derivatives of states held at once
+
+Arrays = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """What an experiment tells about the directions.
+
+    Attributes
+    ----------
+    factor : ndarray, shape (rows, q)
+        Triangular factor of the derivatives of the weighted predictions, the initial state adapted.
+    scores : ndarray, shape (batches, q)
+        Sums over batches of samples of these derivatives times the weighted errors.
+    """
+
+    factor: Arrays
+    scores: Arrays
+
+
+def sensitivity(
+    model: StateSpaceModel,
+    directions: Directions,
+    inputs: Arrays,
+    states: Arrays,
+    errors: Arrays,
+    weight: Arrays,
+    batch: int,
+) -> Sensitivity:
+    """Derivatives of the weighted one-step predictions of an experiment along the directions.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Model with a stable predictor.
+    directions : Directions
+        Changes of the model.
+    inputs, states, errors : ndarray, shapes (steps, m), (steps, n), (steps, p)
+        Inputs, states of the predictor and prediction errors.
+    weight : ndarray, shape (p, p)
+        Errors and predictions are weighted as weight @ error.
+    batch : int
+        Samples in a batch.
+    """
+    n, p, q = model.order, len(model.c), directions.count
+    columns = n + q  # initial states come first, so that the factor's first rows are theirs
+    f = np.ascontiguousarray(model.a - model.k @ model.c)
+    forcing = np.concatenate([directions.a - model.k @ directions.c, directions.b, directions.k], axis=2)
+    by_signal = np.zeros((forcing.shape[2], n, columns))
+    by_signal[:, :, n:] = forcing.transpose(2, 1, 0)
+    by_state = np.zeros((n, p, columns))
+    by_state[:, :, n:] = directions.c.transpose(2, 1, 0)
+    signals = np.hstack([states, inputs, errors])
+    change = np.hstack([np.eye(n), np.zeros((n, q))])
+    triangle, scores = np.zeros((0, columns)), []
+    batches = max(1, _ENTRIES // (n * columns * batch))
+    for start in range(0, len(signals), batch * batches):
+        part = slice(start, start + batch * batches)
+        changes = np.tensordot(signals[part], by_signal, axes=1)
+        _propagate(f, change, changes)
+        derivatives = weight @ (model.c @ changes + np.tensordot(states[part], by_state, axes=1))
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, derivatives.reshape(-1, columns)]), mode="r"))
+        weighted = errors[part] @ weight.T
+        scores += [
+            np.tensordot(weighted[first : first + batch], derivatives[first : first + batch], axes=2)
+            for first in range(0, len(derivatives), batch)
+        ]
+    absorbed = np.linalg.lstsq(triangle[:n, :n], triangle[:n, n:], rcond=None)[0]  # by the initial state
+    all_scores = np.array(scores)
+    return Sensitivity(triangle[n:, n:], all_scores[:, n:] - all_scores[:, :n] @ absorbed)
+
+
+@numba.njit(cache=True)
+def _propagate(f: Arrays, change: Arrays, forcing: Arrays) -> None:
+    """Put the changes of the states, shape (steps, n, columns), in place of what forces them.
+
+    `change` holds those at the first step, and after it those at the step after the last.
+    """
+    n, columns = change.shape
+    after = np.empty_like(change)
+    for step in range(len(forcing)):
+        for row in range(n):
+            for column in range(columns):
+                after[row, column] = forcing[step, row, column]
+                forcing[step, row, column] = change[row, column]
+            for inner in range(n):
+                factor = f[row, inner]
+                for column in range(columns):
+                    after[row, column] += factor * change[inner, column]
+        change[:] = after
