@@ -1,76 +1,282 @@
-"""`amb identify`: from a bag to a model, without a running graph."""
+"""`amb identify`: from bags or files of data to a model, without a running graph."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
-    from amb_core.identification import Identification
+    from amb_core.control import ControllerParameters
+    from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress
+
+UNITS = 1e6
+"""Micrometres in a metre."""
 
 
 def identify(
-    bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
-    order: Annotated[int, typer.Option(help="Number of states of the model.")] = 10,
+    bag: Annotated[
+        list[Path], typer.Argument(help="Bags, or .csv, .npz or .mat files; several are taken as experiments.")
+    ],
+    order: Annotated[str, typer.Option(help="Number of states of the model, or auto.")] = "10",
+    orders: Annotated[str, typer.Option(help="Orders that auto tries, such as 4-14 or 4,6,8.")] = "",
     method: Annotated[str, typer.Option(help="pem, ssarx, pbsid, cva, n4sid or moesp.")] = "pem",
+    focus: Annotated[
+        str, typer.Option(help="What the model shall be best at: prediction, or simulation in closed loop.")
+    ] = "prediction",
     first_step: Annotated[int, typer.Option(help="First step used; -1 for where the last excitation starts.")] = -1,
     steps: Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="Write the model here, as .json or .npz.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the model here, as .json, .npz or .mat.")] = None,
     figures: Annotated[
         Path | None,
-        typer.Option(help="Write response and orbit, plant and model together, to this folder (PNG and HTML)."),
+        typer.Option(help="Folder for response, orbit, bode, poles and order (PNG and HTML).", file_okay=False),
     ] = None,
+    results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
-    """Identify the plant from the last experiment in a bag and check the model in closed loop on the same data."""
+    """Identify the plant from the last experiment of each bag, and check the model in closed loop on the same data.
+
+    Several bags give one model of all their experiments, each with an initial state of its own.
+    """
     from rich.console import Console
 
+    from amb_bringup.commands.results import make_folder, write_json
     from amb_core import identification
-    from amb_core.bags import read_bag
-    from amb_core.figures import save_loop_figures
 
     console = Console()
-    content = read_bag(bag)
-    if content.truncated:
-        console.print(f"[yellow]bag {bag} is incomplete: {content.truncated}[/yellow]")
-    record = content.experiment(first_step, steps)
-    controller = content.controller_parameters()
-    if controller is None:
-        console.print("[yellow]the bag lacks the controller's parameters; those of the paper are assumed[/yellow]")
-    with console.status(f"identifying order {order} from {record.steps} samples"):
-        result = identification.identify(record, order, method, controller, source=str(bag))
-    console.print(_summary(result))
+    wanted, tried = _order(order), _orders(orders)
+    if figures is not None:
+        make_folder(figures)
+    data, controller = _load(console, bag, first_step, steps)
+    with _progress(console) as show:
+        result = identification.identify(
+            data, wanted, method, controller, ", ".join(map(str, bag)), orders=tried, focus=cast("Focus", focus),
+            progress=show,
+        )  # fmt: skip
+    for finding in result.report.warnings:
+        where = f"{finding.where}: " if finding.where else ""
+        console.print(f"[yellow]{finding.check}: {where}{finding.what}[/yellow]; {finding.advice}", highlight=False)
+    console.print(_table(result))
     if out is not None:
         result.model.save(out)
         console.print(f"model: {out}")
+    if results is not None:
+        write_json(results, summary_of(result))
+        console.print(f"numbers: {results}")
     if figures is not None:
-        save_loop_figures(figures, record, result.simulations[0])
-        console.print(f"response and orbit, .png and .html: {figures}")
+        with console.status("drawing"):
+            names = _save_figures(figures, result)
+        console.print(f"{', '.join(names)}, .png and .html: {figures}")
 
 
-def _summary(result: Identification) -> Table:
-    """The model and its validation as a table; poles as continuous-time rates in 1/s, s = ln(z) / T."""
+def _order(text: str) -> int | Literal["auto"]:
+    from amb_core.errors import IdentificationError
+
+    if text == "auto":
+        return "auto"
+    try:
+        return int(text)
+    except ValueError:
+        raise IdentificationError(f"--order {text} is not allowed; it must be a number or auto") from None
+
+
+def _orders(text: str) -> list[int] | None:
+    from amb_core.errors import IdentificationError
+
+    if not text:
+        return None
+    try:
+        parts = [part.split("-") for part in text.split(",")]
+        return [order for part in parts for order in range(int(part[0]), int(part[-1]) + 1)]
+    except ValueError:
+        raise IdentificationError(f"--orders {text} is not allowed; it must be such as 4-14 or 4,6,8") from None
+
+
+def _load(
+    console: Console, paths: list[Path], first_step: int, steps: int
+) -> tuple[IdentificationData, ControllerParameters | None]:
+    """The experiments of all bags, and their controller; None where it was not recorded."""
+    from amb_bringup.commands.validate import load_recorded
+    from amb_core.errors import IdentificationError
+    from amb_core.identification.data import merge
+
+    loops = [load_recorded(console, path, None, first_step, steps) for path in paths]
+    controllers = {path: loop.controller for path, loop in zip(paths, loops, strict=True) if loop.controller}
+    for path, controller in controllers.items():
+        first, known = next(iter(controllers.items()))
+        if controller != known:
+            raise IdentificationError(
+                f"{first} and {path} were recorded with different controllers; identify from them one at a time"
+            )
+    return merge(loop.data for loop in loops), next(iter(controllers.values()), None)
+
+
+def _progress(console: Console) -> AbstractContextManager[Callable[[IdentificationProgress], None]]:
+    """Bars of the stages; gives the function to call with the progress."""
+    from contextlib import contextmanager
+
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+    @contextmanager
+    def bars() -> Any:
+        columns = (
+            TextColumn("{task.description:16}"),
+            BarColumn(),
+            TextColumn("{task.completed:>3,.0f} / {task.total:,.0f}"),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[cost]}"),
+        )
+        with Progress(*columns, console=console) as progress:
+            tasks: dict[str, TaskID] = {}
+
+            def show(now: IdentificationProgress) -> None:
+                if now.stage not in tasks:
+                    for earlier in tasks.values():  # an iteration may have ended before the most it may take
+                        progress.update(earlier, total=progress.tasks[earlier].completed)
+                    tasks[now.stage] = progress.add_task(now.stage, total=now.total, cost="")
+                cost = "" if now.cost is None else f"cost {now.cost:.6g}"
+                progress.update(tasks[now.stage], completed=now.done, total=now.total, cost=cost)
+
+            yield show
+
+    return bars()
+
+
+def summary_of(result: Identification) -> dict[str, Any]:
+    """What was found as plain JSON values in SI units; numbers that do not exist are None."""
+    import numpy as np
+
+    model, selection, uncertainty = result.model, result.order_selection, result.uncertainty
+    deviations = None if uncertainty is None else uncertainty.pole_deviations()
+    rms = np.sqrt(np.diag(model.innovation_covariance))
+    return {
+        "source": model.source,
+        "method": model.method,
+        "order": model.order,
+        "samples": model.samples,
+        "sample_time": model.sample_time,
+        "experiments": [
+            {"source": item.source, "first_step": item.first_step, "steps": item.steps}
+            for item in result.data.experiments
+        ],
+        "fit": {name: _finite(fit) for name, fit in zip(model.output_names, model.fit, strict=False)},
+        "innovation_rms": dict(zip(model.output_names, rms.tolist(), strict=True)),
+        "input_offset": dict(zip(model.input_names, model.input_offset.tolist(), strict=True)),
+        "output_offset": dict(zip(model.output_names, model.output_offset.tolist(), strict=True)),
+        "poles": [
+            {
+                "real": pole.real,
+                "imaginary": pole.imag,
+                "deviation": None if deviations is None else [_finite(value) for value in deviations[index]],
+            }
+            for index, pole in enumerate(model.poles().tolist())
+        ],
+        "unstable_poles": len(model.unstable_poles()),
+        "closed_loop_stable": None if result.closed_loop_poles is None else result.stable,
+        "closed_loop_poles": None
+        if result.closed_loop_poles is None
+        else [[pole.real, pole.imag] for pole in result.closed_loop_poles.tolist()],
+        "order_selection": None
+        if selection is None
+        else {
+            "chosen": selection.chosen,
+            "orders": list(selection.orders),
+            "bic": [_finite(value) for value in selection.bic],
+            "aic": [_finite(value) for value in selection.aic],
+            "validation_error": [_finite(value) for value in selection.validation_error],
+            "singular_values": selection.singular_values.tolist(),
+        },
+        "findings": [
+            {
+                "check": finding.check,
+                "severity": finding.severity.name.lower(),
+                "what": finding.what,
+                "where": finding.where,
+                "advice": finding.advice,
+            }
+            for finding in result.report.findings
+        ],
+    }
+
+
+def _finite(value: float) -> float | None:
+    import math
+
+    return float(value) if math.isfinite(value) else None
+
+
+def _table(result: Identification) -> Table:
+    """The model and its validation; poles as continuous-time rates in 1/s, s = ln(z) / T."""
     import numpy as np
     from rich.table import Table
 
-    model = result.model
-    first, last = result.data.experiments[0].first_step, result.data.experiments[0].stop - 1
+    model, selection = result.model, result.order_selection
     unstable = model.unstable_poles()
     table = Table("quantity", "value", title=f"{model.method} from {model.source}")
     table.add_row("order", str(model.order))
-    table.add_row("samples", f"{model.samples}, steps {first} to {last}")
-    for name, fit in zip(model.output_names, model.fit, strict=True):
+    if selection is not None:
+        others = f"AIC {selection.best_by_aic}, cross-validation {selection.best_by_validation}"
+        end = "; the highest tried, try higher ones with --orders" if selection.at_the_end else ""
+        table.add_row("order by BIC", f"{selection.chosen} of {selection.orders[0]} to {selection.orders[-1]}{end}")
+        table.add_row("order by others", others)
+    spans = "\n".join(f"steps {item.first_step} to {item.stop - 1}" for item in result.data.experiments)
+    table.add_row("samples", f"{model.samples}, {spans}")
+    for name, fit in zip(model.output_names, model.fit, strict=False):
         table.add_row(f"closed-loop fit {name}", f"{fit:.2f} %")
-    table.add_row("poles z", "\n".join(_number(pole) for pole in model.poles()))
+    for name, unit, rms in zip(
+        model.output_names, model.output_units, np.sqrt(np.diag(model.innovation_covariance)), strict=True
+    ):
+        value = f"{UNITS * rms:.4g} um" if unit == "m" else f"{rms:.4g} {unit}".strip()
+        table.add_row(f"prediction error {name}", f"{value} rms")
+    table.add_row("poles z", "\n".join(_poles(result)))
     rates = ", ".join(f"{_number(np.log(pole) / model.sample_time, 5)} 1/s" for pole in unstable)
     table.add_row("unstable poles", f"{len(unstable)}" + (f": {rates}" if rates else ""))
-    table.add_row("closed loop", "stable" if result.stable else "[red]unstable[/red]")
+    if result.closed_loop_poles is not None:
+        table.add_row("closed loop", "stable" if result.stable else "[red]unstable[/red]")
     return table
+
+
+def _poles(result: Identification) -> list[str]:
+    """Poles with their standard deviations (the larger of real and imaginary part), where these are known."""
+    poles = [_number(pole) for pole in result.model.poles()]
+    if result.uncertainty is None:
+        return poles
+    deviations = result.uncertainty.pole_deviations().max(axis=1)
+    return [f"{pole}  ± {deviation:.2g}" for pole, deviation in zip(poles, deviations, strict=True)]
 
 
 def _number(value: complex, digits: int = 7) -> str:
     """A pole as text, without an imaginary part where there is none."""
     return f"{value.real:.{digits}g}" if value.imag == 0 else f"{value.real:.{digits}g} {value.imag:+.{digits}g}j"
+
+
+def _save_figures(folder: Path, result: Identification) -> list[str]:
+    """Write the figures there are something to show for; their names."""
+    import numpy as np
+
+    from amb_core import figures
+    from amb_core.identification import response_of
+
+    names = []
+    known = [index for index, item in enumerate(result.data.experiments) if item.reference is not None]
+    for index in known if result.closed_loop_poles is not None else ():
+        place = f"experiment_{index + 1}" if len(known) > 1 else ""
+        figures.save_loop_figures(folder / place, result.data.record(index), result.simulations[index])
+        names += [str(Path(place) / name) for name in ("response", "orbit")]
+    model = result.model
+    highest = 0.5 / model.sample_time
+    frequencies = np.geomspace(highest / 5_000.0, 0.99 * highest, 400)
+    source = response_of(model, frequencies) if result.uncertainty is None else result.uncertainty.response(frequencies)
+    figures.save_figure(folder, "bode", figures.bode_figure([source]), figures.bode_page([source]))
+    figures.save_figure(folder, "poles", figures.poles_figure(result), figures.poles_page(result))
+    names += ["bode", "poles"]
+    if result.order_selection is not None:
+        selection = result.order_selection
+        figures.save_figure(folder, "order", figures.order_figure(selection), figures.order_page(selection))
+        names.append("order")
+    return names

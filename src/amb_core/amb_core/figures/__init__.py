@@ -6,7 +6,9 @@
 from amb_core.figures.bode import bode_figure, bode_page
 from amb_core.figures.comparison import comparison_figure, comparison_page, save_validation_figures
 from amb_core.figures.loop import orbit_figure, orbit_page, response_figure, response_page, save_loop_figures
+from amb_core.figures.order import order_figure, order_page
 from amb_core.figures.overlay import overlay_figure, overlay_page
+from amb_core.figures.poles import poles_figure, poles_page
 from amb_core.figures.prediction import prediction_figure, prediction_page
 from amb_core.figures.region_map import map_figure, map_grid_figure, map_grid_page, map_page
 from amb_core.figures.residuals import residuals_figure, residuals_page
@@ -26,9 +28,13 @@ __all__ = [
     "map_page",
     "orbit_figure",
     "orbit_page",
+    "order_figure",
+    "order_page",
     "overlay_figure",
     "overlay_page",
     "page_fragment",
+    "poles_figure",
+    "poles_page",
     "prediction_figure",
     "prediction_page",
     "residuals_figure",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,15 @@ from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles
 from amb_core.identification.data import DataReport, IdentificationData, check_data
+from amb_core.identification.data.checks import check_amount, check_excitation
 from amb_core.identification.experiment_simulation import simulate_experiment
 from amb_core.identification.methods import METHODS, estimate
 from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.order_selection import OrderSelection, select_order
 from amb_core.identification.progress import Cancelled, Progress, Watch
 from amb_core.identification.scaled_data import check_order
+from amb_core.identification.simulation_focus import focus_simulation
+from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import nrmse_fit
 from amb_core.records import LoopRecord
 
@@ -39,6 +42,9 @@ class Identification:
         What the checks found in the data, errors aside, which are refused.
     order_selection : OrderSelection or None
         How the order was chosen; None where it was given.
+    uncertainty : ModelUncertainty or None
+        How accurately the data determine the model: of `pem` with prediction focus, None otherwise and where the data
+        do not tell.
     simulations : tuple of (LoopRecord or None)
         The model in closed loop with the known controller, for each experiment; None where the reference is not known
         or the simulation diverges.
@@ -51,6 +57,7 @@ class Identification:
     data: IdentificationData
     report: DataReport
     order_selection: OrderSelection | None
+    uncertainty: ModelUncertainty | None
     simulations: tuple[LoopRecord | None, ...]
     closed_loop_poles: NDArray[np.complex128] | None
 
@@ -121,34 +128,61 @@ def identify(
         If an argument is not allowed, the checks find errors in the data, the data determine no model, or the
         identification is called off; one line that says why.
     """
+    _check_arguments(order, method, focus)
+    if isinstance(data, LoopRecord):
+        data = IdentificationData.from_record(data)
+    source = source or "; ".join(dict.fromkeys(item.source for item in data.experiments if item.source))
+    controller = _controller(data, controller)
+    if focus == "simulation" and controller is None:
+        raise IdentificationError("simulation focus needs data of the bearing's loop: currents in A, positions in m")
+    watch = Watch(progress, cancelled)
+    watch.tell("checks", 0, 1)
+    sample_time = None if controller is None else 1.0 / controller.sample_rate
+    report = check_data(data, 1 if order == "auto" else order, sample_time=sample_time)
+    report.refuse_errors()
+    watch.tell("checks", 1, 1)
+    selection = None
+    if isinstance(order, str):
+        selection = select_order(data, orders, progress, cancelled)
+        order = selection.chosen
+        report = _for_order(report, data, order)
+    models = estimate(data, order, method, watch, source)
+    watch.tell("validation", 0, 1)
+    best = max((_validate(model, data, controller, report, selection) for model in models), key=_quality)
+    if focus == "simulation" and controller is not None:
+        model = focus_simulation(best.model, data, controller, progress, cancelled)
+        best = _validate(model, data, controller, report, selection)
+    elif method == "pem":
+        best = replace(best, uncertainty=_uncertainty(best.model, data))
+    watch.tell("validation", 1, 1)
+    return best
+
+
+def _check_arguments(order: int | str, method: str, focus: str) -> None:
     if method not in METHODS:
         raise IdentificationError(f"unknown method {method!r}; allowed: {', '.join(METHODS)}")
-    if focus not in ("prediction", "simulation"):
-        raise IdentificationError(f"unknown focus {focus!r}; allowed: prediction, simulation")
+    if focus not in get_args(Focus):
+        raise IdentificationError(f"unknown focus {focus!r}; allowed: {', '.join(get_args(Focus))}")
     if isinstance(order, str):
         if order != "auto":
             raise IdentificationError(f"order {order!r} is not allowed; allowed: a number or 'auto'")
     else:
         check_order(order)
-    if isinstance(data, LoopRecord):
-        data = IdentificationData.from_record(data)
-    source = source or "; ".join(dict.fromkeys(item.source for item in data.experiments if item.source))
-    controller = _controller(data, controller)
-    watch = Watch(progress, cancelled)
-    watch.tell("checks", 0, 1)
-    sample_time = None if controller is None else 1.0 / controller.sample_rate
-    report = check_data(data, 1 if isinstance(order, str) else order, sample_time=sample_time)
+
+
+def _for_order(report: DataReport, data: IdentificationData, order: int) -> DataReport:
+    """The report with the findings that depend on the order made anew; what they refuse is raised."""
+    anew = {finding.check: finding for finding in (check_amount(data, order), check_excitation(data, order))}
+    report = replace(report, findings=tuple(anew.get(finding.check, finding) for finding in report.findings))
     report.refuse_errors()
-    watch.tell("checks", 1, 1)
-    selection = None
-    if isinstance(order, str):
-        selection = select_order(data, orders, progress=progress, cancelled=cancelled)
-        order = selection.chosen
-    models = estimate(data, order, method, watch, source)
-    watch.tell("validation", 0, 1)
-    results = [_validate(model, data, controller, report, selection) for model in models]
-    watch.tell("validation", 1, 1)
-    return max(results, key=_quality)
+    return report
+
+
+def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncertainty | None:
+    try:
+        return estimate_uncertainty(model, data)
+    except IdentificationError:  # the model is good without
+        return None
 
 
 def _controller(data: IdentificationData, controller: ControllerParameters | None) -> ControllerParameters | None:
@@ -172,7 +206,7 @@ def _validate(
     selection: OrderSelection | None,
 ) -> Identification:
     if controller is None:
-        return Identification(model, data, report, selection, (None,) * len(data.experiments), None)
+        return Identification(model, data, report, selection, None, (None,) * len(data.experiments), None)
     known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
     simulations: list[LoopRecord | None] = [None] * len(data.experiments)
     fit = np.empty(0)
@@ -184,7 +218,8 @@ def _validate(
     except DivergenceError:
         fit = np.full(len(model.c), -np.inf)
     model = replace(model, fit=fit)
-    return Identification(model, data, report, selection, tuple(simulations), closed_loop_poles(model, controller))
+    poles = closed_loop_poles(model, controller)
+    return Identification(model, data, report, selection, None, tuple(simulations), poles)
 
 
 def _fit(data: IdentificationData, simulations: list[LoopRecord | None]) -> NDArray[np.float64]:
