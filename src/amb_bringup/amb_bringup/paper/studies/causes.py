@@ -105,7 +105,7 @@ def cause_claim(figure: str, runs: Mapping[str, SweptBearing]) -> Claim:
             f"With the force law alone there is no {' and no '.join(region.name for region in gone)}: "
             "that comes from currents that cannot follow their references."
         )
-    if gone and Region.B in remain:
+    if gone and Region.B in remain and Region.B not in runs[CENTRED].onsets:
         reasons.append(
             "The drift remains where the weight holds the rotor off the centre: alternating currents add to the "
             "negative stiffness, since the force goes with their square."

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,12 +129,12 @@ def traced_sweep() -> tuple[Plant, list[Piece]]:
 def joined(traces: Sequence[Trace]) -> Trace:
     """One trace of consecutive ones, of a bearing alone."""
     step = traces[0].time[1] - traces[0].time[0]
-    arrays = {
+    arrays: dict[str, Any] = {
         item.name: np.concatenate([getattr(trace, item.name) for trace in traces])
         for item in fields(Trace)
         if item.name not in ("time", "bearing_b")
     }
-    return replace(traces[0], time=step * np.arange(len(arrays["flux"])), **arrays)
+    return Trace(time=step * np.arange(len(arrays["flux"])), **arrays)
 
 
 def unrelated_signals(constant: float) -> ForceTrajectory:

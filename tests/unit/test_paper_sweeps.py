@@ -1,0 +1,165 @@
+"""Verdicts on the paper's sweeps follow from the regions that the runs went through; doctored runs change them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from amb_bringup.paper.studies.causes import ALL, CASES, CENTRED, FORCE_LAW, cause_claim, effects_note, rotor_speed
+from amb_bringup.paper.studies.causes import speed_claim as motion_claim
+from amb_bringup.paper.studies.sweep_one_axis import (
+    OneAxisSweep,
+    Pole,
+    delevitation_claim,
+    frequency_claim,
+    linear_claim,
+    order_claim,
+    region_a_fit,
+)
+from amb_bringup.paper.studies.sweep_two_axes import gravity_claim, regions_claim
+from amb_bringup.paper.sweeps import SweptBearing, in_order, sweep_bearing
+from amb_core.control import ControllerParameters
+from amb_core.plant import Plant
+from amb_core.records import LoopRecord
+from amb_core.regions import AxisState, Classification, Onset, Region, RegionState
+
+STEPS, REST = 10_000, 1_000
+FREQUENCY = np.concatenate([np.full(REST, np.nan), np.linspace(100.0, 1_000.0, STEPS - REST)])
+BEGINS = {Region.B: 3_000, Region.C: 6_000, Region.D: STEPS - 1}
+
+
+@pytest.fixture(scope="module")
+def plant() -> Plant:
+    return Plant()
+
+
+@pytest.fixture
+def swept(plant: Plant):
+    """Makes a bearing in which regions begin at given steps, whose rotor oscillates at 55 Hz in region C."""
+
+    def make(begins: dict[Region, int], slow: float = 55.0, response: float = 1e-6) -> SweptBearing:
+        onsets = {region: Onset(step, 1e-4 * step, float(FREQUENCY[step]), False) for region, step in begins.items()}
+        states = []
+        for step in range(REST + 99, STEPS, 100):
+            region = max((one for one, begin in begins.items() if begin <= step), default=Region.A)
+            since = onsets.get(region, Onset(0, 0.0, math.nan, False))
+            axis = AxisState(region, since, 0.0, 0.0, 0.0, 1e-6, slow, FREQUENCY[step], 1e-6, response, False)
+            states.append(RegionState(step, axis, axis, region, since, 0.0, True))
+        samples = np.zeros((STEPS, 2))
+        record = LoopRecord(0, 1e-4, samples, samples, samples)
+        found = Classification(states, onsets, ({}, onsets))
+        return SweptBearing(plant, ControllerParameters(), record, FREQUENCY, found)
+
+    return make
+
+
+def test_all_regions_in_order_agree_with_the_paper(swept) -> None:
+    everything = swept(BEGINS)
+    assert in_order(everything)
+    assert order_claim(everything, everything).verdict == "agrees"
+    assert regions_claim(everything, everything).verdict == "agrees"
+
+
+def test_a_region_that_only_the_slow_amplifier_shows_agrees_in_part(swept) -> None:
+    without_c = swept({Region.B: 3_000, Region.D: STEPS - 1})
+    claim = order_claim(without_c, swept(BEGINS))
+    assert claim.verdict == "agrees in part"
+    assert "scaled" in claim.reason
+    assert regions_claim(without_c, without_c).verdict == "does not agree"
+
+
+@pytest.mark.parametrize(
+    "begins", [{Region.B: 6_000, Region.C: 3_000}, {Region.C: 3_000}, {Region.B: REST - 1, Region.C: 3_000}]
+)
+def test_regions_out_of_order_do_not_pass(swept, begins) -> None:
+    assert not in_order(swept(begins))
+
+
+@pytest.mark.parametrize(
+    ("slow", "verdict"),
+    [(55.0, "agrees"), (45.0, "agrees in part"), (20.0, "does not agree"), (110.0, "does not agree")],
+)
+def test_the_slow_oscillation_is_held_against_the_dominant_pole(swept, slow, verdict) -> None:
+    assert frequency_claim(swept(BEGINS, slow), Pole(natural=63.0, damped=56.0)).verdict == verdict
+
+
+def test_without_a_slow_oscillation_its_frequency_cannot_agree(swept) -> None:
+    claim = frequency_claim(swept({Region.B: 3_000}), Pole(63.0, 56.0))
+    assert claim.verdict == "does not agree"
+    assert "nan" not in claim.finding
+
+
+def test_a_bearing_that_stays_up_takes_part_of_the_claim_of_delevitation(swept) -> None:
+    assert delevitation_claim({"a": swept(BEGINS), "b": swept(BEGINS)}).verdict == "agrees"
+    assert delevitation_claim({"a": swept(BEGINS), "b": swept({Region.B: 3_000})}).verdict == "agrees in part"
+
+
+def test_a_model_must_follow_in_region_a_and_depart_beyond() -> None:
+    assert linear_claim({"a": (90.0, 10.0)}).verdict == "agrees"
+    assert linear_claim({"a": (90.0, 85.0)}).verdict == "agrees in part"
+    assert linear_claim({"a": (30.0, 25.0)}).verdict == "does not agree"
+
+
+def test_the_fit_is_taken_apart_where_region_a_ends(swept) -> None:
+    wave = 1e-6 * np.sin(0.3 * np.arange(STEPS))
+    position = np.column_stack([np.zeros(STEPS), wave])
+    position[BEGINS[Region.B] :, 1] *= -1.0
+    bearing = swept(BEGINS)
+    bearing = replace(bearing, record=replace(bearing.record, position=position))
+    model = LoopRecord(REST, 1e-4, *[np.column_stack([wave, wave])[REST:]] * 3)
+    assert region_a_fit(bearing, model) == pytest.approx((100.0, -100.0), abs=0.1)
+
+
+def test_gravity_is_told_by_the_end_of_region_a_on_both_axes(swept) -> None:
+    early, late = swept({Region.B: 3_000}), swept({Region.B: 6_000})
+    assert gravity_claim({"a": (early, late)}).verdict == "agrees"
+    assert gravity_claim({"a": (early, swept({}))}).verdict == "agrees"
+    assert gravity_claim({"a": (late, early)}).verdict == "does not agree"
+
+
+@pytest.mark.parametrize(
+    ("with_force_law", "verdict"),
+    [(BEGINS, "agrees"), ({Region.B: 2_000}, "agrees in part"), ({}, "does not agree")],
+)
+def test_the_force_law_is_the_cause_of_what_remains_without_limits(swept, with_force_law, verdict) -> None:
+    runs = {ALL: swept(BEGINS), FORCE_LAW: swept(with_force_law), CENTRED: swept({})}
+    claim = cause_claim("causes", runs)
+    assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")
+
+
+def test_the_rotor_is_slower_where_region_a_ends_if_it_responds_less(swept) -> None:
+    run = swept(BEGINS)
+    axes = [replace(state.y, response_amplitude=1e-3 / state.y.input_frequency**2) for state in run.found.states]
+    states = [replace(state, y=axis) for state, axis in zip(run.found.states, axes, strict=True)]
+    slowing = replace(run, found=replace(run.found, states=states))
+    assert motion_claim("causes", rotor_speed(slowing), slowing).verdict == "does not agree"
+    assert motion_claim("causes", rotor_speed(run), run).verdict == "agrees"  # as far at every frequency: ever faster
+
+
+def test_effects_are_told_region_by_region(swept) -> None:
+    runs = {name: swept({Region.B: 3_000, Region.D: 9_000}) for name in CASES}
+    moved = runs[CENTRED].record.position + 1e-6
+    runs[CENTRED] = replace(swept({Region.C: 4_000}), record=replace(runs[CENTRED].record, position=moved))
+    note = effects_note(runs)
+    assert f"{FORCE_LAW}: the same samples, bit for bit" in note
+    assert f"{CENTRED}: B gone, C from {FREQUENCY[4_000]:.0f} Hz, new, D gone." in note
+
+
+@pytest.mark.slow
+def test_the_slow_amplifier_goes_through_all_regions_and_oscillates_near_its_pole() -> None:
+    verdicts = {claim.id: claim.verdict for claim in OneAxisSweep().run().claims}
+    assert verdicts["one-axis-linear-model"] == "agrees"
+    assert verdicts["one-axis-regions"] != "does not agree"
+    assert verdicts["slow-oscillation-frequency"] == "agrees"
+
+
+@pytest.mark.slow
+def test_the_slow_oscillation_needs_the_slew_limit() -> None:
+    slow = {"magnetic_circuit.actuators": "differential", "amplifier.supply_voltage": 30.0}
+    assert Region.C in sweep_bearing(15e-6, slow).onsets
+    unlimited = {"amplifier.switching": False, "amplifier.limits": False}
+    assert Region.C not in sweep_bearing(15e-6, slow | unlimited).onsets
