@@ -3,7 +3,10 @@
 from collections.abc import Sequence
 
 from amb_bringup.paper.studies.causes import PaperCauses, SlowAmplifierCauses
+from amb_bringup.paper.studies.excitations_on_the_map import ExcitationsOnTheMap
 from amb_bringup.paper.studies.force_equations import ForceEquations
+from amb_bringup.paper.studies.frequency_amplitude_graph import FrequencyAmplitudeGraph
+from amb_bringup.paper.studies.subharmonics import Subharmonics
 from amb_bringup.paper.studies.sweep_one_axis import OneAxisSweep
 from amb_bringup.paper.studies.sweep_two_axes import TwoAxisSweep
 from amb_bringup.paper.study import Study, StudyError
@@ -14,9 +17,12 @@ STUDIES: tuple[Study, ...] = (
     ForceEquations(),
     PaperCauses(),
     SlowAmplifierCauses(),
+    Subharmonics(),
+    FrequencyAmplitudeGraph(),
+    ExcitationsOnTheMap(),
 )
 
-HEADLINE = "fig3"
+HEADLINE = "fig9"
 """Name of the figure that opens the report."""
 
 

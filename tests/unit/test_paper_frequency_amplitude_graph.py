@@ -1,0 +1,74 @@
+"""Verdicts on the frequency-amplitude graph follow from the map: another map, another verdict."""
+
+from __future__ import annotations
+
+import pytest
+
+from amb_bringup.paper.studies.frequency_amplitude_graph import (
+    judge_extent,
+    judge_fall,
+    judge_regions,
+    judge_speed,
+)
+from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap
+from amb_core.regions import Region
+
+AMPLITUDES = (5e-6, 10e-6, 20e-6, 40e-6, 80e-6)
+
+
+def map_with(*regions: Region, product: float = 10e-3, power: float = -1.0, resonance: bool = False) -> RegionMap:
+    """A map whose boundaries are at amplitude^power times a constant, one above the other."""
+    sweeps = tuple(
+        MapSweep(
+            amplitude,
+            {
+                region: Boundary(
+                    int(region) * product / AMPLITUDES[0] * (amplitude / AMPLITUDES[0]) ** power, resonance
+                )
+                for region in regions
+            },
+            (),
+            5000.0,
+            1000,
+        )
+        for amplitude in AMPLITUDES
+    )
+    return RegionMap(MapSettings(amplitude_low=AMPLITUDES[0], amplitude_high=AMPLITUDES[-1]), sweeps)
+
+
+@pytest.mark.parametrize(
+    ("regions", "verdict"),
+    [
+        ((Region.B, Region.C, Region.D), "agrees"),
+        ((Region.B, Region.D), "agrees in part"),
+        ((Region.D,), "does not agree"),
+    ],
+)
+def test_regions_agree_where_most_sweeps_show_all_of_them(regions: tuple[Region, ...], verdict: str) -> None:
+    assert judge_regions(map_with(*regions)).verdict == verdict
+
+
+@pytest.mark.parametrize(("power", "verdict"), [(-1.0, "agrees"), (1.0, "does not agree")])
+def test_boundaries_must_fall_with_the_amplitude(power: float, verdict: str) -> None:
+    claim = judge_fall(map_with(Region.B, Region.D, product=0.5e-3, power=power))
+    assert claim.verdict == verdict
+    assert ("8 of 8 steps" if power < 0 else "0 of 8 steps") in claim.finding
+
+
+@pytest.mark.parametrize(("power", "verdict"), [(-1.0, "agrees"), (-2.0, "does not agree")])
+def test_speed_decides_only_where_amplitude_times_frequency_is_constant(power: float, verdict: str) -> None:
+    assert judge_speed(map_with(Region.B, Region.D, power=power)).verdict == verdict
+
+
+def test_onsets_by_resonance_are_no_matter_of_speed() -> None:
+    claim = judge_speed(map_with(Region.B, Region.D, resonance=True))
+    assert claim.verdict == "does not agree"
+    assert "nan" in claim.finding
+
+
+@pytest.mark.parametrize(
+    ("frequency", "verdict"), [(50.0, "agrees"), (1000.0, "agrees in part"), (3000.0, "does not agree")]
+)
+def test_the_nonlinear_part_is_measured_on_both_kinds_of_axes(frequency: float, verdict: str) -> None:
+    level = map_with(Region.B, product=frequency * AMPLITUDES[0], power=0.0)
+    assert judge_extent(level).verdict == verdict
