@@ -63,8 +63,8 @@ def test_a_model_of_too_low_an_order_fails(data: IdentificationData, model: Stat
         initial_state=np.zeros(4),
     )  # fmt: skip
     found = validate(low, data, CONTROLLER)
-    assert not found.independent and not found.validated
-    assert any("raise the order" in line for line in found.report().splitlines())
+    assert not found.independent and found.verdict != "validated"
+    assert "Raise the order" in " ".join(found.report().split())
 
 
 def test_k_steps_ahead_is_the_filtered_state_left_alone(data: IdentificationData, model: StateSpaceModel) -> None:
@@ -125,6 +125,23 @@ def test_another_load_shows_as_an_offset(data: IdentificationData, model: StateS
     found = validate(light, data, CONTROLLER)
     assert found.closed_loop is not None and found.closed_loop.offset[1] < -10e-6
     assert not found.validated and "rests elsewhere" in found.report()
+
+
+def test_a_gain_that_is_wrong_shows_in_closed_loop_and_frequency_response(
+    data: IdentificationData, model: StateSpaceModel
+) -> None:
+    found = validate(replace(model, b=1.2 * model.b), data, CONTROLLER)
+    assert not found.validated and found.verdict == "not validated"
+    text = " ".join(found.report().split())
+    assert "follows poorly" in text and "frequency response differs by 10 % and more" in text
+
+
+def test_what_matters_little_is_a_reservation(data: IdentificationData, model: StateSpaceModel) -> None:
+    """A gain that is off by 1 % hardly shows in closed loop, and clearly in the residuals."""
+    found = validate(replace(model, b=1.01 * model.b), data, CONTROLLER)
+    assert found.validated and not found.independent and not found.unreserved
+    assert found.verdict == "validated with reservations"
+    assert found.summary.startswith("validated with reservations: ")
 
 
 def test_a_loop_that_diverges_is_no_error(data: IdentificationData, model: StateSpaceModel) -> None:

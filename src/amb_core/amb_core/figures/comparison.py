@@ -136,6 +136,5 @@ def _responses(validations: Mapping[str, Validation]) -> list[FrequencyResponse]
     if len(validations) == 1:
         return list(one.responses)
     models = [replace(item.frequency.model, label=f"model {label}") for label, item in validations.items()]
-    return [
-        response for response in (one.measured and one.measured.response, *models, one.plant) if response is not None
-    ]
+    measured = [] if one.measured is None else [one.measured.response]
+    return [*measured, *models, *([] if one.plant is None else [one.plant])]

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from amb_core.identification.validation.residuals import ChiSquareTest
+from amb_core.identification.validation.simulation import NEEDED_FIT
 
 if TYPE_CHECKING:
     from amb_core.identification.validation.validate import Validation
 
 WIDTH = 100
+_NOTABLE = 10.0  # percent, median difference of frequency responses in a band
 
 
 def summary_line(validation: Validation) -> str:
@@ -27,15 +29,14 @@ def summary_line(validation: Validation) -> str:
     parts.append(f"one-step fit {_by_output(validation, validation.one_step_fit)}")
     parts.append(_word(validation.white, "residuals white", "residuals not white"))
     parts.append(_word(validation.independent, "independent of past inputs", "dependent on past inputs"))
-    verdict = _word(validation.validated, "validated", "not validated")
-    return f"{verdict}: {model.method or 'model'}, order {model.order}; {'; '.join(parts)}"
+    return f"{validation.verdict}: {model.method or 'model'}, order {model.order}; {'; '.join(parts)}"
 
 
 def report_text(validation: Validation) -> str:
     """One page of text, 100 columns at most."""
     lines = [*_heading(validation), "", *_closed_loop(validation), "", *_prediction(validation), ""]
     lines += [*_residuals(validation), "", *_frequency(validation), ""]
-    lines += [f"VERDICT      {_word(validation.validated, 'validated', 'NOT validated')}"]
+    lines += [f"VERDICT      {validation.verdict.replace('not', 'NOT')}"]
     lines += [line for text in (*validation.notes, *advice(validation)) for line in _item(text)]
     return "\n".join(lines) + "\n"
 
@@ -46,6 +47,7 @@ def report_values(validation: Validation) -> dict[str, Any]:
     loop, comparison = validation.closed_loop, validation.frequency
     values = {
         "validated": validation.validated,
+        "verdict": validation.verdict,
         "summary": validation.summary,
         "model": {
             "method": model.method,
@@ -99,14 +101,16 @@ def advice(validation: Validation) -> list[str]:
             "The model's closed loop is unstable although the bearing's is not: identify from data of region A with "
             "both axes excited, and try a higher order or another method."
         )
-    elif loop is not None and np.any(loop.fit < 90.0) and np.all(np.isfinite(loop.offset)):
-        spread = np.min([record.position.std(axis=0) for record in loop.measured], axis=0)
-        if np.any(np.abs(loop.offset) > 0.05 * spread):
+    elif loop is not None:
+        spread = np.vstack([record.position for record in loop.measured]).std(axis=0)
+        error = (1.0 - 0.01 * loop.fit) * spread  # rms
+        poor, elsewhere = loop.fit < NEEDED_FIT, np.abs(loop.offset) > 0.5 * error
+        if np.any(poor & elsewhere):
             found.append(
                 "The simulated rotor rests elsewhere: load or operating point differ from those of the identification; "
                 "identify at this operating point, or compare deviations."
             )
-        else:
+        if np.any(poor & ~elsewhere):
             found.append(
                 "The closed loop follows poorly: raise the order, identify with a reference of this frequency content, "
                 "and check that the data are of region A (`amb regions`)."
@@ -114,14 +118,20 @@ def advice(validation: Validation) -> list[str]:
     if not validation.independent:
         found.append(
             "Residuals depend on past inputs: the plant part misses dynamics worth "
-            f"{100 * residuals.independence.unexplained:.2g} % of the residuals' variance; raise the order if that "
-            "matters, and look at the lags in the figure: only the first ones point to a dead time."
+            f"{100 * residuals.independence.unexplained:.2g} % of the residuals' variance. Raise the order; if that "
+            "does not help, the plant is nonlinear, or its operating point another than that of the identification."
         )
     if not validation.white:
         found.append(
             f"Residuals are not white: {100 * residuals.whiteness.unexplained:.2g} % of their variance can be "
             "predicted from their own past; the noise part is too simple or the plant nonlinear. It matters for "
             "prediction and for the stated uncertainty, less for the design of a controller."
+        )
+    off = [band for band in validation.frequency.bands if band.difference > max(_NOTABLE, 3.0 * band.deviation)]
+    if off:
+        found.append(
+            f"The frequency response differs by {_NOTABLE:.0f} % and more, and more than noise explains, first from "
+            f"{off[0].low:g} to {off[0].high:g} Hz: excite these frequencies in the identification."
         )
     return found
 

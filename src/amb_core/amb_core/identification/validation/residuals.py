@@ -39,6 +39,8 @@ QUANTILE = float(special.ndtri(0.5 + 0.5 * CONFIDENCE))
 """Half the width of a 99 % band in standard deviations."""
 
 LAGS = 25
+NEGLIGIBLE = 0.05
+"""Share of the variance of the residuals that past inputs may explain without reservation against a model."""
 _FEWEST = 10  # samples per lag
 _CONSTANT = 1e-12  # deviation, relative to the largest magnitude, that rounding alone may make
 _BLOCK = 10_000  # rows of the lagged inputs held at once

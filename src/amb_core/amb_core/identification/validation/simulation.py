@@ -19,6 +19,9 @@ from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.validation.fit import nrmse_fit
 from amb_core.records import LoopRecord
 
+NEEDED_FIT = 90.0
+"""Closed-loop fit of each output that a validated model has (percent)."""
+
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
@@ -54,6 +57,11 @@ class ClosedLoop:
     def stable(self) -> bool:
         """Whether all poles lie inside the unit circle."""
         return bool(np.all(np.abs(self.poles) < 1.0))
+
+    @property
+    def follows(self) -> bool:
+        """Whether it is stable and follows each output with the fit that is needed."""
+        return self.stable and bool(np.all(self.fit >= NEEDED_FIT))
 
 
 def check_closed_loop(

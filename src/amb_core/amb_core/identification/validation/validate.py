@@ -16,7 +16,8 @@ from amb_core.identification.data import IdentificationData, restore
 from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
-from amb_core.identification.validation.residuals import LAGS, ResidualTests, check_residuals
+from amb_core.identification.validation.report import report_text, report_values, summary_line
+from amb_core.identification.validation.residuals import LAGS, NEGLIGIBLE, ResidualTests, check_residuals
 from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop
 
 if TYPE_CHECKING:
@@ -24,10 +25,6 @@ if TYPE_CHECKING:
     from amb_core.plant import PlantParameters
 
 HORIZONS = (1, 5, 20, 100)
-NEEDED_FIT = 90.0
-"""Closed-loop fit of each output that a validated model has (percent)."""
-LARGEST_UNEXPLAINED = 0.05
-"""Share of the variance of the residuals that past inputs may explain in a validated model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,30 +89,36 @@ class Validation:
     def validated(self) -> bool:
         """Whether the model does what it is for.
 
-        Its closed loop is stable and follows each output with a fit of 90 % or more, where controller and reference
-        are known, and the residuals are independent of past inputs, or as good as independent: what the inputs explain
-        is less than 5 % of their variance. Colour of the residuals is told, but does not speak against the plant.
+        Where controller and reference are known, its closed loop is stable and follows each output with a fit of 90 %
+        or more. Where they are not, past inputs explain nothing, or less than 5 %, of the variance of the residuals.
         """
-        followed = self.closed_loop is None or (self.closed_loop.stable and bool(np.all(self.fit >= NEEDED_FIT)))
-        return followed and (self.independent or self.residuals.independence.unexplained < LARGEST_UNEXPLAINED)
+        if self.closed_loop is None:
+            return self.unreserved
+        return self.closed_loop.follows
+
+    @property
+    def unreserved(self) -> bool:
+        """Whether the residuals are independent of past inputs, or as good as independent: less than 5 % explained."""
+        return self.independent or self.residuals.independence.unexplained < NEGLIGIBLE
+
+    @property
+    def verdict(self) -> str:
+        """Validated, validated with reservations (residuals depend on past inputs), or not validated."""
+        if not self.validated:
+            return "not validated"
+        return "validated" if self.unreserved else "validated with reservations"
 
     @property
     def summary(self) -> str:
         """One line for people."""
-        from amb_core.identification.validation.report import summary_line
-
         return summary_line(self)
 
     def report(self) -> str:
         """All results on one page of plain text, with verdicts and advice."""
-        from amb_core.identification.validation.report import report_text
-
         return report_text(self)
 
     def as_dict(self) -> dict[str, Any]:
         """All numbers as plain values fit for strict JSON; what is not finite is None."""
-        from amb_core.identification.validation.report import report_values
-
         return report_values(self)
 
 
