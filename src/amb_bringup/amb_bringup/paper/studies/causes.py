@@ -25,9 +25,7 @@ AVERAGE = "average voltage, no switching"
 POLARITY_ALONE, FORCE_LAW = "none of the limits but polarity", "none of the limits: the force law alone"
 CENTRED = "none of the limits, no gravity"
 
-# The slew limit is the amplifier's duty limit, which only an amplifier without switching can lack; average voltage
-# alone tells the two apart. An amplifier with limits clips the reference of a coil at 0, whatever its currents may be:
-# polarity is seen where the slew limit is off. A control current reference of 100 A is never reached.
+# Why these combinations: see `SWITCHES`. A control current reference of 100 A is never reached.
 _NO_DUTY_LIMIT = {"amplifier.switching": False, "amplifier.limits": False}
 _NO_STOP = {"controller.current_limit": 100.0}
 _NO_LIMITS = _NO_DUTY_LIMIT | _NO_STOP | {"amplifier.unipolar": False}
@@ -42,6 +40,13 @@ CASES: dict[str, dict[str, Any]] = {
     FORCE_LAW: _NO_LIMITS,
     CENTRED: _NO_LIMITS | {"rotor.gravity": 0.0},
 }
+
+SWITCHES = (
+    "The slew limit is the limit on the amplifiers' duty cycles. It can be lifted only where their voltages are "
+    "averaged, so averaging is shown by itself too; with it goes the limit on coil currents. While amplifiers have "
+    "limits they clip the references of coil currents at zero, whatever the currents may do. What polarity does is "
+    "therefore seen by comparing the loops without limits, with and without it."
+)
 
 
 @dataclass(frozen=True)
@@ -68,7 +73,7 @@ class Causes(Study):
             [DrawnFigure.of(self.name, chart)],
             [cause_claim(self.name, runs), speed_claim(self.name, rotor_speed(runs[ALL]), runs[ALL])],
             {"amplitude": f"{1e6 * AMPLITUDE:g} um", **SWEEP, "bearing": "one axis, electromagnets above and below"},
-            [*self.notes, effects_note(runs)],
+            [*self.notes, SWITCHES, effects_note(runs)],
         )
 
 
