@@ -17,6 +17,7 @@ from amb_core.identification.pbsid import pbsid
 from amb_core.identification.pem import pem
 from amb_core.identification.progress import IdentificationProgress
 from amb_core.identification.reduction import Reduction, reduce_balanced
+from amb_core.identification.simulation_focus import focus_simulation
 from amb_core.identification.ssarx import ssarx
 from amb_core.identification.subspace import n4sid
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
@@ -38,6 +39,7 @@ __all__ = [
     "closed_loop_poles",
     "cva",
     "estimate_uncertainty",
+    "focus_simulation",
     "identify",
     "n4sid",
     "nrmse_fit",

@@ -15,6 +15,7 @@ from amb_core.identification.predictor import experiment_factor, experiments, in
 
 _LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
 _LEAST_GAIN = 1e-4  # relative decrease of the squared errors at which the search ends
+_MOST_ITERATIONS = 15
 
 Arrays = NDArray[np.float64]
 
@@ -70,6 +71,6 @@ def fit_kalman_gain(
         radius = float(np.max(np.abs(np.linalg.eigvals(model.a - moved @ model.c))))
         return moved if radius < _LARGEST_RADIUS else None
 
-    k = minimise(first, squares, linearise, move, least_gain=_LEAST_GAIN)
+    k = minimise(first, squares, linearise, move, most_iterations=_MOST_ITERATIONS, least_gain=_LEAST_GAIN)
     errors = errors_of(k)
     return replace(model, k=k, innovation_covariance=errors.T @ errors / len(errors))
