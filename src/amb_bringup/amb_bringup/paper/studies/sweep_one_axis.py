@@ -167,7 +167,7 @@ def linear_claim(fits: Mapping[str, tuple[float, float]]) -> Claim:
         statement="At low frequencies the bearing behaves as the identified linear model does, like a low-pass; as "
         "the frequency rises it departs from it.",
         finding="; ".join(
-            f"{name}: the model fits the rotor's motion in region A to {inside:.0f} %, beyond it to {beyond:.0f} %"
+            f"{name}: the model fits the rotor's motion in region A to {inside:z.0f} %, beyond it to {beyond:z.0f} %"
             for name, (inside, beyond) in fits.items()
         ),
         verdict=_verdict(follows + departs),
