@@ -16,6 +16,7 @@ from amb_bringup.commands import (
     map,
     plant,
     regions,
+    report,
     reproduce,
     subharmonics,
     validate,
@@ -37,6 +38,7 @@ app.command()(validate.validate)
 app.command()(compare.compare)
 app.command("map")(map.region_map)
 app.command()(regions.regions)
+app.command()(report.report)
 app.command()(reproduce.reproduce)
 app.command()(subharmonics.subharmonics)
 app.add_typer(bag.app, name="bag")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -45,11 +45,12 @@ def identify(
     """
     from rich.console import Console
 
+    from amb_bringup.commands.inputs import model_order
     from amb_bringup.commands.results import make_folder, write_json
     from amb_core import identification
 
     console = Console()
-    wanted, tried = _order(order), _orders(orders)
+    wanted, tried = model_order(order), _orders(orders)
     if figures is not None:
         make_folder(figures)
     data, controller = _load(console, bag, first_step, steps)
@@ -72,17 +73,6 @@ def identify(
         with console.status("drawing"):
             names = _save_figures(figures, result)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
-
-
-def _order(text: str) -> int | Literal["auto"]:
-    from amb_core.errors import IdentificationError
-
-    if text == "auto":
-        return "auto"
-    try:
-        return int(text)
-    except ValueError:
-        raise IdentificationError(f"--order {text} is not allowed; it must be a number or auto") from None
 
 
 def _orders(text: str) -> list[int] | None:

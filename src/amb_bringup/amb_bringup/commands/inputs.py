@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from amb_core.control import ControllerParameters
@@ -47,3 +47,15 @@ def typed_value(word: str) -> Any:
         return float(word)
     except ValueError:
         return yaml.safe_load(word)
+
+
+def model_order(text: str) -> int | Literal["auto"]:
+    """The order of a model as --order takes it; IdentificationError if it is neither a number nor auto."""
+    from amb_core.errors import IdentificationError
+
+    if text == "auto":
+        return "auto"
+    try:
+        return int(text)
+    except ValueError:
+        raise IdentificationError(f"--order {text} is not allowed; it must be a number or auto") from None

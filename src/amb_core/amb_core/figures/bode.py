@@ -196,7 +196,7 @@ def _alt(responses: Sequence[FrequencyResponse], over: Axis, level: float) -> st
     for response in responses:
         band = response.magnitude_band(level)
         if band is not None:
-            with np.errstate(divide="ignore", invalid="ignore"):
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 half = np.nanmedian(np.sqrt(band[1] / band[0])) - 1.0
             text += f" The {100.0 * level:g} % bands of {response.label} are ±{100.0 * half:.2g} % wide in the median."
     return text

@@ -14,6 +14,7 @@ from amb_core.figures.chart import Axis, Band, Chart, Curve, Heat, HoverGrid, No
 from amb_core.figures.style import OPACITY, Stroke
 
 PIXELS_PER_INCH = 100
+TITLE_HEIGHT, TICKS_HEIGHT, AXIS_HEIGHT = 30, 15, 60  # pixels of a panel's title, and of an axis without and with label
 MARKERS = {"circle": "circle", "square": "square", "diamond": "diamond", "triangle": "triangle-up", "cross": "x-thin"}
 TEXT = "#767676"  # readable on white and on black alike, where no style sheet gives texts the page's colour
 GRID = "rgba(128, 128, 128, 0.25)"
@@ -30,7 +31,7 @@ def draw_page(chart: Chart) -> go.Figure:
         cols=chart.columns,
         shared_xaxes="columns" if chart.shared_x else False,
         subplot_titles=[panel.title for panel in chart.panels] if any(panel.title for panel in chart.panels) else None,
-        vertical_spacing=0.14 / chart.rows if chart.shared_x else 0.3 / chart.rows,
+        vertical_spacing=_gap(chart),
     )
     shown: set[str] = set()
     for number, panel in enumerate(chart.panels):
@@ -60,6 +61,14 @@ def draw_page(chart: Chart) -> go.Figure:
         hovermode="closest",
     )
     return page
+
+
+def _gap(chart: Chart) -> float:
+    """Space between rows of panels, for a title and the axis above, as a share of the height."""
+    title = TITLE_HEIGHT if any(panel.title for panel in chart.panels) else 0
+    axis = TICKS_HEIGHT if chart.shared_x else AXIS_HEIGHT
+    free = PIXELS_PER_INCH * chart.size[1]
+    return float(min((title + axis) / free, 0.5 / chart.rows))
 
 
 def _axis(axis: Axis, labelled: bool) -> dict[str, Any]:
@@ -126,6 +135,7 @@ def _(item: Band, page: go.Figure, place: dict[str, int]) -> None:
 
 @draw.register
 def _(item: Span, page: go.Figure, place: dict[str, int]) -> None:
+    letter = {"annotation_text": f"<b>{item.letter}</b>", "annotation_position": "top"} if item.letter else {}
     page.add_vrect(
         x0=item.start,
         x1=item.stop,
@@ -133,8 +143,7 @@ def _(item: Span, page: go.Figure, place: dict[str, int]) -> None:
         opacity=OPACITY,
         line_width=0,
         layer="below",
-        annotation_text=f"<b>{item.letter}</b>" if item.letter else None,
-        annotation_position="top",
+        **letter,
         exclude_empty_subplots=False,
         **place,
     )
@@ -204,7 +213,8 @@ def _(item: HoverGrid, page: go.Figure, place: dict[str, int]) -> None:
 
 def _short(values: Values) -> Values:
     """In single precision: seven digits are more than a screen shows, and half the size of the page."""
-    return np.asarray(values, dtype=np.float32)
+    limit = float(np.finfo(np.float32).max)
+    return np.asarray(np.clip(values, -limit, limit), dtype=np.float32)
 
 
 def _hover(item: Curve | Points) -> dict[str, Any]:

@@ -1,0 +1,36 @@
+"""`amb report`: a page on any recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
+    run: Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")] = None,
+    order: Annotated[str, typer.Option(help="Order of the model, or auto.")] = "10",
+    out: Annotated[Path, typer.Option(help="The page, a single file.", dir_okay=False)] = Path("results/report.html"),
+) -> None:
+    """Regions, motion, identified model, frequency response with confidence and validation of a recorded run."""
+    from rich.console import Console
+
+    from amb_bringup.commands.inputs import model_order
+    from amb_bringup.commands.results import make_folder
+    from amb_core.bags import read_bag
+    from amb_core.report import write_report
+    from amb_core.report.recording import recording_report
+
+    console = Console()
+    make_folder(out.parent)
+    wanted = model_order(order)
+    content = read_bag(bag)
+    if content.truncated:
+        console.print(f"[yellow]bag {bag} is incomplete: {content.truncated}[/yellow]")
+    with console.status("reading") as status:
+        made = recording_report(content, run, wanted, status.update)
+    write_report(made, out)
+    console.print(f"{made.title}. {made.lead}", highlight=False)
+    console.print(f"report: {out}")

@@ -1,0 +1,109 @@
+"""The sections of a report on the model identified from a recording: model, frequency response, validation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from amb_core.figures.bode import bode_page
+from amb_core.figures.comparison import comparison_page
+from amb_core.figures.order import order_page
+from amb_core.figures.residuals import residuals_page
+from amb_core.identification import Identification, identify
+from amb_core.identification.data import read_bag_data
+from amb_core.identification.validation import Validation, validate
+from amb_core.parameters import part_of
+from amb_core.plant import PlantParameters
+from amb_core.report.document import Block, Chart, Listing, Prose, Section, Table
+
+if TYPE_CHECKING:
+    from amb_core.bags import Bag
+
+
+def identified_sections(bag: Bag, run: int, order: int | Literal["auto"], tell: Callable[[str], None]) -> list[Section]:
+    """Identify a model from the last experiment of a run, and judge it by the same data.
+
+    Raises
+    ------
+    BagError, IdentificationError
+        If there is no such experiment, or the data determine no model.
+    """
+    data = read_bag_data(bag.path, run)
+    controller = bag.controller_parameters()
+    tell("identifying")
+    result = identify(data, order, controller=controller)
+    tell("validating")
+    validation = validate(result.model, data, controller, uncertainty=result.uncertainty, plant=_plant(bag))
+    return [_model(result, validation), _responses(validation), _validation(validation)]
+
+
+def _plant(bag: Bag) -> PlantParameters | None:
+    """Parameters of the simulated plant; None in the bag of a real one."""
+    for name, values in bag.parameters().items():
+        if name.endswith("/simulator"):
+            return part_of(PlantParameters, values)
+    return None
+
+
+def _model(result: Identification, validation: Validation) -> Section:
+    blocks: list[Block] = [Prose(f"{result.summary}.")]
+    blocks += [Prose(str(finding)) for finding in result.report.warnings]
+    blocks.append(_poles(result))
+    if result.order_selection is not None:
+        blocks.append(Chart(order_page(result.order_selection), "Choice of the order"))
+    loop = validation.closed_loop
+    if loop is not None:
+        longest = int(np.argmax([record.steps for record in loop.measured]))
+        simulated = loop.simulated[longest]
+        if simulated is not None:
+            page = comparison_page(loop.measured[longest], {"model": simulated})
+            blocks.append(Chart(page, "Response of plant and model"))
+    return Section("Identified model", blocks)
+
+
+def _poles(result: Identification) -> Table:
+    """Poles as rates in continuous time, with their standard deviations where those are known."""
+    model = result.model
+    poles = model.poles()
+    deviations = None if result.uncertainty is None else result.uncertainty.pole_deviations()
+    rows = []
+    for number, pole in enumerate(poles):
+        if pole.imag < 0.0:
+            continue
+        rate = np.log(pole) / model.sample_time
+        kind = "unstable" if abs(pole) > 1.0 else "stable"
+        frequency = f"{abs(rate) / (2.0 * math.pi):.1f} Hz"
+        damping = f"{-rate.real / abs(rate):.3f}"
+        shown = f"{pole.real:.6f}" if pole.imag == 0.0 else f"{pole.real:.6f} ± {pole.imag:.6f}j"
+        known = "" if deviations is None else f"{deviations[number].max():.2g}"
+        rows.append((shown, known, frequency, damping, kind))
+    return Table(
+        ("pole z", "standard deviation (worse of real and imaginary part)", "natural frequency", "damping ratio", ""),
+        rows,
+        "Poles of the plant",
+    )
+
+
+def _responses(validation: Validation) -> Section:
+    return Section(
+        "Frequency response",
+        [
+            Prose("From control currents to positions. Bands hold the response with a confidence of 99 %."),
+            Chart(bode_page(validation.frequency.responses)),
+        ],
+    )
+
+
+def _validation(validation: Validation) -> Section:
+    tests = (validation.residuals, validation.model.input_names, validation.model.output_names)
+    return Section(
+        "Validation",
+        [
+            Prose("By the same data from which the model was identified; data of another experiment say more."),
+            Listing(validation.report(), "All tests"),
+            Chart(residuals_page(*tests), "Residuals"),
+        ],
+    )

@@ -1,0 +1,146 @@
+"""The report on a recorded run: regions, response and orbit, the model identified from it, and how good that is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from amb_core.errors import AmbError
+from amb_core.figures.loop import orbit_page
+from amb_core.figures.style import UM, region_label
+from amb_core.figures.sweep import onset_text, rises, sweep_page
+from amb_core.recorded_regions import RecordedRegions, classify_run
+from amb_core.region_stretches import shares, stretches
+from amb_core.report.document import Block, Chart, Prose, Report, Section, Table
+from amb_core.telemetry import describe_gaps
+
+if TYPE_CHECKING:
+    from amb_core.bags import Bag
+    from amb_core.records import LoopRecord
+
+
+def recording_report(
+    bag: Bag,
+    run: int | None = None,
+    order: int | Literal["auto"] = 10,
+    progress: Callable[[str], None] | None = None,
+) -> Report:
+    """The report on a run of a bag.
+
+    The model is identified from the last experiment of the run. What cannot be done, such as identification without
+    excitation, is told in its section and does not cost the others.
+
+    Parameters
+    ----------
+    bag : Bag
+        With telemetry.
+    run : int, optional
+        The run; by default the last one.
+    order : int or "auto"
+        Order of the model.
+    progress : callable, optional
+        Called with what is being done.
+
+    Raises
+    ------
+    BagError, RegionError
+        As for `classify_run`.
+    """
+    tell = progress or (lambda _stage: None)
+    tell("classifying")
+    found = classify_run(bag, run)
+    sections = [_regions(found)]
+    tell("drawing")
+    sections.append(_motion(found.record))
+    sections += _model_sections(bag, found.run, order, tell)
+    return Report(
+        f"Run {found.run} of {bag.path.name}",
+        _lead(found),
+        [Chart(_sweep(found)), _experiment(bag, found)],
+        sections,
+        f"Every number comes from the bag {bag.path}.",
+    )
+
+
+def _lead(found: RecordedRegions) -> str:
+    record, told = found.record, found.classification
+    seconds = record.steps * record.sample_time
+    text = f"{seconds:.1f} s of an active magnetic bearing at {1.0 / record.sample_time:g} Hz. "
+    if not told.onsets:
+        return text + "It ran in region A, linear, all the time."
+    begins = [f"{region_label(region)}, from {onset_text(onset)}" for region, onset in told.onsets.items()]
+    return text + "It left region A, linear, for " + "; ".join(begins) + "."
+
+
+def _sweep(found: RecordedRegions):  # type: ignore[no-untyped-def]  # plotly has no types
+    over: Literal["time", "frequency"] = "frequency" if rises(found.frequency) else "time"
+    return sweep_page(found.record, found.classification, found.frequency, over=over, title="Regions of the run")
+
+
+def _experiment(bag: Bag, found: RecordedRegions) -> Table:
+    record = found.record
+    excitations = [
+        f"{item.kind}, steps {item.first_step} to {item.stop - 1}"
+        for item in bag.excitations(found.run)
+        if item.accepted and item.steps
+    ]
+    controller = bag.controller_parameters()
+    rows = [
+        ("run", str(found.run)),
+        ("samples", f"{record.steps}, from step {record.first_step} on"),
+        ("sample time", f"{1e6 * record.sample_time:g} us"),
+        ("excitations", "; ".join(excitations) or "none"),
+        ("missing", describe_gaps(found.gaps) if found.gaps else "nothing"),
+    ]
+    if controller is not None:
+        gains = f"{controller.proportional_gain:g} A/m, {controller.derivative_gain:g} A s/m"
+        rows.append(("controller gains", gains))
+    return Table(("of the recording", "value"), rows, "The recording")
+
+
+def _regions(found: RecordedRegions) -> Section:
+    told = found.classification
+    share = shares(stretches(told.states))
+    rows = [
+        (
+            part,
+            region_label(region),
+            f"{onset.time:.3f} s",
+            "" if np.isnan(onset.input_frequency) else f"{onset.input_frequency:.1f} Hz",
+        )
+        for part, onsets in (("rotor", told.onsets), ("x", told.axis_onsets[0]), ("y", told.axis_onsets[1]))
+        for region, onset in onsets.items()
+    ]
+    time = ", ".join(f"{region_label(region)}: {100.0 * part:.1f} %" for region, part in share.items() if part > 0.0)
+    blocks: list[Block] = [Prose(f"Share of the time in each region: {time}." if time else "Too short to be judged.")]
+    if rows:
+        blocks.append(Table(("part", "region", "begins at", "input frequency"), rows, "Where regions begin"))
+    return Section("Regions", blocks)
+
+
+def _motion(record: LoopRecord) -> Section:
+    reach = UM * np.nanmax(np.abs(record.position), axis=0)
+    mean = UM * np.nanmean(record.position, axis=0)
+    return Section(
+        "Motion",
+        [
+            Table(
+                ("axis", "mean", "farthest from the centre"),
+                [(name, f"{mean[axis]:.1f} um", f"{reach[axis]:.1f} um") for axis, name in enumerate("xy")],
+                "Rotor position",
+            ),
+            Chart(orbit_page(record), "Orbit"),
+        ],
+    )
+
+
+def _model_sections(bag: Bag, run: int, order: int | Literal["auto"], tell: Callable[[str], None]) -> list[Section]:
+    """Model and validation, or why there are none."""
+    from amb_core.report.identified_model import identified_sections
+
+    try:
+        return identified_sections(bag, run, order, tell)
+    except AmbError as problem:
+        return [Section("Identified model", [Prose(f"There is none: {problem}.")])]
