@@ -10,10 +10,11 @@ from scipy.signal import lfilter
 
 from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
-from amb_core.identification import IdentificationData, StateSpaceModel
+from amb_core.identification import IdentificationData, StateSpaceModel, pem, ssarx
 from amb_core.identification.data import Experiment, merge
 from amb_core.identification.frequency_response import response_of
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response, find_period
+from amb_core.identification.uncertainty import estimate_uncertainty
 from amb_core.identification.validation import compare_responses
 from amb_core.plant import Plant, PlantParameters, linearize
 
@@ -164,3 +165,16 @@ def test_a_plant_of_another_rate_is_left_out_and_said_so(data: IdentificationDat
     controller = ControllerParameters(sample_rate=20_000.0)
     found, notes = compare_responses(bearing.model, data, controller, plant=PlantParameters())
     assert found.plant is None and any("the two rates must be equal" in note for note in notes)
+
+
+@pytest.mark.slow
+def test_the_uncertainty_of_the_model_is_allowed_for(bearing, data: IdentificationData) -> None:
+    """Identified from few samples, the model differs from a long estimate by more than the estimate's noise alone."""
+    short = bearing.experiment(NOISE, force=FORCE, frequency=20.0, duration=0.2)
+    model = pem(short.current, short.position, ssarx(short.current, short.position, 1e-4, 6))
+    uncertainty = estimate_uncertainty(model, IdentificationData.from_record(short))
+    alone, _ = compare_responses(model, data)
+    allowed, _ = compare_responses(model, data, uncertainty=uncertainty)
+    assert allowed.model.magnitude_deviation is not None
+    within = [(one.within, two.within) for one, two in zip(alone.bands, allowed.bands, strict=True) if one.lines > 5]
+    assert all(two >= one for one, two in within) and min(two for _, two in within) > 90.0

@@ -79,28 +79,20 @@ def _quality(validation: Validation) -> tuple[bool, float, float]:
 def _table(found: Mapping[str, Validation]) -> Table:
     from rich.table import Table
 
-    one = next(iter(found.values()))
-    outputs = one.model.output_names
+    items = list(found.values())
+    one = items[0]
     data = f"{one.data.samples} samples, {', '.join(dict.fromkeys(item.source for item in one.data.experiments))}"
-    table = Table("model", "method", "order", title=f"Models judged by {data}")
-    for heading in (
-        *(f"closed-loop fit {name} (%)" for name in outputs),
-        *(f"one-step fit {name} (%)" for name in outputs),
-    ):
-        table.add_column(heading, justify="right")
-    for heading in ("closed loop", "unstable poles", "white", "independent", "validated"):
-        table.add_column(heading)
-    for name, item in found.items():
-        table.add_row(
-            name,
-            item.model.method,
-            str(item.model.order),
-            *(f"{fit:.2f}" for fit in (item.fit if len(item.fit) else [float("nan")] * len(outputs))),
-            *(f"{fit:.3f}" for fit in item.one_step_fit),
-            {True: "stable", False: "[red]unstable[/red]", None: "-"}[item.closed_loop_stable],
-            str(len(item.model.unstable_poles())),
-            "yes" if item.white else "no",
-            "yes" if item.independent else "no",
-            "[green]yes[/green]" if item.validated else "[red]no[/red]",
-        )
+    table = Table("model", *found, title=f"Models judged by {data}", title_justify="left")
+    table.add_row("method", *(item.model.method for item in items))
+    table.add_row("order", *(str(item.model.order) for item in items))
+    for index, name in enumerate(one.model.output_names):
+        if one.closed_loop is not None:
+            table.add_row(f"closed-loop fit {name}", *(f"{item.fit[index]:.2f} %" for item in items))
+        table.add_row(f"one-step fit {name}", *(f"{item.one_step_fit[index]:.3f} %" for item in items))
+    stability = {True: "stable", False: "[red]unstable[/red]", None: "not checked"}
+    table.add_row("closed loop", *(stability[item.closed_loop_stable] for item in items))
+    table.add_row("unstable poles", *(str(len(item.model.unstable_poles())) for item in items))
+    table.add_row("residuals white", *("yes" if item.white else "no" for item in items))
+    table.add_row("independent of inputs", *("yes" if item.independent else "no" for item in items))
+    table.add_row("verdict", *(item.verdict if item.validated else f"[red]{item.verdict}[/red]" for item in items))
     return table

@@ -112,7 +112,7 @@ def compare_responses(
     nyquist = 0.5 / model.sample_time
     grid = np.union1d(np.geomspace(2.0 * nyquist * _LOWEST, nyquist, _POINTS), at_lines)
     label = f"model, {model.method or 'method unknown'}, order {model.order}"
-    of_model = response_of(model, grid, label) if uncertainty is None else uncertainty.response(grid)
+    of_model = response_of(model, grid, label) if uncertainty is None else uncertainty.response(grid, label)
     linearised = None
     if plant is not None:
         try:
