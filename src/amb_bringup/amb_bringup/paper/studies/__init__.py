@@ -8,6 +8,7 @@ from amb_bringup.paper.studies.force_equations import ForceEquations
 from amb_bringup.paper.studies.frequency_amplitude_graph import FrequencyAmplitudeGraph
 from amb_bringup.paper.studies.subharmonics import Subharmonics
 from amb_bringup.paper.studies.sweep_one_axis import OneAxisSweep
+from amb_bringup.paper.studies.sweep_rig import RigSweep
 from amb_bringup.paper.studies.sweep_two_axes import TwoAxisSweep
 from amb_bringup.paper.study import Study, StudyError
 
@@ -17,6 +18,7 @@ STUDIES: tuple[Study, ...] = (
     ForceEquations(),
     PaperCauses(),
     SlowAmplifierCauses(),
+    RigSweep(),
     Subharmonics(),
     FrequencyAmplitudeGraph(),
     ExcitationsOnTheMap(),
