@@ -10,8 +10,6 @@ from amb_core.figures.style import BLUE, GREEN, VERMILION, Marker, Stroke
 from amb_core.identification.order_selection import OrderSelection
 
 ORDER = "order"
-LEAST_CRITERION = 1.0  # shown, so that the least one, 0, has a place on the logarithmic axis
-EXTRA_VALUES = 6  # singular values shown beyond the highest order
 
 
 def order_chart(selection: OrderSelection, title: str = "Order of the model") -> Chart:
@@ -24,24 +22,24 @@ def order_chart(selection: OrderSelection, title: str = "Order of the model") ->
     title : str
         Title of the figure.
     """
-    values = selection.singular_values[: selection.orders[-1] + EXTRA_VALUES]
+    values = selection.singular_values[: selection.orders[-1]]
     values = values[values > 0.0]
     chosen = Rule(selection.chosen, f"order {selection.chosen}, chosen by BIC", Stroke(VERMILION, "dot"))
     places = np.arange(1, len(values) + 1)
     panels = [
         Panel(
-            Axis("number of the state"),
+            Axis(ORDER),
             Axis("singular value (-)", log=True),
             (chosen, Points(places, values, "singular value of the subspace method", BLUE, "circle")),
             "How strongly the states show, relative to the strongest",
         ),
         Panel(
             Axis(ORDER),
-            Axis("criterion less its least value (-)", log=True),
+            Axis("criterion, its least value 1 (-)", log=True),
             (
                 chosen,
-                *_line(selection, selection.bic, "Schwarz (BIC)", BLUE, "circle"),
-                *_line(selection, selection.aic, "Akaike (AIC)", GREEN, "square"),
+                *_line(selection, 1.0 + selection.bic, "Schwarz (BIC)", BLUE, "circle"),
+                *_line(selection, 1.0 + selection.aic, "Akaike (AIC)", GREEN, "square"),
             ),
             f"Criteria: the least BIC at order {selection.chosen}, the least AIC at {selection.best_by_aic}",
         ),
@@ -64,7 +62,7 @@ def order_chart(selection: OrderSelection, title: str = "Order of the model") ->
         )
     )
     table = Table((ORDER, "BIC less its least", "AIC less its least", "cross-validation error (%)"), rows)
-    return Chart(title, alt, tuple(panels), size=(8.0, 9.5), table=table)
+    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 9.0), table=table)
 
 
 order_figure, order_page = renderers(order_chart)
@@ -73,6 +71,5 @@ order_figure, order_page = renderers(order_chart)
 def _line(selection: OrderSelection, values: np.ndarray, label: str, colour: str, marker: Marker) -> tuple[Item, Item]:
     known = np.isfinite(values)
     x, y = np.array(selection.orders)[known], values[known]
-    shown = np.maximum(y, LEAST_CRITERION) if values.min() == 0.0 else y
     hover = tuple(f"order {order}: {value:.5g}" for order, value in zip(x, y, strict=True))
-    return Curve(x, shown, "", Stroke(colour, width=0.8)), Points(x, shown, label, colour, marker, hover=hover)
+    return Curve(x, y, "", Stroke(colour, width=0.8)), Points(x, y, label, colour, marker, hover=hover)

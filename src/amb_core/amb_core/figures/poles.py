@@ -43,12 +43,18 @@ def poles_chart(result: Identification, title: str = "Poles of plant and closed 
         hover = tuple(_text(pole, model.sample_time) for pole in loop)
         items.append(Points(loop.real, loop.imag, "closed loop", GREEN, "square", filled=False, hover=hover))
     panels = (
-        Panel(Axis("real part (-)", limits=(-1.1, 1.1)), Axis("imaginary part (-)", limits=(-1.1, 1.1)), tuple(items)),
+        Panel(
+            Axis("real part (-)", limits=(-1.1, 1.1)),
+            Axis("imaginary part (-)", limits=(-1.1, 1.1)),
+            tuple(items),
+            equal=True,
+        ),
         Panel(
             Axis("real part (-)", limits=(1.0 - 2.0 * DETAIL, 1.0 + 0.5 * DETAIL)),
             Axis("imaginary part (-)", limits=(-1.25 * DETAIL, 1.25 * DETAIL)),
             tuple(items),
             "near z = 1",
+            equal=True,
         ),
     )
     alt = (

@@ -1,0 +1,113 @@
+"""The order of a model from data, and the fits on finite memory that it rests on."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from amb_core.errors import IdentificationError
+from amb_core.figures.order import order_chart
+from amb_core.identification import IdentificationData, OrderSelection, select_order
+from amb_core.identification.filter_bank import Modes, fit_gains
+from amb_core.identification.finite_memory import FiniteMemory, halves
+from amb_core.identification.scaled_data import ScaledData
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "ident"))
+
+
+@pytest.fixture(scope="module")
+def data(bearing) -> IdentificationData:
+    """6000 samples of the bearing of order 6."""
+    return IdentificationData.from_record(bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6))
+
+
+@pytest.fixture(scope="module")
+def selection(data: IdentificationData) -> OrderSelection:
+    return select_order(data, (4, 5, 6, 7))
+
+
+def test_the_criterion_of_schwarz_finds_the_order_of_the_bearing(selection: OrderSelection) -> None:
+    assert selection.chosen == 6 and not selection.at_the_end
+    assert selection.orders == (4, 5, 6, 7)
+
+
+def test_the_criterion_of_akaike_takes_no_fewer_states(selection: OrderSelection) -> None:
+    assert selection.best_by_aic >= 6
+
+
+def test_criteria_count_from_their_least_value(selection: OrderSelection) -> None:
+    assert selection.bic.min() == selection.aic.min() == 0.0
+    assert selection.bic[-1] > selection.aic[-1]  # six parameters more cost log N each, not 2
+
+
+def test_unknown_data_are_predicted_badly_with_too_few_states_and_no_better_with_more(
+    selection: OrderSelection,
+) -> None:
+    error = dict(zip(selection.orders, selection.validation_error, strict=True))
+    assert error[4] > 1.1 * error[6]
+    assert error[7] > 0.99 * error[6]
+
+
+def test_singular_values_fall_from_one(selection: OrderSelection) -> None:
+    assert selection.singular_values[0] == 1.0
+    assert np.all(np.diff(selection.singular_values) <= 0.0)
+
+
+def test_a_choice_at_the_highest_order_tried_is_told(data: IdentificationData) -> None:
+    assert select_order(data, (2, 3)).at_the_end
+
+
+def test_orders_that_the_samples_do_not_suffice_for_are_not_tried(data: IdentificationData) -> None:
+    short = data.window(3_000, 3_060)
+    assert select_order(short).orders[-1] < 6
+    with pytest.raises(IdentificationError, match="60 samples are too few for order 20"):
+        select_order(short, (20,))
+
+
+@pytest.mark.slow
+def test_the_choice_is_the_same_for_data_in_parts(data: IdentificationData) -> None:
+    parts = IdentificationData(tuple(data.window(*span).experiments[0] for span in ((0, 2_500), (2_500, 6_000))), 1e-4)
+    assert select_order(parts, (5, 6)).chosen == 6
+
+
+def test_predictors_within_the_memory_fit_as_on_all_samples() -> None:
+    random = np.random.default_rng(3)
+    inputs, outputs = random.normal(size=(2_000, 2)), random.normal(size=(2_000, 2))
+    outputs[1:] += inputs[:-1]
+    scaled = ScaledData.of(inputs, outputs)
+    f = np.diag([0.5, -0.4]) + 0.1
+    modes, weight = Modes.of(f, np.eye(2)), np.array([[1.0, 0.0], [0.2, 1.5]])
+    first, second, *steps = halves(scaled, 60)
+    ours = FiniteMemory.of(first + second, sum(steps), 2).best(modes, weight)
+    # the first 60 samples, whose past is not known, do not count there
+    theirs = fit_gains(modes, scaled.inputs, scaled.outputs, weight)
+    np.testing.assert_allclose(ours.covariance, theirs.covariance, atol=0.02)
+    np.testing.assert_allclose(ours.gains[..., :4], theirs.gains[..., :4], atol=0.02)
+
+
+def test_sums_of_products_are_those_of_the_samples() -> None:
+    random = np.random.default_rng(4)
+    scaled = ScaledData.of(random.normal(size=(500, 2)), random.normal(size=(500, 2)))
+    first, second, *steps = halves(scaled, 7)
+    z = np.hstack([scaled.inputs, scaled.outputs])
+    rows = np.hstack([z[7 - lag : 500 - lag] for lag in range(8)])
+    np.testing.assert_allclose((first + second).reshape(32, 32), rows.T @ rows, atol=1e-10)
+    assert sum(steps) == len(rows)
+
+
+def test_the_figure_marks_the_choice_and_lists_the_numbers(selection: OrderSelection) -> None:
+    chart = order_chart(selection)
+    assert "chooses order 6" in chart.alt
+    assert chart.table is not None and [row[0] for row in chart.table.rows] == [str(n) for n in selection.orders]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["squares", "multisine", "squares_noise10"])
+def test_order_10_is_found_for_the_plant_of_the_benchmark(name: str) -> None:
+    import plant
+
+    record = plant.record(plant.DATA_SETS[name], seed=0)
+    assert select_order(IdentificationData.from_record(record)).chosen == plant.ORDER

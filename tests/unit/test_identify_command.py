@@ -1,0 +1,81 @@
+"""`amb identify`: what it writes and shows, and how it refuses, in one line, what it is wrongly given."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from amb_bringup.cli import app
+from amb_core.errors import AmbError
+from amb_core.identification import IdentificationData, StateSpaceModel
+from amb_core.identification.data import write_data
+
+
+@pytest.fixture(scope="module")
+def files(bearing, tmp_path_factory) -> list[Path]:
+    """Two experiments of the bearing as files."""
+    folder = tmp_path_factory.mktemp("data")
+    paths = [folder / "slow.npz", folder / "fast.csv"]
+    for path, frequency in zip(paths, (15.0, 20.0), strict=True):
+        record = bearing.experiment(2e-8, force=0.1, frequency=frequency, duration=0.4)
+        write_data(IdentificationData.from_record(record, source=path.stem), path)
+    return paths
+
+
+def run(*arguments: object) -> str:
+    result = CliRunner().invoke(app, ["identify", *map(str, arguments)], env={"COLUMNS": "160"})
+    if result.exception is not None:
+        raise result.exception
+    return result.output
+
+
+def test_several_files_give_one_model_with_numbers_and_figures(files: list[Path], tmp_path: Path) -> None:
+    out, figures, results = tmp_path / "model.json", tmp_path / "figures", tmp_path / "summary.json"
+    shown = run(*files, "--order", "auto", "--orders", "5,6", "--out", out, "--figures", figures, "--results", results)
+    assert "6 of 5 to 6; the highest tried, try higher ones with --orders" in shown
+    summary = json.loads(results.read_text())
+    assert StateSpaceModel.load(out).order == summary["order"] == 6
+    assert summary["order_selection"]["orders"] == [5, 6]
+    assert [item["source"] for item in summary["experiments"]] == ["slow", "fast"]
+    assert min(summary["fit"].values()) > 99.0
+    assert len(summary["poles"]) == 6 and all(pole["deviation"] for pole in summary["poles"])
+    assert {finding["severity"] for finding in summary["findings"]} <= {"info", "warning"}
+    names = ["bode", "order", "poles", "experiment_1/response", "experiment_2/orbit"]
+    assert all((figures / f"{name}.{ending}").exists() for name in names for ending in ("png", "html"))
+
+
+def test_warnings_are_shown_with_their_advice(bearing, tmp_path: Path) -> None:
+    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
+    data = IdentificationData.from_record(record).window(0, 250)
+    write_data(data, tmp_path / "short.npz")
+    assert "record at least 300 samples, or ask for a lower order" in run(
+        tmp_path / "short.npz", "--method", "ssarx", "--order", "10"
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--order", "best"], "--order best is not allowed; it must be a number or auto"),
+        (["--order", "31"], "order 31 is not allowed; allowed: 1 to 30"),
+        (["--order", "auto", "--orders", "few"], "--orders few is not allowed; it must be such as 4-14 or 4,6,8"),
+        (["--method", "magic"], "unknown method 'magic'; allowed: pem"),
+        (["--focus", "magic"], "unknown focus 'magic'; allowed: prediction, simulation"),
+    ],
+)
+def test_wrong_options_are_refused(files: list[Path], arguments: list[str], message: str) -> None:
+    with pytest.raises(AmbError, match=message):
+        run(files[0], *arguments)
+
+
+def test_data_of_different_sample_times_are_refused(files: list[Path], bearing, tmp_path: Path) -> None:
+    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.4)
+    data = IdentificationData.from_arrays(
+        record.current, record.position, 2e-4, input_names=("i_x", "i_y"), output_names=("x", "y")
+    )
+    write_data(data, tmp_path / "other.npz")
+    with pytest.raises(AmbError, match=r"data set 2 has the sample time 0.0002 s, the first 0.0001 s"):
+        run(files[0], tmp_path / "other.npz")
