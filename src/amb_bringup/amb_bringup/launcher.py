@@ -35,6 +35,12 @@ def launch_file(name: str) -> Path:
     return share_folder("amb_bringup") / "launch" / f"{name}.launch.yaml"
 
 
+def own_domain() -> int:
+    """ROS_DOMAIN_ID if set; otherwise one that is unlikely to be in use, so that other graphs are not disturbed."""
+    given = os.environ.get("ROS_DOMAIN_ID")
+    return int(given) if given else 1 + os.getpid() % 100
+
+
 class Graph:
     """The processes of a node graph.
 

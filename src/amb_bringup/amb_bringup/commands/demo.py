@@ -28,6 +28,7 @@ def demo(
 
     from amb_bringup.commands.inputs import parameter_file
     from amb_bringup.demo import run_demo
+    from amb_bringup.launcher import own_domain
 
     console = Console()
     _clear(out)
@@ -46,17 +47,9 @@ def demo(
                 tasks[name] = bars.add_task(name, total=total)
             bars.update(tasks[name], completed=done)
 
-        summary = run_demo(out, parameter_file(params).absolute(), _free_domain(), show)
+        summary = run_demo(out, parameter_file(params).absolute(), own_domain(), show)
     console.print(_table(summary))
     console.print(f"bag, model.json, summary.json, orbit and response as .png and .html: {out}")
-
-
-def _free_domain() -> int:
-    """ROS_DOMAIN_ID if set; otherwise one that is unlikely to be in use, so that other graphs are not disturbed."""
-    import os
-
-    given = os.environ.get("ROS_DOMAIN_ID")
-    return int(given) if given else 1 + os.getpid() % 100
 
 
 def _clear(folder: Path) -> None:

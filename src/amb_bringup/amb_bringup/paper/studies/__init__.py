@@ -2,10 +2,13 @@
 
 from collections.abc import Sequence
 
+from amb_bringup.paper.studies.arx import ArxTransients
 from amb_bringup.paper.studies.causes import PaperCauses, SlowAmplifierCauses
+from amb_bringup.paper.studies.concurrent_sweep import ConcurrentSweep
 from amb_bringup.paper.studies.excitations_on_the_map import ExcitationsOnTheMap
 from amb_bringup.paper.studies.force_equations import ForceEquations
 from amb_bringup.paper.studies.frequency_amplitude_graph import FrequencyAmplitudeGraph
+from amb_bringup.paper.studies.square_waves import SquareWaves
 from amb_bringup.paper.studies.subharmonics import Subharmonics
 from amb_bringup.paper.studies.sweep_one_axis import OneAxisSweep
 from amb_bringup.paper.studies.sweep_rig import RigSweep
@@ -22,6 +25,9 @@ STUDIES: tuple[Study, ...] = (
     Subharmonics(),
     FrequencyAmplitudeGraph(),
     ExcitationsOnTheMap(),
+    SquareWaves(),
+    ConcurrentSweep(),
+    ArxTransients(),
 )
 
 HEADLINE = "fig9"
