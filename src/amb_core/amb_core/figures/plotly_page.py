@@ -14,7 +14,7 @@ from amb_core.figures.chart import Axis, Band, Chart, Curve, Heat, HoverGrid, No
 from amb_core.figures.style import OPACITY, Stroke
 
 PIXELS_PER_INCH = 100
-TITLE_HEIGHT, TICKS_HEIGHT, AXIS_HEIGHT = 30, 15, 60  # pixels of a panel's title, and of an axis without and with label
+TITLE_HEIGHT, TICKS_HEIGHT, AXIS_HEIGHT = 35, 15, 75  # pixels of a panel's title, and of an axis without and with label
 MARKERS = {"circle": "circle", "square": "square", "diamond": "diamond", "triangle": "triangle-up", "cross": "x-thin"}
 TEXT = "#767676"  # readable on white and on black alike, where no style sheet gives texts the page's colour
 GRID = "rgba(128, 128, 128, 0.25)"
