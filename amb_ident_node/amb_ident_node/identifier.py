@@ -1,28 +1,30 @@
-"""Node `identifier`: models of the plant from the last experiment or from a bag, as services.
+"""Node `identifier`: models of the plant from the last experiment or from a bag, and their validation.
 
-The computation runs in a worker; meanwhile the node goes on listening and answers `get_model`.
+The computations run in workers; meanwhile the node goes on listening and answers its other services.
 """
 
 from __future__ import annotations
 
+import math
 import threading
-import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.bags import read_bag
 from amb_core.control import ControllerParameters
 from amb_core.errors import BagError, IdentificationError, ParameterError
-from amb_core.experiments import ExperimentBuffer, select_window
-from amb_core.identification import Identification, Method, identify
+from amb_core.identification import Identification, IdentificationProgress, Method, StateSpaceModel, identify, validate
+from amb_core.identification.validation import RecordedLoop, read_loop
 from amb_core.messages import block_from_message, excitation_from_message
 from amb_core.parameters import Parameters, choice, quantity
-from amb_core.records import LoopRecord
-from amb_msgs.msg import ExcitationStatus, LoopSamples, StateSpaceModel
-from amb_msgs.srv import GetModel, Identify
+from amb_core.plant import PlantParameters
+from amb_ident_node.listening import LiveExperiment
+from amb_msgs import action, msg, srv
 from amb_ros import diagnostics, topics
+from amb_ros.actions import create_action
 from amb_ros.models import model_to_message
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -30,9 +32,9 @@ from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
 
-QUIET = 0.2  # s; telemetry of a run that has just ended may still be under way: as long as nothing comes, it is not
-LONGEST_ARRIVAL = 2.0  # s
 ASSUMED_CONTROLLER = "controller parameters unknown, the paper's assumed"
+
+P = TypeVar("P", bound=Parameters)
 
 
 class IdentifierParameters(Parameters):
@@ -44,120 +46,163 @@ class IdentifierParameters(Parameters):
         1_200_000, "-", "steps of telemetry that are kept; older ones are dropped", 1_000, 100_000_000
     )
     controller: str = choice("pd_controller", "node whose parameters describe the controller, relative or full name")
-    parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of the controller", 0.05, 10.0)
+    simulator: str = choice("simulator", "node whose parameters describe the plant, if there is one")
+    parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of either", 0.05, 10.0)
 
 
 class IdentifierNode(Node):
-    """The identifier. Topics, services and parameters: see the package's README."""
+    """The identifier. Topics, services, actions and parameters: see the package's README."""
 
     def __init__(self) -> None:
         super().__init__("identifier", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True)
         self._settings = declare(self, IdentifierParameters)
-        self._live = ExperimentBuffer(self._settings.max_steps)
-        self._arrived = threading.Condition()
+        self._live = LiveExperiment(self._settings.max_steps)
         self._malformed = 0
-        self._model: StateSpaceModel | None = None
+        self._identification: Identification | None = None
+        self._model: msg.StateSpaceModel | None = None  # that of the identification, as it was published
+        self._stage = ""  # of the identification under way
+        self._ending = threading.Event()
         self._remote_parameters = RemoteParameters(self)
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="identifier")
-        self._publisher = self.create_publisher(StateSpaceModel, topics.MODEL, LATCHED)
+        self._validator = ThreadPoolExecutor(1, thread_name_prefix="validator")
+        self._publisher = self.create_publisher(msg.StateSpaceModel, topics.MODEL, LATCHED)
         self._telemetry_subscription = self.create_subscription(
-            LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
+            msg.LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
         )
         self._status_subscription = self.create_subscription(
-            ExcitationStatus, topics.EXCITATION_STATUS, self._on_excitation_status, EVERY_STATE
+            msg.ExcitationStatus, topics.EXCITATION_STATUS, self._on_excitation_status, EVERY_STATE
         )
-        create_service(self, Identify, "~/identify", self._on_identify, self._worker)
-        create_service(self, GetModel, "~/get_model", self._on_get_model)
+        create_service(self, srv.Identify, "~/identify", self._on_identify, self._worker)
+        create_service(self, srv.GetModel, "~/get_model", self._on_get_model)
+        create_service(self, srv.Validate, "~/validate", self._on_validate, self._validator)
+        self._action = create_action(self, action.Identify, "~/identify", self._on_identify_goal, self._worker)
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
 
     def destroy_node(self) -> None:
-        """End the computation under way, then the node."""
-        self._worker.shutdown(cancel_futures=True)
+        """Call off what is under way, without waiting for it, and end the node."""
+        self._ending.set()
+        for worker in (self._worker, self._validator):
+            worker.shutdown(wait=False, cancel_futures=True)
+        self._action.destroy()
         super().destroy_node()
 
     # -- topics
 
-    def _on_telemetry(self, message: LoopSamples) -> None:
+    def _on_telemetry(self, message: msg.LoopSamples) -> None:
         try:
-            block = block_from_message(message)
+            self._live.add_block(message.run, block_from_message(message))
         except BagError as problem:
             self._malformed += 1
             self.get_logger().error(str(problem), throttle_duration_sec=5.0)
-            return
-        self._live.add_block(message.run, block)
-        with self._arrived:
-            self._arrived.notify_all()
 
-    def _on_excitation_status(self, message: ExcitationStatus) -> None:
+    def _on_excitation_status(self, message: msg.ExcitationStatus) -> None:
         self._live.add_excitation(excitation_from_message(message))
 
-    # -- services
+    # -- services and the action
 
-    def _on_identify(self, request: Identify.Request, response: Identify.Response) -> Identify.Response:
-        if request.bag:
-            bag = read_bag(request.bag)
-            record = bag.experiment(request.first_step, request.steps)
-            controller = bag.controller_parameters()
-            source = str(bag.path)
-            remark = f"; bag is truncated: {bag.truncated}" if bag.truncated else ""
-        else:
-            record, source = self._live_record(request)
-            controller = self._live_controller()
-            remark = ""
-        result = self._identify(request, record, controller, source)
-        self._model = model_to_message(result.model, self._wall_clock.now().to_msg())
-        self._publisher.publish(self._model)
-        response.success = True
-        response.message = result.summary + remark + ("" if controller else f"; {ASSUMED_CONTROLLER}")
-        response.model = self._model
-        self.get_logger().info(response.message)
+    def _on_identify(self, request: srv.Identify.Request, response: srv.Identify.Response) -> srv.Identify.Response:
+        self._identify(request, response, lambda _: None, self._ending.is_set)
         return response
 
-    def _on_get_model(self, _request: GetModel.Request, response: GetModel.Response) -> GetModel.Response:
+    def _on_identify_goal(
+        self,
+        goal: action.Identify.Goal,
+        feedback: Callable[[action.Identify.Feedback], None],
+        cancelled: Callable[[], bool],
+    ) -> action.Identify.Result:
+        def tell(progress: IdentificationProgress) -> None:
+            cost = math.nan if progress.cost is None else progress.cost
+            feedback(
+                action.Identify.Feedback(stage=progress.stage, done=progress.done, total=progress.total, cost=cost)
+            )
+
+        result = action.Identify.Result()
+        self._identify(goal, result, tell, lambda: cancelled() or self._ending.is_set())
+        return result
+
+    def _on_get_model(self, _: srv.GetModel.Request, response: srv.GetModel.Response) -> srv.GetModel.Response:
         if self._model is None:
             raise IdentificationError("no model has been identified yet; call ~/identify first")
         response.success = True
         response.model = self._model
         return response
 
-    # -- work of the worker
+    def _on_validate(self, request: srv.Validate.Request, response: srv.Validate.Response) -> srv.Validate.Response:
+        if request.model:
+            model = StateSpaceModel.load(request.model)
+        elif self._identification is not None:
+            model = self._identification.model
+        else:
+            raise IdentificationError("no model has been identified yet; call ~/identify first or name a file")
+        loop, remark = self._loop(request, with_plant=True)
+        found = validate(model, loop.data, loop.controller or ControllerParameters(), plant=loop.plant)
+        response.success = True
+        response.message = found.summary + remark
+        response.report = found.report()
+        response.validated = found.validated
+        response.fit = found.fit.tolist()
+        response.one_step_fit = found.one_step_fit.tolist()
+        response.white = found.white
+        response.independent = found.independent
+        response.closed_loop_stable = bool(found.closed_loop_stable)
+        response.unstable_poles = len(model.unstable_poles())
+        return response
+
+    # -- work of the workers
 
     def _identify(
-        self, request: Identify.Request, record: LoopRecord, controller: ControllerParameters | None, source: str
-    ) -> Identification:
-        order = request.order or self._settings.order
-        method = request.method or self._settings.method
-        return identify(record, order, method, controller, source)
+        self, request: Any, answer: Any, progress: Callable[[IdentificationProgress], None], ended: Callable[[], bool]
+    ) -> None:
+        """Identify as a request of the service or the action asks, and fill in its response or result."""
 
-    def _live_record(self, request: Identify.Request) -> tuple[LoopRecord, str]:
-        """The samples asked for of the current run, and what to call them."""
-        self._wait_for_arrival()
-        run = self._live.run
-        if run is None:
-            topic = self.resolve_topic_name(topics.TELEMETRY)
-            raise IdentificationError(f"no telemetry heard on {topic} yet; run an experiment first or name a bag")
-        window = select_window(self._live.available, self._live.experiment, request.first_step, request.steps)
-        return self._live.record(*window), f"run {run}, steps {window[0]} to {window[1] - 1}"
+        def tell(told: IdentificationProgress) -> None:
+            self._stage = f"{told.stage}, {told.done} of {told.total}"
+            progress(told)
 
-    def _wait_for_arrival(self) -> None:
-        """Wait until the telemetry of the last experiment is there, or until no more comes."""
-        deadline = time.monotonic() + LONGEST_ARRIVAL
-        with self._arrived:
-            while time.monotonic() < deadline:
-                experiment = self._live.experiment
-                if experiment is not None and self._live.available[1] >= experiment[1]:
-                    return
-                if not self._arrived.wait(QUIET) and self._live.run is not None:
-                    return
-
-    def _live_controller(self) -> ControllerParameters | None:
+        if request.auto_order and request.order:
+            raise IdentificationError(f"order = {request.order} is not allowed with auto_order; allowed: 0")
+        loop, remark = self._loop(request)
         try:
-            return self._remote_parameters.read_set(
-                ControllerParameters, self._settings.controller, self._settings.parameter_timeout
+            result = identify(
+                loop.data,
+                "auto" if request.auto_order else request.order or self._settings.order,
+                request.method or self._settings.method,
+                loop.controller,
+                focus=request.focus or "prediction",
+                progress=tell,
+                cancelled=ended,
             )
+        finally:
+            self._stage = ""
+        message = model_to_message(result.model, self._wall_clock.now().to_msg())
+        self._identification, self._model = result, message
+        self._publisher.publish(message)
+        answer.success = True
+        answer.message = result.summary + remark
+        answer.warnings = [str(finding) for finding in result.report.warnings]
+        answer.model = message
+        self.get_logger().info(answer.message)
+
+    def _loop(self, request: Any, with_plant: bool = False) -> tuple[RecordedLoop, str]:
+        """What a request is about, from its bag or from the current run, and what to remark on it."""
+        if request.bag:
+            loop = read_loop(request.bag, first_step=request.first_step, steps=request.steps)
+        else:
+            loop = RecordedLoop(
+                self._live.data(request.first_step, request.steps),
+                self._read(ControllerParameters, self._settings.controller),
+                self._read(PlantParameters, self._settings.simulator) if with_plant else None,
+            )
+        remark = f"; bag is truncated: {loop.damage}" if loop.damage else ""
+        return loop, remark + ("" if loop.controller else f"; {ASSUMED_CONTROLLER}")
+
+    def _read(self, parameters: type[P], node: str) -> P | None:
+        """Parameters of a node that runs; None where it does not tell them."""
+        try:
+            return self._remote_parameters.read_set(parameters, node, self._settings.parameter_timeout)
         except ParameterError as problem:
-            self.get_logger().warning(f"{problem}; {ASSUMED_CONTROLLER}")
+            self.get_logger().warning(str(problem))
             return None
 
     # -- health
@@ -169,6 +214,7 @@ class IdentifierNode(Node):
             "first step": first,
             "steps": stop - first,
             "malformed blocks": self._malformed,
+            "identification": self._stage or "none under way",
         }
         if self._malformed:
             return diagnostics.WARN, f"{self._malformed} malformed blocks of telemetry", values

@@ -33,7 +33,7 @@ from amb_msgs.srv import Reset, RunSteps, StartExcitation
 from amb_ros import middleware
 from amb_ros.qos import HISTORY, LATCHED
 
-TIMEOUT = 20.0  # s; for whatever takes a moment: start of a process, discovery, an answer
+TIMEOUT = 40.0  # s; for whatever takes a moment: start of a process, discovery, an answer, on a busy machine too
 
 
 class Graph:
@@ -72,6 +72,10 @@ class Graph:
             file = self.folder / f"parameters_{len(self._processes)}.yaml"
             file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
             command += ["--params-file", str(file)]
+        return self.start_command(command, **options)
+
+    def start_command(self, command: list[str], **options: Any) -> subprocess.Popen[str]:
+        """Start any program as a process of the graph; `options` go to Popen."""
         process = subprocess.Popen(
             command, env=self.environment, cwd=self.folder, stderr=subprocess.PIPE, text=True, **options
         )

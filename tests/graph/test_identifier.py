@@ -1,23 +1,31 @@
-"""The identifier: a model from live telemetry and from a bag, and an answer to every bad request."""
+"""The identifier: a model from live telemetry and from a bag, its validation, and an answer to every bad request."""
 
 from __future__ import annotations
 
+import itertools
 import signal
+import time
 from array import array
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.action import ActionClient
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
+from amb_bringup.client import AmbClient, ClientError
 from amb_core.control import ControllerParameters, PdController
+from amb_core.identification import IdentificationProgress
 from amb_core.identification import StateSpaceModel as CoreModel
 from amb_core.messages import model_from_message
 from amb_core.records import LoopRecord
+from amb_msgs.action import Identify as IdentifyAction
 from amb_msgs.msg import ExcitationStatus, LoopSamples, StateSpaceModel
-from amb_msgs.srv import GetModel, Identify, StartRecording, StopRecording
+from amb_msgs.srv import GetModel, Identify, StartRecording, StopRecording, Validate
 from amb_ros.models import model_to_message
 from amb_ros.qos import HISTORY, LATCHED
 
@@ -26,13 +34,14 @@ if TYPE_CHECKING:
 
 IDENTIFIER = "amb_ident_node.identifier"
 BLOCK = 100
-STEPS = 8_000
+STEPS = 6_000
 FIRST_STEP = 1_000  # of the excitation
 SAMPLE_TIME = 1e-4
+LONG = 100_000  # steps; some ten seconds of work
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus
 
 
-@pytest.fixture(scope="module")
-def record() -> LoopRecord:
+def linear_loop(steps: int, seed: int = 1) -> LoopRecord:
     """The linearised bearing (two unstable real poles per axis of 230 1/s) under square waves, with PD controller."""
     controller = PdController(ControllerParameters())
     stiffness, gain = 3.3e5 / 6.25, 66.0 / 6.25  # k_s / m (1/s^2), k_i / m (m/(A s^2))
@@ -40,81 +49,119 @@ def record() -> LoopRecord:
     cosh, sinh = np.cosh(rate * SAMPLE_TIME), np.sinh(rate * SAMPLE_TIME)
     a = np.array([[cosh, sinh / rate], [rate * sinh, cosh]])
     b = gain * np.array([(cosh - 1.0) / stiffness, sinh / rate])
-    rng = np.random.default_rng(1)
-    reference = np.zeros((STEPS, 2))
-    reference[FIRST_STEP:] = 2e-5 * np.sign(rng.normal(size=((STEPS - FIRST_STEP) // 50, 2))).repeat(50, axis=0)
-    position, current = np.empty((STEPS, 2)), np.empty((STEPS, 2))
+    rng = np.random.default_rng(seed)
+    reference = np.zeros((steps, 2))
+    reference[FIRST_STEP:] = 2e-5 * np.sign(rng.normal(size=((steps - FIRST_STEP) // 50, 2))).repeat(50, axis=0)
+    position, current = np.empty((steps, 2)), np.empty((steps, 2))
+    noise = 1e-9 * rng.normal(size=(steps, 2))
     state = np.zeros((2, 2))
-    for step in range(STEPS):
-        position[step] = state[0] + 1e-9 * rng.normal(size=2)
+    for step in range(steps):
+        position[step] = state[0] + noise[step]
         current[step] = controller.update(*position[step], *reference[step])
         state = a @ state + np.outer(b, current[step])
     return LoopRecord(0, SAMPLE_TIME, reference, position, current)
 
 
+@pytest.fixture(scope="module")
+def record() -> LoopRecord:
+    return linear_loop(STEPS)
+
+
 class Loop:
-    """Publishes a record as the controller would."""
+    """An identifier, and records that it hears as if a controller told them, each as a run of its own."""
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
         self.telemetry = graph.node.create_publisher(LoopSamples, "/amb/telemetry", HISTORY)
         self.status = graph.node.create_publisher(ExcitationStatus, "/amb/excitation_status", LATCHED)
+        graph.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
+        self.process = graph.start(IDENTIFIER, parameters={"parameter_timeout": 0.1})
+        self.action = ActionClient(graph.node, IdentifyAction, "/amb/identifier/identify")
+        graph.wait_until(lambda: self.telemetry.get_subscription_count(), "the identifier")
+        graph.wait_until(lambda: self.status.get_subscription_count(), "the identifier")
+        self._runs = itertools.count(1)
+        self._heard: tuple[str, str] | None = None  # run and step after the last, as the identifier tells them
 
-    def publish(self, record: LoopRecord, run: int = 1, skip: tuple[int, ...] = ()) -> None:
+    def publish(self, record: LoopRecord, skip: tuple[int, ...] = (), block: int = BLOCK) -> int:
+        """Publish a record; returns its run once the identifier has heard all of it."""
+        run = next(self._runs)
+        excited = record.steps - FIRST_STEP
         self.status.publish(
-            ExcitationStatus(
-                run=run, id=1, kind="square", accepted=True, first_step=FIRST_STEP, steps=STEPS - FIRST_STEP
-            )
+            ExcitationStatus(run=run, id=1, kind="square", accepted=True, first_step=FIRST_STEP, steps=excited)
         )
-        for first in range(0, record.steps, BLOCK):
+        for first in range(0, record.steps, block):
             if first in skip:
                 continue
-            part = record.window(first, BLOCK)
+            part = record.window(first, min(block, record.steps - first))
             samples = {
                 f"{name}_{axis}": array("d", getattr(part, name)[:, column].tobytes())
                 for name in ("reference", "position", "current")
                 for column, axis in enumerate("xy")
             }
             self.telemetry.publish(LoopSamples(run=run, first_step=first, sample_time=SAMPLE_TIME, **samples))
-
-    def start(self) -> None:
-        """Start the identifier and wait until it hears the loop."""
-        listeners = [publisher.get_subscription_count() for publisher in (self.telemetry, self.status)]
-        self.process = self.graph.start(IDENTIFIER, parameters={"parameter_timeout": 0.2})
-        self.graph.wait_until(
-            lambda: (
-                self.telemetry.get_subscription_count() > listeners[0]
-                and self.status.get_subscription_count() > listeners[1]
-            ),
-            what="the identifier",
-        )
+        self.graph.wait_until(lambda: self._heard == (str(run), str(record.steps)), f"run {run} at the identifier")
+        return run
 
     def identify(self, **request: Any) -> Any:
         return self.graph.call(Identify, "/amb/identifier/identify", **request)
 
+    def validate(self, **request: Any) -> Any:
+        return self.graph.call(Validate, "/amb/identifier/validate", **request)
 
-@pytest.fixture
-def loop(graph: Graph) -> Loop:
-    return Loop(graph)
+    def get_model(self) -> Any:
+        return self.graph.call(GetModel, "/amb/identifier/get_model")
+
+    def send(self, **goal: Any) -> tuple[Any, list[Any]]:
+        """Send a goal; its handle, and the feedback as it comes."""
+        feedback: list[Any] = []
+        self.graph.wait_until(self.action.server_is_ready, "the action")
+        sent = self.action.send_goal_async(
+            IdentifyAction.Goal(**goal), feedback_callback=lambda message: feedback.append(message.feedback)
+        )
+        self.graph.wait_until(sent.done, "the goal's acceptance")
+        return sent.result(), feedback
+
+    def result(self, handle: Any) -> tuple[int, Any]:
+        ended = handle.get_result_async()
+        self.graph.wait_until(ended.done, "the result", timeout=60.0)
+        return ended.result().status, ended.result().result
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            if status.name == "amb/identifier":
+                values = {item.key: item.value for item in status.values}
+                self._heard = (values["run"], str(int(values["first step"]) + int(values["steps"])))
 
 
-def test_the_last_experiment_gives_a_model(loop: Loop, graph: Graph, record: LoopRecord) -> None:
-    models: list[StateSpaceModel] = []
-    loop.start()
-    loop.publish(record)
+@pytest.fixture(scope="module")
+def loop(open_graph: Callable[[Path], Any], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop]:
+    with open_graph(tmp_path_factory.mktemp("identifier")) as graph:
+        yield Loop(graph)
+
+
+def test_without_data_and_model_the_answers_say_so(loop: Loop) -> None:
+    assert "no model has been identified yet" in loop.get_model().message
+    assert "no model has been identified yet" in loop.validate().message
+    assert "no telemetry heard yet; run an experiment first or name a bag" in loop.identify().message
+
+
+def test_the_last_experiment_gives_a_model(loop: Loop, record: LoopRecord) -> None:
+    run = loop.publish(record)
     answer = loop.identify(order=4)
     assert answer.success, answer.message
     assert answer.model.order == 4
     assert answer.model.samples == STEPS - FIRST_STEP
-    assert answer.model.source == f"run 1, steps {FIRST_STEP} to {STEPS - 1}"
+    assert answer.model.source == f"run {run}, steps {FIRST_STEP} to {STEPS - 1}"
+    assert (list(answer.model.input_units), list(answer.model.output_units)) == (["A", "A"], ["m", "m"])
     assert min(answer.model.fit) > 95.0
     assert "the paper's assumed" in answer.message, "nobody runs a pd_controller here"
 
-    known = graph.call(GetModel, "/amb/identifier/get_model")
+    known = loop.get_model()
     assert known.success
     assert known.model == answer.model
-    graph.node.create_subscription(StateSpaceModel, "/amb/model", models.append, LATCHED)
-    graph.wait_until(lambda: models, what="the model for a late listener")
+    models: list[StateSpaceModel] = []
+    loop.graph.node.create_subscription(StateSpaceModel, "/amb/model", models.append, LATCHED)
+    loop.graph.wait_until(lambda: models, what="the model for a late listener")
     assert models == [answer.model]
 
     model = model_from_message(answer.model)
@@ -123,27 +170,40 @@ def test_the_last_experiment_gives_a_model(loop: Loop, graph: Graph, record: Loo
     assert model_to_message(model, answer.model.header.stamp) == answer.model, "no bit is lost on the way"
 
 
-def test_the_controller_is_asked_for_its_parameters(loop: Loop, graph: Graph, record: LoopRecord) -> None:
-    controller = graph.add_node("pd_controller", "/amb")
-    controller.declare_parameter("proportional_gain", 20_000.0)
-    controller.declare_parameter("telemetry_block", 100)
-    loop.start()
+def test_a_model_is_judged_by_another_run_and_from_a_file(loop: Loop, record: LoopRecord, tmp_path: Path) -> None:
     loop.publish(record)
-    answer = loop.identify(order=4)
-    assert answer.success
-    assert "assumed" not in answer.message
+    identified = loop.identify(order=4)
+    assert identified.success, identified.message
+    loop.publish(linear_loop(STEPS, seed=2))
+    answer = loop.validate()
+    assert answer.success, answer.message
+    assert answer.validated, answer.report
+    assert "the paper's assumed" in answer.message
+    assert answer.closed_loop_stable
+    assert answer.independent
+    assert answer.unstable_poles == 2
+    assert min(answer.fit) > 95.0
+    assert min(answer.one_step_fit) > 95.0
+    assert len(answer.report.splitlines()) > 10
+
+    model = model_from_message(identified.model)
+    model.save(tmp_path / "model.json")
+    assert loop.validate(model=str(tmp_path / "model.json")).fit == answer.fit
+    assert "cannot be read" in loop.validate(model=str(tmp_path / "nowhere.json")).message
+    assert "there is no such file or folder" in loop.validate(bag=str(tmp_path / "nowhere")).message
 
 
-def test_a_bag_gives_the_same_model_here_and_on_the_command_line(loop: Loop, graph: Graph, record: LoopRecord) -> None:
-    graph.start("amb_ident_node.recorder")
+def test_a_bag_gives_the_same_model_here_and_on_the_command_line(loop: Loop, record: LoopRecord) -> None:
+    graph = loop.graph
+    recorder = graph.start("amb_ident_node.recorder")
     started = graph.call(StartRecording, "/amb/recorder/start")
-    loop.start()
-    loop.publish(record)
+    run = loop.publish(record)
     live = loop.identify(order=4)
-    graph.call(StopRecording, "/amb/recorder/stop", wait_for_run=1, wait_for_step=STEPS)
+    graph.call(StopRecording, "/amb/recorder/stop", wait_for_run=run, wait_for_step=STEPS)
+    graph.stop(recorder)
     answer = loop.identify(order=4, bag=started.uri)
     assert answer.success, answer.message
-    assert answer.model.source == started.uri
+    assert answer.model.source == f"{started.uri}, run {run}"
     assert answer.model.a == live.model.a
     assert answer.model.fit == live.model.fit
 
@@ -152,41 +212,22 @@ def test_a_bag_gives_the_same_model_here_and_on_the_command_line(loop: Loop, gra
     assert "/amb/telemetry" in shown.output
     assert f"steps 0 to {STEPS - 1}" in shown.output
     file = graph.folder / "model.json"
-    shown = CliRunner().invoke(
-        app, ["identify", started.uri, "--order", "4", "--out", str(file), "--figures", str(graph.folder / "figures")]
-    )
+    shown = CliRunner().invoke(app, ["identify", started.uri, "--order", "4", "--out", str(file)])
     assert shown.exit_code == 0, shown.output
     np.testing.assert_array_equal(CoreModel.load(file).a, model_from_message(answer.model).a)
-    figures = {path.name for path in (graph.folder / "figures").iterdir()}
-    assert figures >= {"response.png", "response.html", "orbit.png", "orbit.html"}
 
 
-def test_the_node_answers_while_it_computes(loop: Loop, graph: Graph, record: LoopRecord) -> None:
-    loop.start()
-    loop.publish(record)
-    client = graph.node.create_client(Identify, "/amb/identifier/identify")
-    graph.wait_until(client.service_is_ready)
-    graph.wait_until(lambda: loop.identify(order=4).success, what="telemetry")
-    slow = client.call_async(Identify.Request(order=30))
-    assert graph.call(GetModel, "/amb/identifier/get_model").success
-    assert not slow.done()
-    graph.wait_until(slow.done, what="the model of order 30")
-
-
-def test_bad_requests_are_answered_with_the_reason(
-    loop: Loop, graph: Graph, record: LoopRecord, tmp_path: Path
-) -> None:
-    loop.start()
-    assert "no model has been identified yet" in graph.call(GetModel, "/amb/identifier/get_model").message
-    assert "no telemetry heard on /amb/telemetry" in loop.identify().message
+def test_bad_requests_are_answered_with_the_reason(loop: Loop, record: LoopRecord, tmp_path: Path) -> None:
     loop.publish(record)
     for request, reason in (
         ({"order": 4000}, "order"),
+        ({"order": 4, "auto_order": True}, "order = 4 is not allowed with auto_order"),
         ({"method": "magic"}, "unknown method 'magic'; allowed:"),
+        ({"focus": "near"}, "unknown focus 'near'; allowed:"),
         ({"first_step": -7}, "first_step = -7"),
         ({"first_step": 20_000}, "no samples from step 20000 on"),
-        ({"first_step": 7_000, "steps": 5_000}, "steps 8000 to 11999 are missing"),
-        ({"first_step": 7_000, "steps": 20}, "samples"),
+        ({"first_step": 5_000, "steps": 5_000}, "steps 6000 to 9999 are missing"),
+        ({"first_step": 5_000, "steps": 20}, "samples"),
         ({"bag": str(tmp_path / "nowhere")}, "there is no such file or folder"),
         ({"bag": str(tmp_path)}, "not a bag"),
     ):
@@ -197,23 +238,22 @@ def test_bad_requests_are_answered_with_the_reason(
     assert loop.identify(order=4).success, "none of this has hurt the node"
 
 
-@pytest.mark.parametrize("what", ["not finite", "constant"])
+@pytest.mark.parametrize("what", ["NaN", "constant"])
 def test_data_that_determine_no_model_are_refused(loop: Loop, record: LoopRecord, what: str) -> None:
     position = record.position.copy()
     current = record.current.copy()
-    if what == "not finite":
+    if what == "NaN":
         position[5_000, 1] = np.nan
     else:
         current[:, 0] = 0.5
-    loop.start()
     loop.publish(LoopRecord(0, SAMPLE_TIME, record.reference, position, current))
     answer = loop.identify(order=4)
     assert not answer.success
     assert what in answer.message
+    assert "internal error" not in answer.message
 
 
 def test_missing_telemetry_is_named_unless_it_is_not_used(loop: Loop, record: LoopRecord) -> None:
-    loop.start()
     loop.publish(record, skip=(500, 3_000))
     answer = loop.identify(order=4)
     assert not answer.success
@@ -221,15 +261,79 @@ def test_missing_telemetry_is_named_unless_it_is_not_used(loop: Loop, record: Lo
     assert loop.identify(order=4, first_step=3_100).success
 
 
-def test_a_new_run_replaces_the_one_before(loop: Loop, record: LoopRecord) -> None:
-    loop.start()
-    loop.publish(record, run=1)
-    loop.publish(record, run=2)
-    assert loop.identify(order=4).model.source.startswith("run 2")
+# -- long identifications
 
 
-def test_a_signal_ends_the_node_with_code_0(loop: Loop, graph: Graph) -> None:
-    loop.start()
-    graph.call(GetModel, "/amb/identifier/get_model")
-    code, errors = graph.stop(loop.process, signal.SIGINT)
+@pytest.fixture(scope="module")
+def long(loop: Loop) -> None:
+    """The identifier has heard of a run whose identification takes some ten seconds."""
+    short = linear_loop(FIRST_STEP + LONG // 10)
+    tail = short.window(FIRST_STEP, LONG // 10)
+    repeated = {
+        name: np.vstack([getattr(short, name)[:FIRST_STEP], np.tile(getattr(tail, name), (10, 1))])
+        for name in ("reference", "position", "current")
+    }
+    loop.publish(LoopRecord(0, SAMPLE_TIME, **repeated), block=5_000)
+
+
+def test_the_action_tells_how_far_it_is_and_other_services_are_answered_meanwhile(loop: Loop, long: None) -> None:
+    before = loop.get_model()
+    assert before.success, before.message
+    handle, feedback = loop.send()
+    waits = []
+    while not any(told.stage == "pem" for told in feedback):
+        began = time.monotonic()
+        assert loop.get_model().model == before.model
+        waits.append(time.monotonic() - began)
+        assert handle.status < SUCCEEDED, "still at work"
+    assert np.median(waits) < 0.2
+    assert loop.validate(first_step=2_000, steps=2_000).success
+    assert handle.status < SUCCEEDED, "validation does not wait for the end of the identification"
+    stages = list(dict.fromkeys(told.stage for told in feedback))
+    assert stages[:3] == ["checks", "subspace", "pem"]
+    costs = [told.cost for told in feedback if told.stage == "pem"]
+    assert costs == sorted(costs, reverse=True)
+    assert all(told.done <= told.total for told in feedback)
+
+    began = time.monotonic()
+    handle.cancel_goal_async()
+    status, result = loop.result(handle)
+    assert (status, result.success) == (CANCELED, False)
+    assert "identification cancelled in pem" in result.message
+    assert time.monotonic() - began < 5.0
+    assert loop.get_model().model == before.model, "what is cancelled leaves the last model"
+
+
+def test_the_client_shows_progress_and_cancels(loop: Loop, long: None) -> None:
+    told: list[IdentificationProgress] = []
+    with AmbClient(domain_id=int(loop.graph.environment["ROS_DOMAIN_ID"])) as amb:
+        model = amb.identify(order=4, first_step=2_000, steps=4_000, progress=told.append)
+        assert (model.order, model.samples) == (4, 4_000)
+        assert {"checks", "subspace", "pem", "validation"} <= {progress.stage for progress in told}
+        np.testing.assert_array_equal(amb.get_model().a, model.a)
+        assert amb.validate(first_step=7_000, steps=4_000).validated
+        told.clear()
+        with pytest.raises(ClientError, match="identification cancelled in"):
+            amb.identify(progress=told.append, cancelled=lambda: bool(told))
+
+
+def test_a_signal_ends_the_node_in_the_middle_of_an_identification(loop: Loop, long: None) -> None:
+    """Last: it ends the node that the tests share."""
+    _, feedback = loop.send()
+    loop.graph.wait_until(lambda: any(told.stage == "subspace" for told in feedback), "work that cannot be broken off")
+    began = time.monotonic()
+    code, errors = loop.graph.stop(loop.process, signal.SIGINT)
     assert code == 0, errors
+    assert "Traceback" not in errors
+    assert time.monotonic() - began < 3.0  # about a second, with room for a busy machine
+
+
+def test_the_controller_is_asked_for_its_parameters(graph: Graph, record: LoopRecord) -> None:
+    controller = graph.add_node("pd_controller", "/amb")
+    controller.declare_parameter("proportional_gain", 20_000.0)
+    controller.declare_parameter("telemetry_block", 100)
+    loop = Loop(graph)
+    loop.publish(record)
+    answer = loop.identify(order=4)
+    assert answer.success
+    assert "assumed" not in answer.message

@@ -181,7 +181,7 @@ def calls(package: str, kind: str) -> dict[str, str]:
     return {
         f"{node}/{name}": message_type
         for node, text in sources(package).items()
-        for message_type, name in re.findall(rf'create_{kind}\(\s*self, (\w+), "~/(\w+)"', text)
+        for message_type, name in re.findall(rf'create_{kind}\(\s*self, (?:\w+\.)?(\w+), "~/(\w+)"', text)
     }
 
 

@@ -9,21 +9,21 @@ with AmbClient() as amb:
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from amb_bringup.connection import ClientError, GraphConnection
-from amb_core.identification import StateSpaceModel
+from amb_core.identification import IdentificationProgress, StateSpaceModel
 from amb_core.messages import model_from_message, region_map_from_message, region_state_from_message
-from amb_msgs.action import BuildMap
+from amb_msgs.action import BuildMap, Identify
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import (
     GetModel,
-    Identify,
     Pause,
     PreviewExcitation,
     Reset,
@@ -32,6 +32,7 @@ from amb_msgs.srv import (
     StartRecording,
     StopExcitation,
     StopRecording,
+    Validate,
 )
 from amb_ros import topics
 from amb_ros.qos import HISTORY, LATCHED
@@ -91,8 +92,7 @@ class AmbClient(GraphConnection):
             ROS parameter file with which the simulator goes on, as if it had been started with it. Relative to the
             working directory of the caller; the simulator must be able to read it.
         """
-        path = "" if parameter_file is None else str(Path(parameter_file).absolute())
-        self._run = self.call(Reset, "simulator/reset", parameter_file=path).run
+        self._run = self.call(Reset, "simulator/reset", parameter_file=_absolute(parameter_file or "")).run
         return self._run
 
     def pause(self) -> int:
@@ -170,13 +170,12 @@ class AmbClient(GraphConnection):
         PreviewExcitation.Response
             Its fields are described in `amb_msgs/srv/PreviewExcitation`.
         """
-        path = str(Path(region_map).absolute()) if region_map else ""
         return self.call(
             PreviewExcitation,
             "excitation_generator/preview",
             repeated=True,
             kind=kind,
-            map=path,
+            map=_absolute(region_map),
             **_known(PreviewExcitation.Request, settings),
         )
 
@@ -239,9 +238,9 @@ class AmbClient(GraphConnection):
 
         goal = BuildMap.Goal(
             **_known(BuildMap.Goal, settings),
-            parameter_file=str(Path(parameter_file).absolute()) if parameter_file else "",
+            parameter_file=_absolute(parameter_file),
             scheduler=scheduler,
-            path=str(Path(path).absolute()) if path else "",
+            path=_absolute(path),
         )
         result = self.act(BuildMap, "region_monitor/build_map", goal, on_feedback, cancelled or (lambda: False))
         if not result.map.amplitude:
@@ -266,10 +265,90 @@ class AmbClient(GraphConnection):
 
     # -- identification
 
-    def identify(self, bag: str = "", order: int = 0, method: str = "", timeout: float = 300.0) -> StateSpaceModel:
-        """Identify from the last experiment or from a bag; 0 and empty select the identifier's defaults."""
-        answer = self.call(Identify, "identifier/identify", timeout=timeout, bag=bag, order=order, method=method)
-        return model_from_message(answer.model)
+    def identify(
+        self,
+        bag: str | Path = "",
+        order: int | Literal["auto"] = 0,
+        method: str = "",
+        focus: str = "",
+        first_step: int = -1,
+        steps: int = 0,
+        progress: Callable[[IdentificationProgress], None] | None = None,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> StateSpaceModel:
+        """Identify from the last experiment or from a bag, as long as that takes.
+
+        Parameters
+        ----------
+        bag : str or Path, optional
+            The bag; by default the telemetry of the current run.
+        order : int or "auto", optional
+            Number of states, or "auto" to choose it by the data; 0 for the identifier's default.
+        method, focus : str, optional
+            As in `amb_core.identification.identify`; empty for the identifier's default, and for prediction.
+        first_step, steps : int, optional
+            Steps used; by default those of the last excitation.
+        progress : callable, optional
+            Called with an `IdentificationProgress` at every stage and iteration.
+        cancelled : callable, optional
+            Asked while waiting; when it is true the identification is cancelled, which is an error then.
+        """
+
+        def on_feedback(message: Any) -> None:
+            told = message.feedback
+            if progress is not None:
+                cost = None if math.isnan(told.cost) else told.cost
+                progress(IdentificationProgress(told.stage, told.done, told.total, cost))
+
+        goal = Identify.Goal(
+            bag=_absolute(bag),
+            order=0 if order == "auto" else order,
+            auto_order=order == "auto",
+            method=method,
+            focus=focus,
+            first_step=first_step,
+            steps=steps,
+        )
+        result = self.act(Identify, "identifier/identify", goal, on_feedback, cancelled or (lambda: False))
+        if not result.success:
+            raise ClientError(result.message)
+        return model_from_message(result.model)
+
+    def validate(
+        self,
+        bag: str | Path = "",
+        model: str | Path = "",
+        first_step: int = -1,
+        steps: int = 0,
+        timeout: float = 300.0,
+    ) -> Validate.Response:
+        """Judge a model by the last experiment or by a bag, which should be others than those it was identified from.
+
+        Parameters
+        ----------
+        bag : str or Path, optional
+            The bag; by default the telemetry of the current run.
+        model : str or Path, optional
+            File of the model; by default the last identified one.
+        first_step, steps : int, optional
+            Steps used; by default those of the last excitation.
+        timeout : float, optional
+            Longest wait (s).
+
+        Returns
+        -------
+        Validate.Response
+            Its fields are described in `amb_msgs/srv/Validate`.
+        """
+        return self.call(
+            Validate,
+            "identifier/validate",
+            timeout=timeout,
+            bag=_absolute(bag),
+            model=_absolute(model),
+            first_step=first_step,
+            steps=steps,
+        )
 
     def get_model(self) -> StateSpaceModel:
         """The last identified model."""
@@ -287,6 +366,11 @@ class AmbClient(GraphConnection):
     def _on_state(self, message: SimulatorState) -> None:
         self._state = message
         self._run = max(self._run, message.run)
+
+
+def _absolute(path: str | Path) -> str:
+    """A path as text for a node in another folder; empty for none."""
+    return str(Path(path).absolute()) if path else ""
 
 
 def _known(request: Any, settings: dict[str, Any]) -> dict[str, Any]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 
 import rclpy
@@ -55,12 +57,24 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
         for node in reversed(nodes):
             node.destroy_node()
         rclpy.try_shutdown()
+    _leave_threads_behind()
     return 0
 
 
 def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     """`run_nodes` for one node: the body of every executable's `main`."""
     return run_nodes([factory], args)
+
+
+def _leave_threads_behind() -> None:
+    """End the process here and now if a thread still computes, which Python would wait for.
+
+    Nobody wants its result any more, and what runs in compiled code cannot be broken off.
+    """
+    if any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def spin(executor: Executor) -> None:

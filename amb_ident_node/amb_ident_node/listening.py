@@ -1,0 +1,75 @@
+"""The experiment of the current run, as telemetry tells it: kept, and handed over once it has all come. Free of ROS."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from amb_core.errors import IdentificationError
+from amb_core.experiments import AppliedExcitation, ExperimentBuffer, select_window
+from amb_core.identification import IdentificationData
+from amb_core.records import LoopRecord
+
+QUIET = 0.2  # s; telemetry of a run that has just ended may still be under way: as long as nothing comes, it is not
+LONGEST_ARRIVAL = 2.0  # s
+
+
+class LiveExperiment:
+    """Telemetry and excitations of the current run; safe for several threads.
+
+    Parameters
+    ----------
+    max_steps : int
+        Steps kept; older ones are dropped.
+    """
+
+    def __init__(self, max_steps: int) -> None:
+        self._buffer = ExperimentBuffer(max_steps)
+        self._arrived = threading.Condition()
+
+    @property
+    def run(self) -> int | None:
+        """The current run, None before the first telemetry."""
+        return self._buffer.run
+
+    @property
+    def available(self) -> tuple[int, int]:
+        """First step known, and the step after the last."""
+        return self._buffer.available
+
+    def add_block(self, run: int, block: LoopRecord) -> None:
+        """Take in a block of telemetry."""
+        self._buffer.add_block(run, block)
+        with self._arrived:
+            self._arrived.notify_all()
+
+    def add_excitation(self, excitation: AppliedExcitation) -> None:
+        """Take in an excitation as the controller answered it."""
+        self._buffer.add_excitation(excitation)
+
+    def data(self, first_step: int, steps: int) -> IdentificationData:
+        """The samples asked for, as `select_window` takes them; waits a moment for those that are under way.
+
+        Raises
+        ------
+        IdentificationError
+            If there are none, or they are not all there.
+        """
+        self._wait_for_arrival()
+        run = self._buffer.run
+        if run is None:
+            raise IdentificationError("no telemetry heard yet; run an experiment first or name a bag")
+        window = select_window(self._buffer.available, self._buffer.experiment, first_step, steps)
+        source = f"run {run}, steps {window[0]} to {window[1] - 1}"
+        return IdentificationData.from_record(self._buffer.record(*window), source)
+
+    def _wait_for_arrival(self) -> None:
+        """Wait until the telemetry of the last experiment is there, or until no more comes."""
+        deadline = time.monotonic() + LONGEST_ARRIVAL
+        with self._arrived:
+            while time.monotonic() < deadline:
+                experiment = self._buffer.experiment
+                if experiment is not None and self._buffer.available[1] >= experiment[1]:
+                    return
+                if not self._arrived.wait(QUIET) and self._buffer.run is not None:
+                    return
