@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Table
+from amb_core.figures.chart import Axis, Chart, Curve, Panel, Table
 from amb_core.figures.renderers import renderers
 from amb_core.figures.style import MEAN, PLANT, UM, region_label
 from amb_core.figures.thinning import extremes
+from amb_core.records import LoopRecord
 
 if TYPE_CHECKING:
     from amb_core.excitation_design import Trial
@@ -21,7 +22,7 @@ SETTLED = 0.5  # s after the release of the rotor, whose fall into place would b
 
 
 def trial_chart(trials: Mapping[str, Trial], axis: str = "y", title: str = "Excitations tried in simulation") -> Chart:
-    """Position over time with its running mean, a panel for each trial.
+    """Position over time with its running mean, a panel for each trial, all on one scale.
 
     Parameters
     ----------
@@ -32,7 +33,19 @@ def trial_chart(trials: Mapping[str, Trial], axis: str = "y", title: str = "Exci
     title : str
         Title of the figure.
     """
-    panels = tuple(_panel(name, trial, axis) for name, trial in trials.items())
+    shown = {name: _settled(trial) for name, trial in trials.items()}
+    position = np.concatenate([UM * record.position[:, "xy".index(axis)] for record in shown.values()])
+    margin = 0.05 * float(np.ptp(position)) + 1.0
+    vertical = Axis(f"{axis} (µm)", limits=(float(position.min()) - margin, float(position.max()) + margin))
+    panels = tuple(
+        Panel(
+            Axis("time (s)"),
+            vertical,
+            _curves(record, "xy".index(axis)),
+            f"{name}: region {region_label(trials[name].region)}",
+        )
+        for name, record in shown.items()
+    )
     rows = tuple(
         (name, region_label(trial.region), f"{UM * trial.bias_shift['xy'.index(axis)]:.1f}")
         for name, trial in trials.items()
@@ -49,17 +62,22 @@ def trial_chart(trials: Mapping[str, Trial], axis: str = "y", title: str = "Exci
 trial_figure, trial_page = renderers(trial_chart)
 
 
-def _panel(name: str, trial: Trial, axis: str) -> Panel:
+def _settled(trial: Trial) -> LoopRecord:
+    """The trial after the fall into place, of which half is shown where there is no more."""
     record = trial.record
-    shown = slice(min(round(SETTLED / record.sample_time), record.steps // 2), None)
-    time, position = record.time[shown], UM * record.position[shown, "xy".index(axis)]
-    items: list[Item] = [Curve(*extremes(time, position), "position", PLANT)]
+    first = min(round(SETTLED / record.sample_time), record.steps // 2)
+    return record.window(record.first_step + first, record.steps - first)
+
+
+def _curves(record: LoopRecord, axis: int) -> tuple[Curve, ...]:
+    time, position = record.time, UM * record.position[:, axis]
+    curves = [Curve(*extremes(time, position), "position", PLANT)]
     window = round(MEAN_TIME / record.sample_time)
     if len(time) > 2 * window:
         mean = _running_mean(position, window)
         middle = time[window // 2 : window // 2 + len(mean)]
-        items.append(Curve(*extremes(middle, mean, spans=300), f"its mean over {MEAN_TIME:g} s", MEAN))
-    return Panel(Axis("time (s)"), Axis(f"{axis} (µm)"), tuple(items), f"{name}: region {region_label(trial.region)}")
+        curves.append(Curve(*extremes(middle, mean, spans=300), f"its mean over {MEAN_TIME:g} s", MEAN))
+    return tuple(curves)
 
 
 def _running_mean(values: NDArray[np.float64], window: int) -> NDArray[np.float64]:
