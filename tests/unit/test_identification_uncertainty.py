@@ -199,26 +199,26 @@ def test_correlated_innovations_show() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("colour", "robust"), [(0.0, False), (0.0, True), (0.9, True)])
-def test_repeated_experiments_scatter_as_predicted(colour: float, robust: bool) -> None:
-    """With coloured innovations order 3 does not suffice; the estimates scatter about the best model of order 3."""
-    model, runs = small_model(3), 100
-    poles, deviations, gains, gain_deviations = [], [], [], []
-    for seed in range(runs):
-        data = simulated(model, 2_000, seed, colour)
-        found = pem(data.experiments[0].inputs, data.experiments[0].outputs, model, most_iterations=100)
-        uncertainty = estimate_uncertainty(found, data, robust=robust)
-        order = np.argsort(found.poles().real)
-        poles.append(found.poles()[order].real)
-        deviations.append(uncertainty.pole_deviations()[order, 0])
-        response = uncertainty.response(FREQUENCIES)
-        gains.append(response.magnitude)
-        gain_deviations.append(response.magnitude_deviation)
-        assert uncertainty.distance < 0.2
-    for found, predicted in ((poles, deviations), (gains, gain_deviations)):
-        ratio = np.sqrt(np.mean(np.square(predicted), axis=0)) / np.std(found, axis=0)
-        assert np.median(ratio) == pytest.approx(1.0, abs=0.15)
-        assert np.all((ratio > 0.7) & (ratio < 1.4))
+@pytest.mark.parametrize("colour", [0.0, 0.95])
+def test_repeated_experiments_scatter_as_predicted(colour: float) -> None:
+    """With coloured innovations order 2 does not suffice; the estimates scatter about the best model of order 2."""
+    model, magnitudes, deviations = small_model(2), [], {False: [], True: []}
+    for seed in range(30):
+        data = simulated(model, 4_000, seed, colour)
+        found = pem(data.experiments[0].inputs, data.experiments[0].outputs, model)
+        magnitudes.append(response_of(found, FREQUENCIES).magnitude)
+        for robust, predicted in deviations.items():
+            predicted.append(estimate_uncertainty(found, data, robust=robust).response(FREQUENCIES).magnitude_deviation)
+    ratios = {
+        robust: np.sqrt(np.mean(np.square(predicted), axis=0)) / np.std(magnitudes, axis=0)
+        for robust, predicted in deviations.items()
+    }
+    trusted = ratios.values() if colour == 0.0 else [ratios[True]]
+    for ratio in trusted:  # the scatter of 30 runs is known to 13 %
+        assert np.median(ratio) == pytest.approx(1.0, abs=0.3)
+        assert np.all((ratio > 0.65) & (ratio < 1.55))
+    if colour:
+        assert ratios[False].min() < 0.55  # far too sure of itself
 
 
 def test_what_does_not_suit_is_refused(bearing: LinearBearing) -> None:
