@@ -128,7 +128,7 @@ def test_a_start_that_does_not_suit_is_refused(bearing: LinearBearing) -> None:
         pem(record.current, record.position, bearing.model)  # without Kalman gain
     with pytest.raises(IdentificationError, match="20 samples are too few for the 42 unknowns"):
         pem(record.current[:20], record.position[:20], start)
-    single = replace(start, c=start.c[:1], d=start.d[:1], k=start.k[:, :1], output_names=("x",),
+    single = replace(start, c=start.c[:1], d=start.d[:1], k=start.k[:, :1], output_names=("x",), output_units=("m",),
                      innovation_covariance=np.eye(1), output_offset=np.zeros(1))  # fmt: skip
     with pytest.raises(IdentificationError, match="2 inputs and 1 outputs"):
         pem(record.current, record.position, single)
