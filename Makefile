@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow validate bench bench-ident lint clean
+.PHONY: help setup demo reproduce test test-slow validate bench bench-ident lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -12,6 +12,9 @@ setup:  ## make .venv with ROS 2 Jazzy, build the packages
 
 demo: setup  ## the paper's main experiment over ROS topics; leaves results/demo
 	@$(RUN) amb demo
+
+reproduce: setup  ## the paper's figures and claims on the simulator; leaves results/paper/index.html
+	@$(RUN) amb reproduce
 
 test: setup  ## all tests but the slow ones
 	@$(RUN) python -m pytest -m "not slow"
