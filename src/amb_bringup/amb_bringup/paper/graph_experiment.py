@@ -117,6 +117,14 @@ class GraphExperiment:
         except (OSError, ValueError):
             return False
 
+    def keep(self, folder: Path) -> None:
+        """Note that the bag in a folder of bags is that of this version of the code; StudyError if that fails."""
+        try:
+            note = {"version": self._version(), "files": _checksums(folder / self.name)}
+            self._note(folder).write_text(json.dumps(note, indent=1) + "\n")
+        except OSError as problem:
+            raise StudyError(f"{self._note(folder)}: cannot be written: {problem.strerror}") from None
+
     def _record(self, folder: Path, steps: int) -> None:
         bag, domain = folder / self.name, own_domain()
         try:
@@ -137,11 +145,7 @@ class GraphExperiment:
             amb.run(SETTLING + self.signal.steps)
             amb.stop_recording(run, steps)
             graph.check()
-        note = {"version": self._version(), "files": _checksums(bag)}
-        try:
-            self._note(folder).write_text(json.dumps(note, indent=1) + "\n")
-        except OSError as problem:
-            raise StudyError(f"{self._note(folder)}: cannot be written: {problem.strerror}") from None
+        self.keep(folder)
 
     def _note(self, folder: Path) -> Path:
         return folder / f"{self.name}.json"

@@ -8,6 +8,7 @@ from amb_bringup.paper.studies.concurrent_sweep import ConcurrentSweep
 from amb_bringup.paper.studies.excitations_on_the_map import ExcitationsOnTheMap
 from amb_bringup.paper.studies.force_equations import ForceEquations
 from amb_bringup.paper.studies.frequency_amplitude_graph import FrequencyAmplitudeGraph
+from amb_bringup.paper.studies.multisine import MultisineModels
 from amb_bringup.paper.studies.square_waves import SquareWaves
 from amb_bringup.paper.studies.subharmonics import Subharmonics
 from amb_bringup.paper.studies.sweep_one_axis import OneAxisSweep
@@ -27,6 +28,7 @@ STUDIES: tuple[Study, ...] = (
     ExcitationsOnTheMap(),
     SquareWaves(),
     ConcurrentSweep(),
+    MultisineModels(),
     ArxTransients(),
 )
 

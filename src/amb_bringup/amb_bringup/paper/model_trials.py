@@ -1,0 +1,182 @@
+"""Identification tried on one data set after another, over orders and methods: does the model's closed loop stand?
+
+Unlike `amb_core.identification.identify`, no check of the data refuses a trial: whether data determine a model is the
+question here.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from amb_bringup.paper.study import StudyError, Workplace
+from amb_core.control import ControllerParameters
+from amb_core.errors import AmbError, IdentificationError
+from amb_core.excitation import Excitation, generate
+from amb_core.excitation_design import Trial, TrialBench
+from amb_core.identification import IdentificationData, StateSpaceModel, closed_loop_poles, nrmse_fit
+from amb_core.identification.experiment_simulation import simulate_experiment
+from amb_core.identification.methods import estimate
+from amb_core.identification.progress import Watch
+from amb_core.plant import PlantParameters
+from amb_core.tasks import ResultCache, Task
+from amb_core.tasks.provenance import code_version
+
+POLL = 1.0  # s; how long workers that have failed may go unnoticed
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """The last samples of the paper's bearing under an excitation, until that ends or the rotor delevitates."""
+
+    name: str
+    excitation: Excitation
+    samples: int
+
+    def trial(self) -> Trial:
+        """The simulation of the bearing, and the region that it ran in; kept in this process."""
+        return _trial(self)
+
+    def data(self) -> IdentificationData:
+        """The samples for identification, at most from the start of the excitation on."""
+        record = self.trial().record
+        excited = int(np.argmax(np.any(record.reference != 0.0, axis=1)))
+        first = max(excited, record.steps - self.samples)
+        return IdentificationData.from_record(record.window(first, record.steps - first), self.name)
+
+
+@dataclass(frozen=True)
+class ModelTrial:
+    """What came of a method and an order on a data set.
+
+    Attributes
+    ----------
+    data, method : str
+        Names.
+    order : int
+        Number of states.
+    radius : float or None
+        Magnitude of the largest pole of model and controller; None where there is no model.
+    fit : float or None
+        Closed-loop fit of the worse axis (percent); None where the simulation diverges or there is no model.
+    problem : str
+        Why there is no model.
+    """
+
+    data: str
+    method: str
+    order: int
+    radius: float | None
+    fit: float | None
+    problem: str = ""
+
+    @property
+    def stable(self) -> bool:
+        """Whether all poles of the closed loop are stable, and its simulation under the data's reference is bounded."""
+        return self.radius is not None and self.radius < 1.0 and self.fit is not None
+
+
+class ModelTask(Task[ModelTrial]):
+    """Identifies one model and puts it in closed loop."""
+
+    def __init__(self, data: DataSet, method: str, order: int) -> None:
+        self.data, self.method, self.order = data, method, order
+
+    def describe(self) -> dict[str, Any]:
+        """Data, method, order, and the version of the code."""
+        return {
+            "excitation": [self.data.excitation.kind, self.data.excitation.model_dump()],
+            "name": self.data.name,
+            "samples": self.data.samples,
+            "method": self.method,
+            "order": self.order,
+            "library": code_version(("",)),
+            "module": hashlib.sha256(Path(__file__).read_bytes()).hexdigest(),
+        }
+
+    def run(self) -> ModelTrial:
+        """Identify; of several models that a method offers, the best one counts."""
+        data, controller = self.data.data(), ControllerParameters()
+        try:
+            models = estimate(data, self.order, self.method, Watch(), self.data.name)
+        except IdentificationError as problem:
+            return ModelTrial(self.data.name, self.method, self.order, None, None, str(problem))
+        trials = [self._judge(model, data, controller) for model in models]
+        return max(trials, key=lambda trial: (trial.stable, -np.inf if trial.fit is None else trial.fit))
+
+    @staticmethod
+    def to_json(result: ModelTrial, /) -> dict[str, Any]:
+        """A result as JSON values."""
+        return asdict(result)
+
+    @staticmethod
+    def from_json(entry: dict[str, Any], /) -> ModelTrial:
+        """The result that `to_json` wrote."""
+        return ModelTrial(**entry)
+
+    def _judge(self, model: StateSpaceModel, data: IdentificationData, controller: ControllerParameters) -> ModelTrial:
+        radius = float(np.abs(closed_loop_poles(model, controller)).max())
+        try:
+            position = simulate_experiment(model, data, 0, controller).position
+            fit: float | None = float(nrmse_fit(data.record(0).position, position).min())
+        except IdentificationError:
+            fit = None
+        return ModelTrial(self.data.name, self.method, self.order, radius, fit)
+
+
+def run_trials(
+    tasks: Sequence[ModelTask], workplace: Workplace, meanwhile: Callable[[], None] = lambda: None
+) -> list[ModelTrial]:
+    """Results of all tasks in their order, from the cluster or the cache of a workplace.
+
+    Parameters
+    ----------
+    tasks : sequence of ModelTask
+        What to run.
+    workplace : Workplace
+        Where.
+    meanwhile : callable, optional
+        Called once, while the cluster is busy.
+
+    Raises
+    ------
+    StudyError
+        If a task fails.
+    RegionError
+        If the scheduler does not answer, or is lost.
+    """
+    from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
+
+    kept = ResultCache(workplace.cache)
+    keys = [task.key() for task in tasks]
+    by_key = dict(zip(keys, tasks, strict=True))
+    results = {key: known for key, task in by_key.items() if (known := kept.load(key, task)) is not None}
+    waiting = [key for key in keys if key not in results]
+    with TaskPool[ModelTrial](workplace.scheduler, workplace.workers) as pool:
+        for key in waiting:
+            pool.submit(by_key[key], key, kept.folder)
+        meanwhile()
+        left = len(waiting)
+        while left:
+            finished = pool.next_finished(POLL)
+            if finished is None:
+                continue
+            key, result = finished
+            if isinstance(result, AmbError):
+                raise StudyError(f"{by_key[key].data.name}, {by_key[key].method}, order {by_key[key].order}: {result}")
+            kept.ensure(key, by_key[key], result)
+            results[key] = result
+            left -= 1
+    return [results[key] for key in keys]
+
+
+@functools.cache
+def _trial(data: DataSet) -> Trial:
+    controller = ControllerParameters()
+    return TrialBench(PlantParameters(), controller).run(generate(data.excitation, controller.sample_rate))

@@ -1,0 +1,174 @@
+"""Verdicts on the identified models follow from what was found; bags that are not whole are known as such."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from amb_bringup.paper import graph_experiment
+from amb_bringup.paper.graph_experiment import GraphExperiment, LoopRun, equality_claim
+from amb_bringup.paper.model_trials import ModelTask, ModelTrial
+from amb_bringup.paper.studies import arx, concurrent_sweep, multisine
+from amb_bringup.paper.studies.arx import LAGS, NOISES, SAME_ORDER, Transient
+from amb_core.errors import IdentificationError
+from amb_core.excitation import Square
+from amb_core.identification.arx import arx as identify_arx
+from amb_core.identification.sweep_error import SweepError, sweep_error
+from amb_core.records import LoopRecord
+from amb_core.regions import Classification, Onset, Region
+
+
+def record(position: np.ndarray) -> LoopRecord:
+    return LoopRecord(0, 1e-4, np.zeros_like(position), position, np.zeros_like(position))
+
+
+def transients(short: float, long: float = 4e-6, pem: float = 4e-6) -> list[Transient]:
+    """ARX of few lags errs by `short` in the noisiest data and like the others elsewhere."""
+    found = []
+    for noise in NOISES:
+        found.append(Transient(noise, 0, 10, pem))
+        for lags in LAGS:
+            found.append(Transient(noise, lags, 2 * lags, short if noise == NOISES[-1] else long))
+    return found
+
+
+@pytest.mark.parametrize(("short", "verdict"), [(5e-6, "does not agree"), (50e-6, "agrees in part")])
+def test_arx_counts_as_transient_where_it_errs_more_than_the_state_space_model(short: float, verdict: str) -> None:
+    (claim,) = arx.claims(transients(short))
+    assert claim.verdict == verdict
+    assert f"{1e6 * short:.1f} um" in claim.finding
+
+
+def test_arx_agrees_where_it_errs_more_at_any_noise() -> None:
+    (claim,) = arx.claims([replace(one, error=1.0 if one.lags == SAME_ORDER else 1e-6) for one in transients(1.0)])
+    assert claim.verdict == "agrees"
+    assert claim.reason == ""
+
+
+def errors(first: float, last: float) -> SweepError:
+    rising = np.column_stack([np.linspace(first, last, 4)] * 2)
+    return SweepError(np.geomspace(11.0, 400.0, 5), 1e-6 * rising, 1e-6 * rising, rising)
+
+
+def regions(*found: Region) -> Classification:
+    return Classification([], {region: Onset(0, 1.0, 100.0, False) for region in found}, ({}, {}))
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "found", "verdicts"),
+    [
+        (0.02, 1.0, (Region.B, Region.C), ["agrees", "agrees", "agrees"]),
+        (0.02, 1.0, (Region.B, Region.D), ["agrees", "agrees", "agrees in part"]),
+        (0.2, 0.2, (), ["does not agree", "does not agree", "does not agree"]),
+    ],
+)
+def test_a_sweep_is_judged_by_the_error_at_its_ends(
+    first: float, last: float, found: tuple[Region, ...], verdicts: list[str]
+) -> None:
+    told = concurrent_sweep.claims(errors(first, last), regions(*found), 400.0, False)
+    assert [claim.verdict for claim in told] == verdicts
+
+
+def test_error_over_frequency_tells_bias_and_movement_apart() -> None:
+    frequency = np.linspace(10.0, 100.0, 1_000)
+    moved = 1e-6 * np.sin(np.arange(1_000.0))
+    measured = record(np.column_stack([moved + 5e-6, 2.0 * moved]))
+    found = sweep_error(measured, record(np.column_stack([moved, moved])), frequency, bands=4)
+    np.testing.assert_allclose(found.mean[:, 0], 5e-6)
+    np.testing.assert_allclose(found.movement[:, 0], 0.0, atol=1e-18)
+    np.testing.assert_allclose(found.relative[:, 1], 0.5, rtol=0.01)
+
+
+def test_error_over_frequency_refuses_bands_without_samples() -> None:
+    some = record(np.zeros((10, 2)))
+    with pytest.raises(IdentificationError, match="fewer than two samples; use fewer bands"):
+        sweep_error(some, some, np.linspace(10.0, 100.0, 10), bands=10)
+    with pytest.raises(IdentificationError, match="must have as many samples"):
+        sweep_error(some, some, np.linspace(10.0, 100.0, 9))
+
+
+def trials(stable: bool, fit: float) -> list[ModelTrial]:
+    return [
+        ModelTrial(data.name, "pem", order, 0.98 if stable or data is multisine.CONTROL else 1.02, one)
+        for data in multisine.DATA
+        for order in multisine.ORDERS
+        for one in [95.0 if data is multisine.CONTROL else fit]
+    ]
+
+
+def regions_of_data(beyond: Region) -> dict[str, Region]:
+    return {data.name: Region.A if data is multisine.CONTROL else beyond for data in multisine.DATA}
+
+
+@pytest.mark.parametrize(
+    ("stable", "beyond", "verdict"),
+    [(False, Region.C, "agrees"), (True, Region.C, "does not agree"), (False, Region.A, "does not agree")],
+)
+def test_no_stable_model_is_judged_on_data_beyond_region_a(stable: bool, beyond: Region, verdict: str) -> None:
+    assert multisine.beyond_claim(trials(stable, 50.0), regions_of_data(beyond)).verdict == verdict
+
+
+@pytest.mark.parametrize(("fit", "verdict"), [(50.0, "agrees"), (97.0, "agrees in part")])
+def test_the_control_must_be_better_than_data_beyond_region_a(fit: float, verdict: str) -> None:
+    assert multisine.control_claim(trials(True, fit), regions_of_data(Region.B)).verdict == verdict
+
+
+def test_a_model_is_stable_by_its_poles_and_its_simulation() -> None:
+    assert ModelTrial("data", "pem", 4, 0.99, 50.0).stable
+    assert not ModelTrial("data", "pem", 4, 1.01, 50.0).stable
+    assert not ModelTrial("data", "pem", 4, 0.99, None).stable
+    trial = ModelTrial("data", "pem", 4, None, None, "too few samples")
+    assert not trial.stable
+    assert ModelTask.from_json(ModelTask.to_json(trial)) == trial
+
+
+def test_samples_through_ros_must_be_equal_bit_for_bit() -> None:
+    without = LoopRun(record(np.ones((5, 2))), False)
+    nearly = LoopRun(record(np.nextafter(np.ones((5, 2)), 2.0)), False)
+    assert equality_claim("x", "Fig. 0", without, without).verdict == "agrees"
+    assert equality_claim("x", "Fig. 0", without, nearly).verdict == "does not agree"
+    assert equality_claim("x", "Fig. 0", without, replace(without, delevitated=True)).verdict == "does not agree"
+
+
+def test_a_bag_counts_as_kept_while_files_and_code_are_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment = GraphExperiment("squares", Square(amplitude=1e-6, duration=0.1))
+    assert not experiment.is_kept(tmp_path)
+    bag = tmp_path / "squares"
+    bag.mkdir()
+    (bag / "squares.mcap").write_bytes(b"samples")
+    experiment.keep(tmp_path)
+    assert experiment.is_kept(tmp_path)
+    assert not GraphExperiment("squares", Square(amplitude=2e-6, duration=0.1)).is_kept(tmp_path)
+    (bag / "squares.mcap").write_bytes(b"sample")
+    assert not experiment.is_kept(tmp_path)
+    experiment.keep(tmp_path)
+    monkeypatch.setattr(graph_experiment, "code_version", lambda sources: "another")
+    assert not experiment.is_kept(tmp_path)
+
+
+def test_arx_recovers_a_plant_of_its_own_kind() -> None:
+    random = np.random.default_rng(0)
+    inputs, noise = random.normal(size=(4_000, 2)), 0.01 * random.normal(size=(4_000, 2))
+    outputs = np.zeros((4_000, 2))
+    a, b = np.array([[0.9, 0.1], [0.0, 0.7]]), np.array([[1.0, 0.0], [0.3, 0.5]])
+    for step in range(1, 4_000):
+        outputs[step] = a @ outputs[step - 1] + b @ inputs[step - 1] + noise[step]
+    model = identify_arx(inputs, outputs, 1e-4, 1)
+    np.testing.assert_allclose(model.c @ model.b, b, atol=2e-3)
+    np.testing.assert_allclose(model.c @ model.a @ model.b, a @ b, atol=2e-3)
+    assert model.order == 2
+    longer = identify_arx([inputs[:2_000], inputs[2_000:]], [outputs[:2_000], outputs[2_000:]], 1e-4, 3)
+    assert longer.order == 6
+    np.testing.assert_allclose(np.sort(np.abs(longer.poles()))[-2:], [0.7, 0.9], atol=0.05)
+
+
+@pytest.mark.parametrize(("lags", "message"), [(0, "0 lags are not allowed"), (25, "too few for 25 lags")])
+def test_arx_says_which_lags_are_allowed(lags: int, message: str) -> None:
+    random = np.random.default_rng(0)
+    with pytest.raises(IdentificationError, match=message):
+        identify_arx(random.normal(size=(100, 2)), random.normal(size=(100, 2)), 1e-4, lags)
