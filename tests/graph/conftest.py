@@ -50,6 +50,7 @@ class Graph:
             "ROS_PYTHON_CHECK_FIELDS": "1",
         }
         self._processes: list[subprocess.Popen[str]] = []
+        self._modules: dict[str, subprocess.Popen[str]] = {}
         self._nodes: list[Node] = []
         self._clients: dict[str, Client] = {}
         self._context = Context()
@@ -72,7 +73,8 @@ class Graph:
             file = self.folder / f"parameters_{len(self._processes)}.yaml"
             file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
             command += ["--params-file", str(file)]
-        return self.start_command(command, **options)
+        self._modules[module] = self.start_command(command, **options)
+        return self._modules[module]
 
     def start_command(self, command: list[str], **options: Any) -> subprocess.Popen[str]:
         """Start any program as a process of the graph; `options` go to Popen."""
@@ -81,6 +83,10 @@ class Graph:
         )
         self._processes.append(process)
         return process
+
+    def process_of(self, module: str) -> subprocess.Popen[str]:
+        """The process in which a module was started last."""
+        return self._modules[module]
 
     def stop(self, process: subprocess.Popen[str], by: signal.Signals = signal.SIGINT) -> tuple[int, str]:
         """End a process by a signal; its exit code and what it wrote to stderr."""
