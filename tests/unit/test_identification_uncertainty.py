@@ -196,6 +196,17 @@ def test_correlated_innovations_show() -> None:
     white, coloured = (estimate_uncertainty(model, simulated(model, 10_000, colour=pole)) for pole in (0.0, 0.6))
     assert white.inflation == pytest.approx(1.0, abs=0.12)  # 100 batches times 18 directions: 0.033
     assert coloured.inflation > 1.3
+    assert white.summary == "no unstable poles"
+    assert "innovations are not white and should be taken (robust) as they are" in coloured.summary
+
+
+def test_the_summary_names_the_unstable_poles_and_other_data(
+    bearing: LinearBearing, bearing_uncertainty: ModelUncertainty
+) -> None:
+    assert bearing_uncertainty.summary == ("unstable poles z = 1.023244 ± 2e-05, 1.022704 ± 2e-05 at 99 %")
+    wrong = replace(bearing_uncertainty.model, b=1.01 * bearing_uncertainty.model.b)
+    data = IdentificationData.from_record(bearing.experiment(noise=NOISE, force=FORCE))
+    assert "not the model that predicts these data best" in estimate_uncertainty(wrong, data).summary
 
 
 @pytest.mark.slow

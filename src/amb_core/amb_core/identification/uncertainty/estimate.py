@@ -115,7 +115,7 @@ def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUn
         model=model,
         root=np.hstack([change.reshape(directions.count, -1) for change in changes]).T @ normal,
         inflation=float(np.trace(covariance)) / len(covariance),
-        distance=float(np.linalg.norm(to_least)) / math.sqrt(len(covariance)),
+        distance=float(np.linalg.norm(to_least)) / math.sqrt(np.trace(covariance)),
         robust=robust,
     )
 
@@ -157,7 +157,7 @@ def _balanced(model: StateSpaceModel, states: Arrays) -> Arrays:
     """
     moved = np.asarray(np.linalg.qr(states / math.sqrt(len(states)), mode="r")).T
     f, c = np.linalg.solve(moved, (model.a - model.k @ model.c) @ moved), model.c @ moved
-    vectors, squares, _ = np.linalg.svd(linalg.solve_discrete_lyapunov(f.T, c.T @ c))
+    vectors, squares, _ = np.linalg.svd(linalg.solve_discrete_lyapunov(f.T, c.T @ c, method="bilinear"))
     if not squares[-1] > _LEAST_SQUARE * squares[0]:
         raise IdentificationError(
             f"a state of the model of order {model.order} is not moved in the data, or not seen in the outputs; lower "

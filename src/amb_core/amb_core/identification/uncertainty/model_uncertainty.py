@@ -11,16 +11,20 @@ Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 9
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import IdentificationError
-from amb_core.identification.frequency_response import FrequencyResponse, response_of, transfers
+from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, normal_quantile, response_of, transfers
 from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.uncertainty.directions import Directions, response_changes
 from amb_core.identification.uncertainty.samples import Sampler
+
+_INFLATED = 1.25  # inflation from which on innovations are not white; even few data scatter less
+_FAR = 2.0  # distance from which on the model is another than the estimate; the true system is at 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +48,8 @@ class ModelUncertainty:
         suffice.
     distance : float
         How far the model is from the one with the least prediction errors on the data: root mean square over all
-        directions, in standard deviations. Near 0 for the result of `pem` on them; 1 for the true system; where it is
-        more, the deviations are those of another model.
+        directions, relative to that of the deviations that the innovations show. Near 0 for the result of `pem` on
+        them, near 1 for the true system; where it is more, the deviations are those of another model.
     robust : bool
         Whether the covariance takes the innovations as they are; otherwise it takes them as white.
     """
@@ -55,6 +59,23 @@ class ModelUncertainty:
     inflation: float
     distance: float
     robust: bool
+
+    @property
+    def summary(self) -> str:
+        """One line for people: the unstable poles with their 99 % intervals, and whether to trust them."""
+        reach = normal_quantile(LEVEL)
+        intervals = [
+            f"{_number(pole)} ± {reach * math.hypot(*deviation):.1g}"
+            for pole, deviation in zip(self.model.poles(), self.pole_deviations(), strict=True)
+            if abs(pole) > 1.0
+        ]
+        text = f"unstable poles z = {', '.join(intervals)} at 99 %" if intervals else "no unstable poles"
+        if not 1.0 / _INFLATED < self.inflation < _INFLATED:
+            taken = "are taken" if self.robust else "should be taken (robust)"
+            text += f"; innovations are not white and {taken} as they are: {self.inflation:.2g} times the variance"
+        if self.distance > _FAR:
+            text += f"; not the model that predicts these data best, but {self.distance:.2g} standard deviations away"
+        return text
 
     @property
     def covariance(self) -> NDArray[np.float64]:
@@ -145,3 +166,7 @@ class ModelUncertainty:
         except np.linalg.LinAlgError:
             raise IdentificationError("the model has a multiple pole, which has no standard deviation") from None
         return np.asarray(np.einsum("in,qnm,mi->iq", left, self.deviations.a, right, optimize=True)[order])
+
+
+def _number(pole: complex) -> str:
+    return f"{pole.real:.6f}" if pole.imag == 0.0 else f"{pole:.6f}"
