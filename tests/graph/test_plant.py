@@ -35,7 +35,7 @@ CONTROLLER = "amb_controller_node.pd_controller"
 RECORDER = "amb_ident_node.recorder"
 EVERY = 20
 STEPS = 210
-TOO_WEAK = {"current_limit": 0.5}  # A; a controller that cannot carry the rotor
+TOO_HEAVY = {"rotor": {"mass": 50.0}}  # kg; more than the magnets can carry
 
 
 def parameter_file(path: Path, parameters: dict[str, Any]) -> Path:
@@ -52,22 +52,40 @@ def run_to(bearing: Bearing, run: int, steps: int) -> LoopRecord:
     return bearing.record(run, steps)
 
 
+def states_of(bearing: Bearing, run: int) -> list[PlantState]:
+    return [state for state in bearing.plant_states if state.run == run]
+
+
 def simulator_parameters(graph: Graph, *names: str) -> list[Any]:
     values = graph.call(GetParameters, "/amb/simulator/get_parameters", names=names).values
     return [parameter_value_to_python(value) for value in values]
 
 
+@pytest.fixture(scope="module")
+def shared(open_graph: Any, watch_bearing: Any, tmp_path_factory: Any) -> Iterator[Bearing]:
+    """A simulator and a controller; a reset gives the simulator other parameters, or its defaults back."""
+    with open_graph(tmp_path_factory.mktemp("shared")) as graph:
+        graph.start(SIMULATOR)
+        graph.start(CONTROLLER)
+        yield watch_bearing(graph)
+
+
+@pytest.fixture
+def loop(shared: Bearing, tmp_path: Path) -> Bearing:
+    """The loop at step 0 of a run with default parameters."""
+    shared.reset(parameter_file(tmp_path / "defaults.yaml", {}))
+    return shared
+
+
 # -- plant_state
 
 
-def test_states_of_the_plant_come_at_their_steps_with_what_is_in_the_plant(graph: Graph, bearing: Bearing) -> None:
-    graph.start(SIMULATOR, parameters={"plant_state_steps": EVERY})
-    graph.start(CONTROLLER)
-    run = bearing.reset()
-    record = run_to(bearing, run, STEPS)
+def test_states_of_the_plant_come_at_their_steps_with_what_is_in_the_plant(loop: Bearing, tmp_path: Path) -> None:
+    run = loop.reset(parameter_file(tmp_path / "states.yaml", {"plant_state_steps": EVERY}))
+    record = run_to(loop, run, STEPS)
     wanted = list(range(0, STEPS, EVERY))
-    graph.wait_until(lambda: [state.step for state in bearing.plant_states if state.run == run] == wanted, "the states")
-    states = [state for state in bearing.plant_states if state.run == run]
+    loop.graph.wait_until(lambda: [state.step for state in states_of(loop, run)] == wanted, "the states")
+    states = states_of(loop, run)
     for state in states:
         assert state.header.stamp.sec * 10**9 + state.header.stamp.nanosec == state.step * 100_000
         # Ideal sensors: the journal is where telemetry says, bit for bit.
@@ -87,21 +105,22 @@ def test_states_of_the_plant_come_at_their_steps_with_what_is_in_the_plant(graph
     assert abs(sunk.force_x[0]) < 1.0
 
 
-def test_states_of_the_plant_are_not_published_by_default(graph: Graph, bearing: Bearing) -> None:
-    graph.start(SIMULATOR)
-    graph.start(CONTROLLER)
-    graph.wait_until(bearing.plant_state_subscription.get_publisher_count, "the simulator")
-    run_to(bearing, bearing.reset(), STEPS)
-    assert bearing.plant_states == []
+def test_states_of_the_plant_are_not_published_by_default(loop: Bearing, tmp_path: Path) -> None:
+    run = loop.reset()
+    run_to(loop, run, STEPS)
+    # What the next run publishes comes after all that this one could have published.
+    after = loop.reset(parameter_file(tmp_path / "states.yaml", {"plant_state_steps": EVERY}))
+    loop.run(STEPS)
+    loop.graph.wait_until(lambda: states_of(loop, after), "a state")
+    assert states_of(loop, run) == []
 
 
-def test_states_of_a_rotor_in_two_bearings_are_those_of_both(graph: Graph, bearing: Bearing) -> None:
-    graph.start(SIMULATOR, parameters={"plant_state_steps": EVERY, "rotor": {"model": "rigid"}})
-    graph.start(CONTROLLER)
-    bearing.reset()
-    bearing.run(STEPS)
-    graph.wait_until(lambda: bearing.plant_states and bearing.plant_states[-1].step == 200, "the states")
-    state = bearing.plant_states[-1]
+def test_states_of_a_rotor_in_two_bearings_are_those_of_both(loop: Bearing, tmp_path: Path) -> None:
+    two = {"plant_state_steps": EVERY, "rotor": {"model": "rigid"}}
+    run = loop.reset(parameter_file(tmp_path / "two.yaml", two))
+    loop.run(STEPS)
+    loop.graph.wait_until(lambda: any(state.step == 200 for state in states_of(loop, run)), "the states")
+    state = states_of(loop, run)[-1]
     kinds = PlantState.get_fields_and_field_types()
     sizes = {name: len(getattr(state, name)) for name, kind in kinds.items() if kind.startswith("sequence")}
     assert sizes == {
@@ -116,16 +135,15 @@ def test_states_of_a_rotor_in_two_bearings_are_those_of_both(graph: Graph, beari
     }
 
 
-def test_states_of_the_plant_and_changed_parameters_are_in_the_bag(graph: Graph, bearing: Bearing) -> None:
-    for module in (SIMULATOR, CONTROLLER, RECORDER):
-        graph.start(module)
-    file = parameter_file(graph.folder / "light.yaml", {"rotor": {"mass": 5.0}, "plant_state_steps": EVERY})
-    bearing.reset()  # the simulator is there
+def test_states_of_the_plant_and_changed_parameters_are_in_the_bag(loop: Bearing, tmp_path: Path) -> None:
+    graph = loop.graph
+    recorder = graph.start(RECORDER)
     assert graph.call(StartRecording, "/amb/recorder/start", uri="bag").success
-    run = bearing.reset(file)
-    run_to(bearing, run, STEPS)
+    run = loop.reset(parameter_file(tmp_path / "light.yaml", {"rotor": {"mass": 5.0}, "plant_state_steps": EVERY}))
+    run_to(loop, run, STEPS)
     stopped = graph.call(StopRecording, "/amb/recorder/stop", wait_for_run=run, wait_for_step=STEPS)
     assert stopped.success, stopped.message
+    graph.stop(recorder)
     bag = read_bag(stopped.uri)
     record = bag.plant_states(run)
     assert record.step.tolist() == list(range(0, STEPS, EVERY))
@@ -136,36 +154,41 @@ def test_states_of_the_plant_and_changed_parameters_are_in_the_bag(graph: Graph,
 # -- reset with a parameter file
 
 
-def test_reset_with_a_parameter_file_gives_the_samples_of_the_loop_without_ros(graph: Graph, bearing: Bearing) -> None:
-    graph.start(SIMULATOR, parameters={"rotor": {"running_speed": 100.0}})
-    graph.start(CONTROLLER)
+def test_reset_with_a_parameter_file_gives_the_samples_of_the_loop_without_ros(loop: Bearing) -> None:
+    folder = loop.graph.folder
+    loop.reset(parameter_file(folder / "running.yaml", {"rotor": {"running_speed": 100.0}}))
     other = {"rotor": {"mass": 5.0, "gravity": 0.0, "initial_x": 20e-6}, "magnetic_circuit": {"coupling": False}}
-    file = parameter_file(graph.folder / "other.yaml", other)
-    before = bearing.reset()
-    run = bearing.reset(file)
+    file = parameter_file(folder / "other.yaml", other)
+    before = loop.reset()
+    run = loop.reset(file)
     assert run == before + 1
     expected = loop_without_ros(load_parameters(SimulatorParameters, file, "simulator"), STEPS)
-    assert run_to(bearing, run, STEPS).identical_to(expected)
-    again = bearing.reset()  # without a file: the parameters stay
-    assert run_to(bearing, again, STEPS).identical_to(expected)
+    assert run_to(loop, run, STEPS).identical_to(expected)
+    again = loop.reset()  # without a file: the parameters stay
+    assert run_to(loop, again, STEPS).identical_to(expected)
     # relative to the simulator's working directory; parameters that a file lacks take their defaults
-    heavy = bearing.reset(parameter_file(graph.folder / "heavy.yaml", {"rotor": {"mass": 8.0}}).name)
+    heavy = loop.reset(parameter_file(folder / "heavy.yaml", {"rotor": {"mass": 8.0}}).name)
     defaults = SimulatorParameters.model_validate({"rotor": {"mass": 8.0}})
-    assert run_to(bearing, heavy, STEPS).identical_to(loop_without_ros(defaults, STEPS))
+    assert run_to(loop, heavy, STEPS).identical_to(loop_without_ros(defaults, STEPS))
 
 
-def test_parameters_show_the_values_of_the_reset_and_stay_read_only(graph: Graph, bearing: Bearing) -> None:
-    graph.start(SIMULATOR, parameters={"rotor": {"mass": 7.0}})
+def test_parameters_show_the_values_of_the_reset_and_stay_read_only(loop: Bearing, tmp_path: Path) -> None:
+    graph = loop.graph
+    names = ("rotor.mass", "rotor.gravity", "plant_state_steps")
+    loop.reset(parameter_file(tmp_path / "heavy.yaml", {"rotor": {"mass": 7.0}}))
+    assert simulator_parameters(graph, *names) == [7.0, 9.81, 0]
     events: list[ParameterEvent] = []
     graph.node.create_subscription(ParameterEvent, "/parameter_events", events.append, STREAM)
-    file = parameter_file(graph.folder / "other.yaml", {"rotor": {"gravity": 0}, "plant_state_steps": 5})
-    names = ("rotor.mass", "rotor.gravity", "plant_state_steps")
-    assert simulator_parameters(graph, *names) == [7.0, 9.81, 0]
-    bearing.reset(file)
+    graph.wait_until(lambda: graph.node.count_publishers("/parameter_events") > 1, "the simulator's events")
+    loop.reset(parameter_file(tmp_path / "other.yaml", {"rotor": {"gravity": 0}, "plant_state_steps": 5}))
     assert simulator_parameters(graph, *names) == [6.25, 0.0, 5]
-    graph.wait_until(lambda: any(event.changed_parameters for event in events), "the parameter event")
-    (event,) = (event for event in events if event.changed_parameters)
-    assert sorted(parameter.name for parameter in event.changed_parameters) == sorted(names)
+
+    def changes() -> list[list[str]]:
+        changed = [sorted(parameter.name for parameter in event.changed_parameters) for event in events]
+        return [found for found in changed if found]
+
+    graph.wait_until(changes, "the parameter event")
+    assert changes() == [sorted(names)]
     refused = graph.call(
         SetParameters,
         "/amb/simulator/set_parameters",
@@ -187,17 +210,14 @@ def test_parameters_of_the_node_itself_are_those_of_the_file_too(graph: Graph, b
     assert time.monotonic() - began < 5.0
 
 
-@pytest.fixture(scope="module")
-def paused(open_graph: Any, watch_bearing: Any, tmp_path_factory: Any) -> Iterator[Bearing]:
-    """A loop paused at step 100 of its run, for resets that are refused."""
-    with open_graph(tmp_path_factory.mktemp("paused")) as graph:
-        graph.start(SIMULATOR)
-        graph.start(CONTROLLER)
-        bearing = watch_bearing(graph)
-        run = bearing.reset()
-        bearing.run(100)
-        bearing.wait_for_step(run, 100)
-        yield bearing
+@pytest.fixture
+def paused(loop: Bearing) -> Bearing:
+    """The loop, paused at step 100 of its run."""
+    run = loop.reset()
+    loop.run(100)
+    loop.wait_for_step(run, 100)
+    loop.wait_for_mode(SimulatorState.PAUSED)
+    return loop
 
 
 @pytest.mark.parametrize(
@@ -245,44 +265,41 @@ def test_a_bad_file_is_refused_with_the_reason_and_nothing_changes(
     assert simulator_parameters(paused.graph, "rotor.mass", "rotor.backup_bearing_radius") == [6.25, 250e-6]
 
 
-def test_a_run_goes_on_after_a_refused_reset_as_if_nothing_had_been_asked(graph: Graph, bearing: Bearing) -> None:
-    graph.start(SIMULATOR)
-    graph.start(CONTROLLER)
-    run = bearing.reset()
-    bearing.run(STEPS)
+def test_a_run_goes_on_after_a_refused_reset_as_if_nothing_had_been_asked(loop: Bearing, tmp_path: Path) -> None:
+    run = loop.reset()
+    loop.run(STEPS)
     # Refused only by the plant to be made, while the run goes on.
-    file = parameter_file(graph.folder / "bad.yaml", {"integration": {"internal_step": 1e-5}})
-    assert not graph.call(Reset, "/amb/simulator/reset", parameter_file=str(file)).success
-    assert bearing.record(run, STEPS).identical_to(loop_without_ros(SimulatorParameters(), STEPS))
+    file = parameter_file(tmp_path / "bad.yaml", {"integration": {"internal_step": 1e-5}})
+    assert not loop.graph.call(Reset, "/amb/simulator/reset", parameter_file=str(file)).success
+    assert loop.record(run, STEPS).identical_to(loop_without_ros(SimulatorParameters(), STEPS))
 
 
 # -- contact
 
 
-def test_touch_down_with_contact_is_a_warning_and_the_run_goes_on(graph: Graph, bearing: Bearing) -> None:
-    graph.start(SIMULATOR, parameters={"backup_bearing": {"contact": True}, "plant_state_steps": 1})
-    graph.start(CONTROLLER, parameters=TOO_WEAK)
-    run = bearing.reset()
-    bearing.run(2_000)
-    bearing.wait_for_step(run, 2_000)
-    assert bearing.wait_for_mode(SimulatorState.PAUSED).step == 2_000
-    assert {state.mode for state in bearing.states if state.run == run} <= {
+def test_touch_down_with_contact_is_a_warning_and_the_run_goes_on(loop: Bearing, tmp_path: Path) -> None:
+    falling = TOO_HEAVY | {"backup_bearing": {"contact": True}, "plant_state_steps": 1}
+    run = loop.reset(parameter_file(tmp_path / "falling.yaml", falling))
+    loop.run(2_000)
+    loop.wait_for_step(run, 2_000)
+    assert loop.wait_for_mode(SimulatorState.PAUSED).step == 2_000
+    assert {state.mode for state in loop.states if state.run == run} <= {
         SimulatorState.PAUSED,
         SimulatorState.RUNNING,
         SimulatorState.WAITING,
     }
 
     def warnings() -> list[DiagnosticStatus]:
-        return [status for _, status in bearing.diagnostics if status.level == DiagnosticStatus.WARN]
+        return [status for _, status in loop.diagnostics if status.level == DiagnosticStatus.WARN]
 
-    graph.wait_until(warnings, "the warning")
+    loop.graph.wait_until(warnings, "the warning")
     assert {(status.name, status.message) for status in warnings()} == {
         ("amb/simulator", "the rotor touches the backup bearing")
     }
-    graph.wait_until(lambda: bearing.plant_states[-1].step == 2_000, "the last state")
-    touching = [state for state in bearing.plant_states if state.contact[0]]
+    loop.graph.wait_until(lambda: states_of(loop, run)[-1].step == 2_000, "the last state")
+    touching = [state for state in states_of(loop, run) if state.contact[0]]
     assert touching
     assert max(state.contact_force[0] for state in touching) > 6.25 * 9.81
-    assert not any(state.contact_force[0] for state in bearing.plant_states if not state.contact[0])
-    bearing.reset()
-    graph.wait_until(lambda: bearing.diagnostics[-1][1].level == DiagnosticStatus.OK, "the end of the warning")
+    assert not any(state.contact_force[0] for state in states_of(loop, run) if not state.contact[0])
+    loop.reset()
+    loop.graph.wait_until(lambda: loop.diagnostics[-1][1].level == DiagnosticStatus.OK, "the end of the warning")
