@@ -6,6 +6,7 @@ import contextlib
 import resource
 import signal
 from array import array
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +59,17 @@ class Loop:
 
 @pytest.fixture
 def loop(graph: Graph) -> Loop:
+    """Publishers in a graph of their own, for tests that start a recorder themselves."""
     return Loop(graph)
+
+
+@pytest.fixture(scope="module")
+def recorded(open_graph: Callable[[Path], Any], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop]:
+    """A loop and a recorder, for tests that close the bags that they open."""
+    with open_graph(tmp_path_factory.mktemp("recorder")) as graph:
+        loop = Loop(graph)
+        graph.start(RECORDER)
+        yield loop
 
 
 def test_everything_published_after_the_start_is_in_the_bag(loop: Loop, graph: Graph) -> None:
@@ -92,12 +103,11 @@ def test_everything_published_after_the_start_is_in_the_bag(loop: Loop, graph: G
     assert stopped.messages == bag.messages
 
 
-def test_others_read_the_bag_with_its_definitions(loop: Loop, graph: Graph) -> None:
-    graph.start(RECORDER)
-    loop.start_bag()
-    loop.publish_blocks(1, 0, 5)
-    folder = Path(loop.stop_bag(1, 5 * BLOCK).uri)
-    offered = graph.node.get_publishers_info_by_topic("/amb/telemetry")[0].topic_type_hash
+def test_others_read_the_bag_with_its_definitions(recorded: Loop) -> None:
+    recorded.start_bag("definitions")
+    recorded.publish_blocks(1, 0, 5)
+    folder = Path(recorded.stop_bag(1, 5 * BLOCK).uri)
+    offered = recorded.graph.node.get_publishers_info_by_topic("/amb/telemetry")[0].topic_type_hash
     with AnyReader([folder]) as reader:
         (telemetry,) = (item for item in reader.connections if item.topic == "/amb/telemetry")
         assert telemetry.digest == str(offered)
@@ -105,43 +115,39 @@ def test_others_read_the_bag_with_its_definitions(loop: Loop, graph: Graph) -> N
             reader.deserialize(data, connection.msgtype)
 
 
-def test_a_start_loses_no_message(loop: Loop, graph: Graph) -> None:
+def test_a_start_loses_no_message(recorded: Loop) -> None:
     """Published in the very moment in which the recorder answers, again and again."""
-    graph.start(RECORDER)
-    for run in range(1, 11):
-        loop.start_bag(f"bag_{run}")
-        loop.publish_blocks(run, 0, 20)
-        stopped = loop.stop_bag(run, 20 * BLOCK)
+    for run in range(1, 6):
+        recorded.start_bag(f"bag_{run}")
+        recorded.publish_blocks(run, 0, 20)
+        stopped = recorded.stop_bag(run, 20 * BLOCK)
         assert stopped.success, stopped.message
         assert read_bag(stopped.uri).telemetry(run).steps == 20 * BLOCK
 
 
-def test_missing_telemetry_is_named_and_the_bag_closed(loop: Loop, graph: Graph) -> None:
-    graph.start(RECORDER)
-    loop.start_bag()
-    loop.publish_blocks(1, 0, 3)
-    loop.publish_blocks(1, 5, 8)
-    stopped = loop.stop_bag(1, 8 * BLOCK)
+def test_missing_telemetry_is_named_and_the_bag_closed(recorded: Loop) -> None:
+    recorded.start_bag("missing")
+    recorded.publish_blocks(1, 0, 3)
+    recorded.publish_blocks(1, 5, 8)
+    stopped = recorded.stop_bag(1, 8 * BLOCK)
     assert not stopped.success
     assert stopped.message == "telemetry of run 1 lacks steps 300 to 499"
     assert not read_bag(stopped.uri).truncated
 
 
-def test_telemetry_that_does_not_come_is_missing(loop: Loop, graph: Graph) -> None:
-    graph.start(RECORDER)
-    loop.start_bag()
-    loop.publish_blocks(1, 0, 1)
-    stopped = loop.stop_bag(1, 5 * BLOCK, timeout=0.3)
+def test_telemetry_that_does_not_come_is_missing(recorded: Loop) -> None:
+    recorded.start_bag("late")
+    recorded.publish_blocks(1, 0, 1)
+    stopped = recorded.stop_bag(1, 5 * BLOCK, timeout=0.3)
     assert not stopped.success
     assert stopped.message == "telemetry of run 1 lacks steps 100 to 499"
 
 
-def test_a_run_that_began_while_recording_must_be_there_from_its_first_step(loop: Loop, graph: Graph) -> None:
-    graph.start(RECORDER)
-    loop.start_bag()
-    loop.publish_blocks(1, 7, 9)
-    loop.publish_blocks(2, 1, 2)
-    stopped = loop.stop_bag(2, 2 * BLOCK)
+def test_a_run_that_began_while_recording_must_be_there_from_its_first_step(recorded: Loop) -> None:
+    recorded.start_bag("began")
+    recorded.publish_blocks(1, 7, 9)
+    recorded.publish_blocks(2, 1, 2)
+    stopped = recorded.stop_bag(2, 2 * BLOCK)
     assert stopped.message == "telemetry of run 2 lacks steps 0 to 99"
 
 
@@ -202,19 +208,18 @@ def test_a_full_disk_ends_the_recording_but_not_the_node(loop: Loop, graph: Grap
     assert not loop.stop_bag().success
 
 
-def test_bad_requests_are_refused_and_the_node_lives(loop: Loop, graph: Graph) -> None:
-    graph.start(RECORDER)
-    stopped = loop.stop_bag()
+def test_bad_requests_are_refused_and_the_node_lives(recorded: Loop) -> None:
+    stopped = recorded.stop_bag()
     assert (stopped.success, stopped.message) == (False, "nothing is being recorded; call ~/start first")
-    (graph.folder / "file").touch()
-    assert "cannot be made: Not a directory" in loop.start_bag(str(graph.folder / "file" / "bag")).message
-    assert "exists already" in loop.start_bag(str(graph.folder)).message
-    assert loop.start_bag("good").success
-    again = loop.start_bag("other")
+    (recorded.graph.folder / "file").touch()
+    assert "cannot be made: Not a directory" in recorded.start_bag(str(recorded.graph.folder / "file" / "bag")).message
+    assert "exists already" in recorded.start_bag(str(recorded.graph.folder)).message
+    assert recorded.start_bag("good").success
+    again = recorded.start_bag("other")
     assert not again.success
     assert "already recording" in again.message
-    assert "timeout = nan s is not allowed" in loop.stop_bag(timeout=float("nan")).message
-    assert loop.stop_bag().success
+    assert "timeout = nan s is not allowed" in recorded.stop_bag(timeout=float("nan")).message
+    assert recorded.stop_bag().success
 
 
 def test_recording_on_start(graph: Graph) -> None:
@@ -233,15 +238,15 @@ def test_a_wrong_parameter_ends_the_node_with_one_line(graph: Graph) -> None:
     ]
 
 
-def test_parameters_of_a_node_that_starts_after_the_bag_are_in_it(loop: Loop, graph: Graph) -> None:
-    graph.start(RECORDER)
-    started = loop.start_bag()
-    late = graph.add_node("pd_controller", "/amb")
+def test_parameters_of_a_node_that_starts_after_the_bag_are_in_it(recorded: Loop) -> None:
+    started = recorded.start_bag("late_node")
+    late = recorded.graph.add_node("late", "/amb")
     late.declare_parameter("proportional_gain", 22_000.0)
 
-    def recorded() -> Any:
+    def gain() -> Any:
         bag = _bag_on_disk(started.uri)
-        return bag.parameters().get("/amb/pd_controller", {}).get("proportional_gain") if bag else None
+        return bag.parameters().get("/amb/late", {}).get("proportional_gain") if bag else None
 
-    graph.wait_until(recorded, "the late parameters")
-    assert recorded() == 22_000.0
+    recorded.graph.wait_until(gain, "the late parameters")
+    assert gain() == 22_000.0
+    assert recorded.stop_bag().success
