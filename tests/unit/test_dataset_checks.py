@@ -93,7 +93,7 @@ def test_errors_refuse_in_one_line_with_advice() -> None:
     u[:, 1] = 2.0
     report = check_data(open_loop(u))
     with pytest.raises(
-        IdentificationError, match="inputs u2: constant; excite every input, or leave it out"
+        IdentificationError, match="inputs: u2: constant; excite every input, or leave it out"
     ) as refusal:
         report.refuse_errors()
     assert "\n" not in str(refusal.value)

@@ -50,7 +50,7 @@ def _plant(bag: Bag) -> PlantParameters | None:
 
 def _model(result: Identification, validation: Validation) -> Section:
     blocks: list[Block] = [Prose(f"{result.summary}.")]
-    blocks += [Prose(str(finding)) for finding in result.report.warnings]
+    blocks += [Prose(f"Warning: {finding.check}: {finding.text}.") for finding in result.report.warnings]
     blocks.append(_poles(result))
     if result.order_selection is not None:
         blocks.append(Chart(order_page(result.order_selection), "Choice of the order"))

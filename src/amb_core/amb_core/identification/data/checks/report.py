@@ -45,9 +45,14 @@ class Finding:
 
     def __str__(self) -> str:
         """One line."""
+        return f"{self.severity.name.lower():<8}{self.check:<12}{self.text}"
+
+    @property
+    def text(self) -> str:
+        """Where, what and advice as one phrase."""
         where = f"{self.where}: " if self.where else ""
         advice = f"; {self.advice}" if self.advice else ""
-        return f"{self.severity.name.lower():<8}{self.check:<12}{where}{self.what}{advice}"
+        return f"{where}{self.what}{advice}"
 
 
 @dataclass(frozen=True)
@@ -94,7 +99,7 @@ class DataReport:
             With all of them in one line.
         """
         if self.errors:
-            raise IdentificationError("; ".join(" ".join(str(finding).split()[1:]) for finding in self.errors))
+            raise IdentificationError("; ".join(f"{finding.check}: {finding.text}" for finding in self.errors))
 
     def __str__(self) -> str:
         """The data, and a line for each finding."""
