@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +14,15 @@ from amb_core.errors import IdentificationError
 from amb_core.figures.chart import Axis, Band, Chart, Curve, Item, Panel, Table
 from amb_core.figures.renderers import renderers
 from amb_core.figures.style import MODELS, PLANT, UM, Stroke
-from amb_core.figures.thinning import SPANS, extremes
-from amb_core.identification.frequency_response import LEVEL, FrequencyResponse
+from amb_core.figures.thinning import extremes
+from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, normal_quantile
 
 STROKES = (PLANT, *MODELS)
+MEASURED = 0.8  # width (pt)
+BAND_POINTS = 400  # over the width of a panel
 HEADROOM = 1.5  # factor above and below the curves that is free
 REACH = 5.0  # likewise, as far as bands may extend the panel
+FLOOR = 1e-9  # of the largest magnitude; what is less, as couplings that are zero but for rounding, is left out
 HIGHEST_START = 90.0  # degree; phases start between this and a turn less, so that -180 is not drawn as 180
 
 
@@ -26,7 +31,8 @@ def bode_chart(
 ) -> Chart:
     """Magnitude and phase over frequency, a column for each input, two rows for each output; coherence below.
 
-    Phases are drawn within half a turn of those of one response, the first without coherence, that is of a model.
+    Measured phases, those with a coherence, are drawn within half a turn of the first response of a model; others are
+    continuous.
 
     Parameters
     ----------
@@ -44,29 +50,23 @@ def bode_chart(
     """
     _check(responses)
     first = responses[0]
-    centre = next((response for response in responses if response.coherence is None), first)
+    diagram = _Diagram.of(responses, level)
     panels: list[Panel] = []
-    frequencies = np.concatenate([response.frequency for response in responses])
-    frequencies = frequencies[frequencies > 0.0]
-    over = Axis("frequency (Hz)", log=True, limits=(float(frequencies.min()), float(frequencies.max())))
-    for output, (output_name, output_unit) in enumerate(zip(first.output_names, first.output_units, strict=True)):
-        entries = list(enumerate(zip(first.input_names, first.input_units, strict=True)))
-        for place, (input_name, input_unit) in entries:
-            heading = f"{input_name} to {output_name}"
-            panels.append(_magnitudes(responses, output, place, over, _unit(output_unit, input_unit), heading, level))
-        panels += [_phases(responses, centre, output, place, over, level) for place, _ in entries]
+    for output in range(len(first.output_names)):
+        panels += [diagram.magnitudes(output, place) for place in range(len(first.input_names))]
+        panels += [diagram.phases(output, place) for place in range(len(first.input_names))]
     if any(response.coherence is not None for response in responses):
-        panels += [_coherences(responses, output, over) for output in range(len(first.output_names))]
+        panels += [diagram.coherences(output) for output in range(len(first.output_names))]
     columns = len(first.input_names)
     rows = -(-len(panels) // columns)
     return Chart(
         title,
-        _alt(responses, over, level),
+        diagram.alt(),
         tuple(panels),
         columns,
         shared_x=True,
         size=(5.0 * columns + 0.5, 1.2 + 2.0 * rows),
-        table=_table(responses, over, level),
+        table=diagram.table(),
     )
 
 
@@ -91,66 +91,152 @@ def _check(responses: Sequence[FrequencyResponse]) -> None:
         raise IdentificationError("a Bode diagram needs frequencies above 0 Hz")
 
 
-def _magnitudes(
-    responses: Sequence[FrequencyResponse],
-    output: int,
-    place: int,
-    over: Axis,
-    unit: tuple[float, str],
-    heading: str,
-    level: float,
-) -> Panel:
-    factor, name = unit
-    items: list[Item] = []
-    low, high, drawn = math.inf, 0.0, []
-    for response, stroke in _with_strokes(responses):
-        positive = response.frequency > 0.0
-        values = factor * response.magnitude[positive, output, place]
-        seen = values[values > 0.0]
-        low, high = min(low, seen.min(initial=low)), max(high, seen.max(initial=high))
-        band = response.magnitude_band(level)
-        if band is not None:
-            ends = [factor * end[positive, output, place] for end in band]
-            drawn.append((ends[0].min(), ends[1].max()))
-            items.append(_band(response, positive, ends[0], ends[1], level, stroke))
-        items.append(_curve(response, positive, np.where(values > 0.0, values, np.nan), stroke))
-    if not high > 0.0:
-        low, high = 0.1, 1.0  # nothing but zeros
-    lowest = max(low / REACH, min([low / HEADROOM, *(end for end, _ in drawn)]))
-    highest = min(high * REACH, max([high * HEADROOM, *(end for _, end in drawn)]))
-    return Panel(over, Axis(f"magnitude ({name})", log=True, limits=(lowest, highest)), _bands_first(items), heading)
+@dataclass(frozen=True, eq=False)
+class _Diagram:
+    """What the panels of a diagram share.
+
+    Attributes
+    ----------
+    responses : sequence of FrequencyResponse
+        The responses, without zero frequency.
+    strokes : sequence of Stroke
+        Their looks.
+    over : Axis
+        Of the frequency.
+    level : float
+        Confidence of the bands.
+    floor : float
+        Magnitude below which nothing is drawn.
+    """
+
+    responses: Sequence[FrequencyResponse]
+    strokes: Sequence[Stroke]
+    over: Axis
+    level: float
+    floor: float
+
+    @classmethod
+    def of(cls, responses: Sequence[FrequencyResponse], level: float) -> _Diagram:
+        responses = [_of_positive_frequencies(response) for response in responses]
+        strokes = [STROKES[number % len(STROKES)] for number in range(len(responses))]
+        looks = [
+            stroke if response.coherence is None else replace(stroke, width=MEASURED)
+            for response, stroke in zip(responses, strokes, strict=True)
+        ]
+        ends = [response.frequency[[0, -1]] for response in responses]
+        over = Axis("frequency (Hz)", log=True, limits=(float(np.min(ends)), float(np.max(ends))))
+        floor = FLOOR * max(float(response.magnitude.max()) for response in responses)
+        return cls(responses, looks, over, level, floor)
+
+    def magnitudes(self, output: int, place: int) -> Panel:
+        first = self.responses[0]
+        factor, unit = _unit(first.output_units[output], first.input_units[place])
+        entries = [factor * response.magnitude[:, output, place] for response in self.responses]
+        seen = np.concatenate([entry[entry > factor * self.floor] for entry in entries])
+        low, high = (float(seen.min()), float(seen.max())) if seen.size else (0.1, 1.0)  # nothing but zeros
+        bands = [response.magnitude_band(self.level) for response in self.responses]
+        known = [[factor * end[:, output, place] for end in band] for band in bands if band is not None]
+        lowest = max(low / REACH, min([low / HEADROOM, *(float(band[0].min()) for band in known)]))
+        highest = min(high * REACH, max([high * HEADROOM, *(float(band[1].max()) for band in known)]))
+        items: list[Item] = []
+        for response, stroke, entry, band in zip(self.responses, self.strokes, entries, bands, strict=True):
+            if band is not None:
+                ends = [np.clip(factor * end[:, output, place], lowest / REACH, highest * REACH) for end in band]
+                items.append(self._band(response, stroke, *ends))
+            items.append(_curve(response, stroke, np.where(entry > factor * self.floor, entry, np.nan)))
+        axis = Axis(f"magnitude ({unit})", log=True, limits=(lowest, highest))
+        return Panel(
+            self.over, axis, _bands_first(items), f"{first.input_names[place]} to {first.output_names[output]}"
+        )
+
+    def phases(self, output: int, place: int) -> Panel:
+        centre = next((response for response in self.responses if response.coherence is None), self.responses[0])
+        middle = np.degrees(centre.phase[:, output, place])
+        middle -= 360.0 * math.ceil((middle[0] - HIGHEST_START) / 360.0)
+        items: list[Item] = []
+        for response, stroke in zip(self.responses, self.strokes, strict=True):
+            phase = np.degrees(response.phase[:, output, place])
+            away = phase - np.interp(response.frequency, centre.frequency, middle)
+            shift = -360.0 * np.round((away[:1] if response.coherence is None else away) / 360.0)
+            band = response.phase_band(self.level)
+            if band is not None:
+                low, high = (np.degrees(end[:, output, place]) + shift for end in band)
+                items.append(self._band(response, stroke, low, high))
+            shown = response.magnitude[:, output, place] > self.floor
+            items.append(_curve(response, stroke, np.where(shown, phase + shift, np.nan)))
+        return Panel(self.over, Axis("phase (°)"), _bands_first(items))
+
+    def coherences(self, output: int) -> Panel:
+        curves = [
+            _curve(response, stroke, response.coherence[:, output])
+            for response, stroke in zip(self.responses, self.strokes, strict=True)
+            if response.coherence is not None
+        ]
+        name = self.responses[0].output_names[output]
+        return Panel(self.over, Axis(f"coherence of {name}", limits=(0.0, 1.05)), tuple(curves))
+
+    def alt(self) -> str:
+        first, limits = self.responses[0], self.over.limits
+        assert limits is not None
+        text = (
+            f"Bode diagram from {', '.join(first.input_names)} to {', '.join(first.output_names)}, {limits[0]:.3g} to "
+            f"{limits[1]:.4g} Hz, of: {'; '.join(response.label for response in self.responses)}."
+        )
+        for response in self.responses:
+            if response.magnitude_deviation is not None:
+                relative = response.magnitude_deviation / np.maximum(response.magnitude, np.finfo(float).tiny)
+                half = 100.0 * normal_quantile(self.level) * float(np.median(relative))
+                text += f" The {100.0 * self.level:g} % bands of {response.label} are ±{half:.2g} % wide in the median."
+        return text
+
+    def table(self) -> Table:
+        """Magnitudes and phases at the powers of ten."""
+        first, limits = self.responses[0], self.over.limits
+        assert limits is not None
+        powers = range(math.ceil(math.log10(limits[0])), math.floor(math.log10(limits[1])) + 1)
+        rows = []
+        for response in self.responses:
+            band, phases = response.magnitude_band(self.level), np.degrees(np.angle(response.response))
+            for output, place in np.ndindex(response.response.shape[1:]):
+                factor, unit = _unit(first.output_units[output], first.input_units[place])
+                for at in dict.fromkeys(int(np.argmin(np.abs(response.frequency - 10.0**power))) for power in powers):
+                    entry = (at, output, place)
+                    around = "" if band is None else f"{factor * band[0][entry]:.3g} to {factor * band[1][entry]:.3g}"
+                    rows.append(
+                        (
+                            response.label,
+                            f"{first.input_names[place]} to {first.output_names[output]}",
+                            f"{response.frequency[at]:.4g}",
+                            f"{factor * response.magnitude[entry]:.4g} {unit}",
+                            around,
+                            f"{phases[entry]:.1f}",
+                        )
+                    )
+        header = ("response", "entry", "frequency (Hz)", "magnitude", f"{100.0 * self.level:g} % band", "phase (°)")
+        return Table(header, tuple(rows))
+
+    def _band(
+        self, response: FrequencyResponse, stroke: Stroke, low: NDArray[np.float64], high: NDArray[np.float64]
+    ) -> Band:
+        frequency = response.frequency
+        grid = np.geomspace(frequency[0], frequency[-1], BAND_POINTS)
+        kept = np.unique(np.minimum(np.searchsorted(frequency, grid), len(frequency) - 1))
+        label = f"{response.label}: {100.0 * self.level:g} % band"
+        return Band(frequency[kept], low[kept], high[kept], label, stroke.colour)
 
 
-def _phases(
-    responses: Sequence[FrequencyResponse], centre: FrequencyResponse, output: int, place: int, over: Axis, level: float
-) -> Panel:
-    middle = np.degrees(centre.phase[:, output, place])
-    middle -= 360.0 * math.ceil((middle[0] - HIGHEST_START) / 360.0)
-    items: list[Item] = []
-    for response, stroke in _with_strokes(responses):
-        positive = response.frequency > 0.0
-        phase = np.degrees(response.phase[:, output, place])
-        near = np.interp(response.frequency, centre.frequency, middle)
-        shift = -360.0 * np.round((phase - near) / 360.0)
-        band = response.phase_band(level)
-        if band is not None:
-            low, high = ((np.degrees(end[:, output, place]) + shift)[positive] for end in band)
-            items.append(_band(response, positive, low, high, level, stroke))
-        items.append(_curve(response, positive, (phase + shift)[positive], stroke))
-    return Panel(over, Axis("phase (°)"), _bands_first(items))
+def _of_positive_frequencies(response: FrequencyResponse) -> FrequencyResponse:
+    if response.frequency[0] > 0.0:
+        return response
+    names = ("frequency", "response", "magnitude_deviation", "phase_deviation", "coherence")
+    known = {name: getattr(response, name) for name in names if getattr(response, name) is not None}
+    rest: dict[str, Any] = {name: part[1:] for name, part in known.items()}
+    return replace(response, **rest)
 
 
-def _coherences(responses: Sequence[FrequencyResponse], output: int, over: Axis) -> Panel:
-    items: list[Item] = []
-    for response, stroke in _with_strokes(responses):
-        if response.coherence is not None:
-            positive = response.frequency > 0.0
-            items.append(_curve(response, positive, response.coherence[positive, output], stroke))
-    return Panel(over, Axis(f"coherence of {responses[0].output_names[output]}", limits=(0.0, 1.05)), tuple(items))
-
-
-def _with_strokes(responses: Sequence[FrequencyResponse]) -> list[tuple[FrequencyResponse, Stroke]]:
-    return [(response, STROKES[number % len(STROKES)]) for number, response in enumerate(responses)]
+def _curve(response: FrequencyResponse, stroke: Stroke, values: NDArray[np.float64]) -> Curve:
+    x, y = extremes(np.log(response.frequency), values)
+    return Curve(np.exp(x), y, response.label, stroke)
 
 
 def _bands_first(items: list[Item]) -> tuple[Item, ...]:
@@ -158,73 +244,7 @@ def _bands_first(items: list[Item]) -> tuple[Item, ...]:
     return tuple(sorted(items, key=lambda item: not isinstance(item, Band)))
 
 
-def _curve(
-    response: FrequencyResponse, positive: NDArray[np.bool_], values: NDArray[np.float64], stroke: Stroke
-) -> Curve:
-    x, y = extremes(np.log(response.frequency[positive]), values)
-    return Curve(np.exp(x), y, response.label, stroke)
-
-
-def _band(
-    response: FrequencyResponse,
-    positive: NDArray[np.bool_],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-    level: float,
-    stroke: Stroke,
-) -> Band:
-    frequency = response.frequency[positive]
-    grid = np.geomspace(frequency[0], frequency[-1], SPANS)
-    kept = np.unique(np.minimum(np.searchsorted(frequency, grid), len(frequency) - 1))
-    label = f"{response.label}: {100.0 * level:g} % band"
-    return Band(frequency[kept], low[kept], high[kept], label, stroke.colour)
-
-
 def _unit(output: str, of_input: str) -> tuple[float, str]:
     """Factor from the unit of a response to the one that is drawn, and its name."""
     factor, output = (UM, "µm") if output == "m" else (1.0, output)
     return factor, f"{output or '1'}/{of_input}" if of_input else output or "1"
-
-
-def _alt(responses: Sequence[FrequencyResponse], over: Axis, level: float) -> str:
-    first = responses[0]
-    assert over.limits is not None
-    text = (
-        f"Bode diagram from {', '.join(first.input_names)} to {', '.join(first.output_names)}, {over.limits[0]:.3g} to "
-        f"{over.limits[1]:.4g} Hz, of: {'; '.join(response.label for response in responses)}."
-    )
-    for response in responses:
-        band = response.magnitude_band(level)
-        if band is not None:
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                half = np.nanmedian(np.sqrt(band[1] / band[0])) - 1.0
-            text += f" The {100.0 * level:g} % bands of {response.label} are ±{100.0 * half:.2g} % wide in the median."
-    return text
-
-
-def _table(responses: Sequence[FrequencyResponse], over: Axis, level: float) -> Table:
-    """Magnitudes and phases at the powers of ten."""
-    assert over.limits is not None
-    powers = range(math.ceil(math.log10(over.limits[0])), math.floor(math.log10(over.limits[1])) + 1)
-    first = responses[0]
-    rows = []
-    for response in responses:
-        band, phases = response.magnitude_band(level), np.degrees(np.angle(response.response))
-        for output, place in np.ndindex(response.response.shape[1:]):
-            factor, unit = _unit(first.output_units[output], first.input_units[place])
-            for power in powers:
-                at = int(np.argmin(np.abs(response.frequency - 10.0**power)))
-                entry = (at, output, place)
-                around = "" if band is None else f"{factor * band[0][entry]:.3g} to {factor * band[1][entry]:.3g}"
-                rows.append(
-                    (
-                        response.label,
-                        f"{first.input_names[place]} to {first.output_names[output]}",
-                        f"{response.frequency[at]:.4g}",
-                        f"{factor * response.magnitude[entry]:.4g} {unit}",
-                        around,
-                        f"{phases[entry]:.1f}",
-                    )
-                )
-    header = ("response", "entry", "frequency (Hz)", "magnitude", f"{100.0 * level:g} % band", "phase (°)")
-    return Table(header, tuple(rows))

@@ -83,7 +83,9 @@ def _axis(axis: Axis, labelled: bool) -> dict[str, Any]:
         "automargin": True,
     }
     if axis.log:
-        marks = [factor * 10.0**power for power in range(-3, 6) for factor in axis.factors]
+        low, high = axis.limits or (1e-3, 1e5)
+        powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+        marks = [factor * 10.0**power for power in powers for factor in axis.factors]
         settings |= {"type": "log", "tickvals": marks, "ticktext": [f"{mark:g}" for mark in marks]}
     if axis.limits:
         settings["range"] = [math.log10(end) for end in axis.limits] if axis.log else list(axis.limits)

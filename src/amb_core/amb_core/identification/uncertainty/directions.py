@@ -28,6 +28,11 @@ class Directions:
         """Number of directions q."""
         return len(self.a)
 
+    @property
+    def rows(self) -> NDArray[np.float64]:
+        """Each direction as a row: the entries of A, B, C and K, row by row."""
+        return np.hstack([change.reshape(self.count, -1) for change in (self.a, self.b, self.c, self.k)])
+
 
 def response_changes(
     by_state: NDArray[np.complex128],

@@ -30,7 +30,7 @@ from amb_core.identification.predictor import experiments
 from amb_core.identification.scaled_data import ScaledData
 from amb_core.identification.uncertainty.directions import Directions
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
-from amb_core.identification.uncertainty.sensitivity import sensitivity
+from amb_core.identification.uncertainty.sensitivity import Sensitivity, sensitivity
 from amb_core.identification.validation.prediction import first_state, predicted_states
 
 _LEAST_SINGULAR_VALUE = 1e-10  # of the normalised sensitivities, relative to the largest; good data stay above 1e-4
@@ -72,12 +72,36 @@ def estimate_uncertainty(model: StateSpaceModel, data: IdentificationData, *, ro
 
 
 def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUncertainty:
+    directions, found = _sensitivities(model, data)
+    normal = _normal_coordinates(np.vstack([item.factor for item in found]), model.order)
+    # From here on in coordinates in which the estimate has the unit matrix as covariance if innovations are white.
+    scores = np.vstack([item.scores for item in found]) @ normal
+    to_least = scores.sum(axis=0)
+    centred = scores - to_least / len(scores)
+    covariance = centred.T @ centred * len(scores) / (len(scores) - 1)
+    total = float(np.trace(covariance))
+    if robust:
+        normal = normal @ _root(covariance)
+    # The errors are smaller than the innovations: of their degrees of freedom, the unknowns have used some.
+    unknowns = directions.count + model.order * len(found)
+    return ModelUncertainty(
+        model=model,
+        root=directions.rows.T @ normal / math.sqrt(1.0 - unknowns / data.outputs.size),
+        inflation=total / len(covariance),
+        distance=float(np.linalg.norm(to_least)) / math.sqrt(total),
+        robust=robust,
+    )
+
+
+def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions, list[Sensitivity]]:
+    """Directions of change of a model, and what each experiment tells about them."""
+    u, y = data.input_scale, data.output_scale
     of_scaled = replace(
         model,
-        b=model.b * data.input_scale,
-        c=model.c / data.output_scale[:, np.newaxis],
-        k=model.k * data.output_scale,
-        innovation_covariance=model.innovation_covariance / np.outer(data.output_scale, data.output_scale),
+        b=model.b * u,
+        c=model.c / y[:, np.newaxis],
+        k=model.k * y,
+        innovation_covariance=model.innovation_covariance / np.outer(y, y),
     )
     parts = experiments(len(data.inputs), data.lengths)
     states = [_states(of_scaled, data.inputs[part], data.outputs[part]) for part in parts]
@@ -86,38 +110,25 @@ def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUn
     balanced = replace(
         of_scaled, a=back @ of_scaled.a @ basis, b=back @ of_scaled.b, c=of_scaled.c @ basis, k=back @ of_scaled.k
     )
-    directions = _directions(balanced)
+    local = _directions(balanced)
     weight = np.linalg.inv(np.linalg.cholesky(of_scaled.innovation_covariance))
     batch = math.isqrt(len(data.inputs))  # many samples in each, and many of them
     found = [
         sensitivity(
-            balanced, directions, data.inputs[part], x @ back.T, data.outputs[part] - x @ of_scaled.c.T, weight, batch
+            balanced,
+            local,
+            data.inputs[part],
+            state @ back.T,
+            data.outputs[part] - state @ of_scaled.c.T,
+            weight,
+            batch,
         )
-        for part, x in zip(parts, states, strict=True)
+        for part, state in zip(parts, states, strict=True)
     ]
-    normal = _normal_coordinates(np.vstack([item.factor for item in found]), model.order)
-    scores = np.vstack([item.scores for item in found]) @ normal
-    to_least = scores.sum(axis=0)  # the way to the least prediction errors; each coordinate has the variance 1
-    centred = scores - to_least / len(scores)
-    covariance = centred.T @ centred * len(scores) / (len(scores) - 1)
-    if robust:
-        normal = normal @ _root(covariance)
-    # The errors are smaller than the innovations: of their degrees of freedom, the unknowns have used some.
-    unknowns = directions.count + model.order * len(parts)
-    normal = normal / math.sqrt(1.0 - unknowns / data.outputs.size)
-    changes = (
-        basis @ directions.a @ back,
-        basis @ directions.b / data.input_scale,
-        directions.c @ back * data.output_scale[:, np.newaxis],
-        basis @ directions.k / data.output_scale,
+    of_model = Directions(
+        basis @ local.a @ back, basis @ local.b / u, local.c @ back * y[:, np.newaxis], basis @ local.k / y
     )
-    return ModelUncertainty(
-        model=model,
-        root=np.hstack([change.reshape(directions.count, -1) for change in changes]).T @ normal,
-        inflation=float(np.trace(covariance)) / len(covariance),
-        distance=float(np.linalg.norm(to_least)) / math.sqrt(np.trace(covariance)),
-        robust=robust,
-    )
+    return of_model, found
 
 
 def _check(model: StateSpaceModel, data: IdentificationData) -> None:
