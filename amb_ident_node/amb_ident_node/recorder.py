@@ -233,16 +233,18 @@ class RecorderNode(Node):
         expected = [self.resolve_topic_name(name) for name in (topics.TELEMETRY, topics.SIMULATOR_STATE)]
         while not all(map(self.count_publishers, expected)) and time.monotonic() < deadline:
             time.sleep(0.01)
-        waiting = dict(self._subscriptions_by_name)
-        while waiting and time.monotonic() < deadline:
-            waiting = {
-                name: subscription
-                for name, subscription in waiting.items()
-                if subscription.get_publisher_count() < self.count_publishers(name)
-            }
+        while (waiting := self._unconnected_topics()) and time.monotonic() < deadline:
             time.sleep(0.01)
         for name in waiting:
             self.get_logger().warning(f"not connected to every publisher of {name}; do their QoS settings fit?")
+
+    def _unconnected_topics(self) -> list[str]:
+        """Topics with publishers that have not been matched with the subscription."""
+        return [
+            name
+            for name, subscription in self._subscriptions_by_name.items()
+            if subscription.get_publisher_count() < self.count_publishers(name)
+        ]
 
     def _undescribed_nodes(self) -> list[str]:
         """Those nodes of the workbench whose parameters the bag lacks."""

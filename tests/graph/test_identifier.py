@@ -199,7 +199,8 @@ def test_a_bag_gives_the_same_model_here_and_on_the_command_line(loop: Loop, rec
     started = graph.call(StartRecording, "/amb/recorder/start")
     run = loop.publish(record)
     live = loop.identify(order=4)
-    graph.call(StopRecording, "/amb/recorder/stop", wait_for_run=run, wait_for_step=STEPS)
+    stopped = graph.call(StopRecording, "/amb/recorder/stop", wait_for_run=run, wait_for_step=STEPS)
+    assert stopped.success, stopped.message
     graph.stop(recorder)
     answer = loop.identify(order=4, bag=started.uri)
     assert answer.success, answer.message

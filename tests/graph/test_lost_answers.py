@@ -66,6 +66,15 @@ def test_a_node_that_never_tells_its_parameters_is_named(graph: Graph) -> None:
         RemoteParameters(graph.node).read("/amb/forgetful", 0.2)
 
 
+def test_only_nodes_that_tell_their_parameters_are_asked(graph: Graph) -> None:
+    reader = graph.add_node("reader", "/amb")
+    graph.add_node("silent", "/amb", start_parameter_services=False)
+    reader.create_client(ListParameters, "/amb/absent/list_parameters")  # makes no node
+    forgetful_node(graph, lost=0)
+    remote = RemoteParameters(reader)
+    graph.wait_until(lambda: remote.nodes() == ["/amb/forgetful", "/amb/reader"], "the nodes")
+
+
 def test_the_recorder_asks_until_the_bag_is_closed_and_says_which_parameters_are_missing(graph: Graph) -> None:
     node = forgetful_node(graph, lost=1_000)
     graph.start("amb_ident_node.recorder", parameters={"parameter_timeout": 0.2})

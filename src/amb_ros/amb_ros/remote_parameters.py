@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.client import Client
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 
 from amb_core.errors import ParameterError
 from amb_core.messages import ParameterValue, parameters_from_messages
@@ -29,9 +29,10 @@ class RemoteParameters:
 
     def nodes(self) -> list[str]:
         """Full names of the nodes in this node's namespace that tell their parameters, itself included."""
-        offered = (name.rpartition("/") for name, _ in self._node.get_service_names_and_types())
-        nodes = {node for node, _, service in offered if service == "list_parameters"}
-        return sorted(node for node in nodes if node.rpartition("/")[0] == self._node.get_namespace().rstrip("/"))
+        namespace = self._node.get_namespace()
+        found = {name for name, space in self._node.get_node_names_and_namespaces() if space == namespace}
+        prefix = namespace.rstrip("/")
+        return sorted(f"{prefix}/{name}" for name in found if self._tells_parameters(name, namespace))
 
     def read(self, remote: str, timeout: float) -> dict[str, ParameterValue]:
         """All parameters of a node by name.
@@ -80,6 +81,13 @@ class RemoteParameters:
         if not remote.startswith("/"):
             remote = f"{self._node.get_namespace().rstrip('/')}/{remote}"
         return part_of(model, self.read(remote, timeout))
+
+    def _tells_parameters(self, name: str, namespace: str) -> bool:
+        try:
+            services = self._node.get_service_names_and_types_by_node(name, namespace)
+        except NodeNameNonExistentError:  # it has just ended
+            return False
+        return any(service.endswith(f"/{name}/list_parameters") for service, _ in services)
 
     def _call(self, client: Client, request: Any, remote: str, timeout: float) -> Any:
         deadline = time.monotonic() + timeout
