@@ -51,6 +51,8 @@ def _plant(bag: Bag) -> PlantParameters | None:
 def _model(result: Identification, validation: Validation) -> Section:
     blocks: list[Block] = [Prose(f"{result.summary}.")]
     blocks += [Prose(f"Warning: {finding.check}: {finding.text}.") for finding in result.report.warnings]
+    if result.uncertainty is not None:
+        blocks.append(Prose(f"{result.uncertainty.summary}."))
     blocks.append(_poles(result))
     if result.order_selection is not None:
         blocks.append(Chart(order_page(result.order_selection), "Choice of the order"))
