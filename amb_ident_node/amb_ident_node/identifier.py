@@ -130,13 +130,14 @@ class IdentifierNode(Node):
 
     def _on_validate(self, request: srv.Validate.Request, response: srv.Validate.Response) -> srv.Validate.Response:
         if request.model:
-            model = StateSpaceModel.load(request.model)
+            model, uncertainty = StateSpaceModel.load(request.model), None
         elif self._identification is not None:
-            model = self._identification.model
+            model, uncertainty = self._identification.model, self._identification.uncertainty
         else:
             raise IdentificationError("no model has been identified yet; call ~/identify first or name a file")
         loop, remark = self._loop(request, with_plant=True)
-        found = validate(model, loop.data, loop.controller or ControllerParameters(), plant=loop.plant)
+        controller = loop.controller or ControllerParameters()
+        found = validate(model, loop.data, controller, uncertainty=uncertainty, plant=loop.plant)
         response.success = True
         response.message = found.summary + remark
         response.report = found.report()

@@ -24,7 +24,7 @@ from amb_core.identification import StateSpaceModel as CoreModel
 from amb_core.messages import model_from_message
 from amb_core.records import LoopRecord
 from amb_msgs.action import Identify as IdentifyAction
-from amb_msgs.msg import ExcitationStatus, LoopSamples, StateSpaceModel
+from amb_msgs.msg import ExcitationStatus, LoopSamples, SimulatorState, StateSpaceModel
 from amb_msgs.srv import GetModel, Identify, StartRecording, StopRecording, Validate
 from amb_ros.models import model_to_message
 from amb_ros.qos import HISTORY, LATCHED
@@ -196,6 +196,7 @@ def test_a_model_is_judged_by_another_run_and_from_a_file(loop: Loop, record: Lo
 def test_a_bag_gives_the_same_model_here_and_on_the_command_line(loop: Loop, record: LoopRecord) -> None:
     graph = loop.graph
     recorder = graph.start("amb_ident_node.recorder")
+    graph.node.create_publisher(SimulatorState, "/amb/simulator/state", LATCHED)  # what a recorder waits for
     started = graph.call(StartRecording, "/amb/recorder/start")
     run = loop.publish(record)
     live = loop.identify(order=4)

@@ -12,8 +12,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from amb_core.bags import read_bag
 from amb_core.errors import ParameterError
+from amb_msgs.msg import LoopSamples, SimulatorState
 from amb_msgs.srv import GetModel, StartRecording, StopRecording
 from amb_ros import middleware
+from amb_ros.qos import HISTORY
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.requests import REPEAT_PERIOD
 
@@ -77,6 +79,8 @@ def test_only_nodes_that_tell_their_parameters_are_asked(graph: Graph) -> None:
 
 def test_the_recorder_asks_until_the_bag_is_closed_and_says_which_parameters_are_missing(graph: Graph) -> None:
     node = forgetful_node(graph, lost=1_000)
+    for kind, topic in ((LoopSamples, "telemetry"), (SimulatorState, "simulator/state")):  # what a recorder waits for
+        graph.node.create_publisher(kind, f"/amb/{topic}", HISTORY)
     graph.start("amb_ident_node.recorder", parameters={"parameter_timeout": 0.2})
     graph.wait_until(lambda: graph.node.count_subscribers("/amb/telemetry"), "the recorder")
     assert graph.call(StartRecording, "/amb/recorder/start", uri="lacking").success

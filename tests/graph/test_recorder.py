@@ -222,7 +222,7 @@ def test_bad_requests_are_refused_and_the_node_lives(recorded: Loop) -> None:
     assert recorded.stop_bag().success
 
 
-def test_recording_on_start(graph: Graph) -> None:
+def test_recording_on_start(loop: Loop, graph: Graph) -> None:
     process = graph.start(RECORDER, parameters={"record_on_start": True, "directory": "here"})
     graph.wait_until(lambda: list(graph.folder.glob("here/amb_*/*.mcap")), what="a bag")
     assert graph.stop(process)[0] == 0
