@@ -181,7 +181,7 @@ class IdentifierNode(Node):
         self._publisher.publish(message)
         answer.success = True
         answer.message = result.summary + remark
-        answer.warnings = [str(finding) for finding in result.report.warnings]
+        answer.warnings = [f"{finding.check}: {finding.text}" for finding in result.report.warnings]
         answer.model = message
         self.get_logger().info(answer.message)
 
