@@ -17,7 +17,8 @@ reproduce: setup  ## the paper's figures and claims on the simulator; leaves res
 	@$(RUN) amb reproduce
 
 test: setup  ## all tests but the slow ones
-	@$(RUN) python -m pytest -m "not slow"
+	@$(RUN) python -m pytest -m "not slow" --ignore tests/graph --numprocesses 2 --dist worksteal; computed=$$?; \
+	  python -m pytest -m "not slow" tests/graph && exit $$computed  # one graph at a time: each is several processes
 
 test-slow: setup  ## the slow tests
 	@$(RUN) python -m pytest -m slow

@@ -12,6 +12,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = [path.parent for path in sorted([*ROOT.glob("amb_*/setup.py"), *ROOT.glob("src/amb_*/setup.py")])]
 ROSDEP_KEYS = {
+    "jinja2": "python3-jinja2",
+    "markupsafe": "python3-markupsafe",
     "matplotlib": "python3-matplotlib",
     "numba": "python3-numba",
     "numpy": "python3-numpy",

@@ -9,12 +9,10 @@ from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
-import plotly.io  # type: ignore[import-untyped]
-
 from amb_bringup.paper.page import paper_report
 from amb_bringup.paper.studies import HEADLINE, STUDIES
 from amb_bringup.paper.study import StudyError, StudyResult
-from amb_core.figures.saving import write_page
+from amb_core.figures.saving import page_from_json, write_page
 from amb_core.report import write_report
 
 
@@ -40,4 +38,4 @@ def write_figures(folder: Path, results: Mapping[str, StudyResult]) -> None:
             (folder / f"{figure.name}.png").write_bytes(figure.png)
         except OSError as problem:
             raise StudyError(f"figure {figure.name} in {folder}: cannot be written: {problem.strerror}") from None
-        write_page(folder, figure.name, plotly.io.from_json(figure.page))
+        write_page(folder, figure.name, page_from_json(figure.page))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import plotly.io  # type: ignore[import-untyped]
-
 from amb_bringup.paper.study import Study, StudyResult
+from amb_core.figures.saving import page_from_json
 from amb_core.report import ANSWERS, Block, Chart, Prose, Report, Section, Table, Verdict
 
 
@@ -35,7 +34,7 @@ def paper_report(studies: Sequence[Study], results: Mapping[str, StudyResult], o
         "Shaken slowly, an active magnetic bearing answers like a linear system. Shaken faster, at the same amplitude, "
         "its rotor drifts away from the centre, and then falls. This page redoes, on a simulated bearing and figure by "
         "figure, the paper LTI modelling of active magnetic bearings by means of system identification.",
-        [Chart(plotly.io.from_json(figures[opening].page)), table],
+        [Chart(page_from_json(figures[opening].page)), table],
         [Section(study.heading, _blocks(results[study.name])) for study in studies],
         made_from,
     )
@@ -43,7 +42,7 @@ def paper_report(studies: Sequence[Study], results: Mapping[str, StudyResult], o
 
 def _blocks(result: StudyResult) -> list[Block]:
     blocks: list[Block] = [Prose(note) for note in result.notes]
-    blocks += [Chart(plotly.io.from_json(figure.page), figure.title) for figure in result.figures]
+    blocks += [Chart(page_from_json(figure.page), figure.title) for figure in result.figures]
     if result.parameters:
         blocks.append(Table(("parameter", "value"), list(result.parameters.items()), "The experiment"))
     return blocks + [Verdict(claim.statement, claim.finding, claim.verdict, claim.reason) for claim in result.claims]

@@ -43,7 +43,9 @@ def draw_page(chart: Chart) -> go.Figure:
         page.update_xaxes(**_axis(panel.x, labelled=lowest or not chart.shared_x), **place)
         page.update_yaxes(**_axis(panel.y, labelled=True), **place)
         if panel.equal:
-            page.update_yaxes(scaleanchor=f"x{number + 1 if number else ''}", **place)
+            # margins that follow the labels and axes that follow each other never come to rest
+            page.update_xaxes(automargin=False, **place)
+            page.update_yaxes(scaleanchor=f"x{number + 1 if number else ''}", automargin=False, **place)
     for trace in page.data:  # one entry for what several panels show
         trace.update(showlegend=bool(trace.name) and trace.name not in shown, legendgroup=trace.name)
         shown.add(trace.name)

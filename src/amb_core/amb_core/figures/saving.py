@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import plotly.graph_objects as go  # type: ignore[import-untyped]
+import plotly.io  # type: ignore[import-untyped]
 from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
@@ -92,6 +93,11 @@ def write_page(folder: Path, name: str, page: go.Figure) -> None:
         write_script(folder)
     except OSError as problem:
         raise AmbError(f"page {name} in {folder}: cannot be written: {problem.strerror}") from None
+
+
+def page_from_json(text: str) -> go.Figure:
+    """The page that a page's `to_json` has written."""
+    return plotly.io.from_json(text)
 
 
 def write_script(folder: Path) -> None:
