@@ -76,7 +76,7 @@ class Visit:
         self.page.wait_for_function("document.querySelectorAll('.plotly-graph-div .main-svg').length >= 4")
 
 
-@pytest.fixture(params=[{}, {"color_scheme": "dark"}, PHONE], ids=["light", "dark", "phone"])
+@pytest.fixture(scope="module", params=[{}, {"color_scheme": "dark"}, PHONE], ids=["light", "dark", "phone"])
 def visit(request, browser, document: Path) -> Iterator[Visit]:
     visit = Visit(browser, document, **request.param)
     yield visit
