@@ -33,6 +33,8 @@ from amb_msgs.srv import Reset, RunSteps, StartExcitation
 from amb_ros import middleware
 from amb_ros.qos import HISTORY, LATCHED
 
+middleware.configure()  # here, since it holds for the first participant of the process and all after it
+
 TIMEOUT = 40.0  # s; for whatever takes a moment: start of a process, discovery, an answer, on a busy machine too
 
 
@@ -54,7 +56,6 @@ class Graph:
         self._nodes: list[Node] = []
         self._clients: dict[str, Client] = {}
         self._context = Context()
-        middleware.configure()
         rclpy.init(context=self._context, domain_id=domain)
         self._executor = EventsExecutor(context=self._context)
         self._thread = threading.Thread(target=self._spin)
