@@ -21,6 +21,22 @@ Point = TypeVar("Point")
 Arrays = NDArray[np.float64]
 
 
+class Damping:
+    """Damping of the steps, relative to the largest eigenvalue, by how well the last ones have kept their promise."""
+
+    def __init__(self) -> None:
+        self.value = _FIRST_DAMPING
+        self._growth = 2.0
+
+    def refused(self) -> None:
+        """After a step that did not lower the squares: more, and more each time."""
+        self.value, self._growth = self.value * self._growth, 2.0 * self._growth
+
+    def taken(self, kept: float) -> None:
+        """After a step that kept this share of its promise."""
+        self.value, self._growth = max(self.value * max(0.1, 1.0 - (2.0 * kept - 1.0) ** 3), _LEAST_DAMPING), 2.0
+
+
 def minimise(
     start: Point,
     squares: Callable[[Point], float],
@@ -51,21 +67,20 @@ def minimise(
     least_gain : float
         Relative decrease of the sum of squares, as promised by the linearisation, at which the search ends.
     """
-    point, cost, damping, growth = start, squares(start), _FIRST_DAMPING, 2.0
+    point, cost, damping = start, squares(start), Damping()
     sensitivity, errors = linearise(point)
     for iteration in range(most_iterations):
         if progress is not None:
             progress(iteration, cost)
-        step, promised, possible = damped_step(sensitivity, errors, damping)
+        step, promised, possible = damped_step(sensitivity, errors, damping.value)
         if not possible >= least_gain:
             break
         trial = move(point, step)
         trial_cost = np.inf if trial is None else squares(trial)
         if trial is None or not trial_cost < cost:
-            damping, growth = damping * growth, 2.0 * growth
+            damping.refused()
             continue
-        kept = (1.0 - trial_cost / cost) / promised  # share of the promise
-        damping, growth = max(damping * max(0.1, 1.0 - (2.0 * kept - 1.0) ** 3), _LEAST_DAMPING), 2.0
+        damping.taken((1.0 - trial_cost / cost) / promised)
         point, cost = trial, trial_cost
         sensitivity, errors = linearise(point)
     return point

@@ -23,16 +23,14 @@ from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.filter_bank import Fit, Modes, fit_gains
+from amb_core.identification.levenberg_marquardt import Damping, damped_step
 from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.scaled_data import Samples, ScaledData
 
 MOST_ITERATIONS = 22
 _MOST_EXPERIMENTS = 10  # each has a first state of its own, and time grows with their square
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
-_FIRST_DAMPING = 0.01  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix
 _LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
-_REDUNDANT = 1e-6  # singular value of a direction, relative to the largest, below which it changes coordinates only
-_LEAST_DAMPING = 1e-12  # likewise; redundant coordinates need some
 
 
 def pem(
@@ -129,38 +127,23 @@ def minimise(
         If the start determines no fit.
     """
     fit = best(modes, _weight(best(modes, np.eye(outputs)).covariance))
-    iteration, cost, damping, growth = 0, cost_of(fit), _FIRST_DAMPING, 2.0
+    iteration, cost, damping = 0, cost_of(fit), Damping()
     if progress is not None:
         progress(iteration, cost)
     while iteration < most_iterations:
-        step, promised, possible = _damped_step(fit, damping)
+        step, promised, possible = damped_step(fit.sensitivity, fit.errors, damping.value)
         if not possible >= least_gain:
             break
         iteration += 1
         trial = _try(fit.modes.moved(step), best, _weight(fit.covariance))
         if trial is None or not cost_of(trial) < cost:
-            damping, growth = damping * growth, 2.0 * growth
+            damping.refused()
             continue
-        kept = 2.0 * (cost - cost_of(trial)) / len(fit.covariance) / promised  # share of the promise
-        damping, growth = max(damping * max(0.1, 1.0 - (2.0 * kept - 1.0) ** 3), _LEAST_DAMPING), 2.0
+        damping.taken(2.0 * (cost - cost_of(trial)) / len(fit.covariance) / promised)
         fit, cost = trial, cost_of(trial)
         if progress is not None:
             progress(iteration, cost)
     return fit
-
-
-def _damped_step(fit: Fit, damping: float) -> tuple[NDArray[np.float64], float, float]:
-    """Levenberg-Marquardt step, and the decrease of the sum of squares promised by it and without damping, relative."""
-    scale = np.linalg.norm(fit.sensitivity, axis=0)
-    scale = np.maximum(scale, 1e-8 * scale.max() + np.finfo(float).tiny)
-    left, singular, right = linalg.svd(fit.sensitivity / scale, full_matrices=False, check_finite=False)
-    along = left.T @ fit.errors
-    level = damping * singular[0] ** 2
-    step = right.T @ (singular / (singular**2 + level) * along) / scale
-    kept = level / (singular**2 + level)  # share of the errors that stays, per direction
-    squares = float(np.sum(fit.errors**2))
-    certain = singular > _REDUNDANT * singular[0]
-    return step, float(np.sum((1.0 - kept**2) * along**2)) / squares, float(np.sum(along[certain] ** 2)) / squares
 
 
 def _try(modes: Modes, best: Callable[[Modes, NDArray[np.float64]], Fit], weight: NDArray[np.float64]) -> Fit | None:
