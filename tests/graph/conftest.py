@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import signal
 import subprocess
@@ -33,7 +34,9 @@ from amb_msgs.srv import Reset, RunSteps, StartExcitation
 from amb_ros import middleware
 from amb_ros.qos import HISTORY, LATCHED
 
-middleware.configure()  # here, since it holds for the first participant of the process and all after it
+# Here, since both hold for the first participant of the process and all after it.
+middleware.configure()
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # tests on two machines of one network do not meet
 
 TIMEOUT = 40.0  # s; for whatever takes a moment: start of a process, discovery, an answer, on a busy machine too
 
@@ -134,6 +137,7 @@ class Graph:
                 process.communicate()
         self._context.try_shutdown()
         self._thread.join()
+        self._executor.shutdown()  # lets go of the nodes, or those with an open request would outlive their end
         for node in self._nodes:  # or it would live on in the domain, and with it what it has published
             node.destroy_node()
 
@@ -203,14 +207,36 @@ class Bearing:
         self.diagnostics += [(time.monotonic(), status) for status in array.status]
 
 
+_next_domain = itertools.cycle(range(1, 101)).__next__  # going on, so that no graph meets what one before it left
+
+
+@contextlib.contextmanager
+def _own_domain() -> Iterator[int]:
+    with domain_id(_next_domain) as domain:
+        yield domain
+
+
 @contextlib.contextmanager
 def _open_graph(folder: Path) -> Iterator[Graph]:
-    with domain_id() as domain:
-        graph = Graph(int(domain), folder)
+    with _own_domain() as domain:
+        graph = Graph(domain, folder)
         try:
             yield graph
         finally:
             graph.close()
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """A DDS domain that no other test uses, in this run or in another on this machine."""
+    with _own_domain() as domain:
+        yield domain
+
+
+@pytest.fixture(scope="session")
+def own_domain() -> Callable[[], contextlib.AbstractContextManager[int]]:
+    """Reserves such a domain, for fixtures that share one among tests."""
+    return _own_domain
 
 
 @pytest.fixture(scope="session")

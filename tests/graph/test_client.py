@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from domain_coordinator import domain_id
 
 from amb_bringup.client import AmbClient, ClientError
 from amb_bringup.launcher import Graph, launch_file
@@ -19,7 +18,7 @@ from amb_core.regions import Region
 from amb_sim_node.parameters import SimulatorParameters
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 SETTLING = 1_000
 STEPS = 6_000
@@ -38,13 +37,15 @@ def test_parameter_file_of_the_paper_holds_the_defaults(node, parameters):
 
 
 @pytest.fixture(scope="module", params=["bearing", "composed"])
-def amb(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[AmbClient]:
+def amb(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, own_domain: Callable[[], Any]
+) -> Iterator[AmbClient]:
     log = tmp_path_factory.mktemp("log")
-    with domain_id() as domain:
+    with own_domain() as domain:
         environment = {"ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(log)}
         with (
             Graph.from_launch_file(launch_file(request.param), env=environment),
-            AmbClient(domain_id=int(domain)) as client,
+            AmbClient(domain_id=domain) as client,
         ):
             yield client
 
@@ -110,10 +111,9 @@ def test_refusals_are_errors_with_the_reason(amb: AmbClient, call, reason):
     assert reason in str(caught.value)
 
 
-def test_missing_graph_is_an_error_that_names_the_service():
+def test_missing_graph_is_an_error_that_names_the_service(domain: int):
     with (
-        domain_id() as domain,
-        AmbClient(domain_id=int(domain), timeout=0.3) as client,
+        AmbClient(domain_id=domain, timeout=0.3) as client,
         pytest.raises(ClientError, match="no service /amb/simulator/reset; is the node running"),
     ):
         client.reset()

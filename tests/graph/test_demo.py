@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from domain_coordinator import domain_id
 
 from amb_bringup.client import NODES
 from amb_bringup.demo import run_demo
@@ -15,11 +14,10 @@ from amb_core.identification import StateSpaceModel
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_demo_reaches_its_numbers_and_leaves_its_results(tmp_path):
+def test_demo_reaches_its_numbers_and_leaves_its_results(tmp_path, domain):
     parameter_file = share_folder("amb_bringup") / "config" / "paper.yaml"
     told: set[str] = set()
-    with domain_id() as domain:
-        summary = run_demo(tmp_path, parameter_file, int(domain), lambda name, _done, _total: told.add(name))
+    summary = run_demo(tmp_path, parameter_file, domain, lambda name, _done, _total: told.add(name))
     assert summary.bit_identical
     assert summary.processes == 6
     assert summary.closed_loop_natural_hz == pytest.approx(63.0, abs=3.0)

@@ -10,6 +10,7 @@ import pytest
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from amb_bringup.client import AmbClient, ClientError
 from amb_core.bags import read_bag
 from amb_core.errors import ParameterError
 from amb_msgs.msg import LoopSamples, SimulatorState
@@ -97,6 +98,18 @@ def test_the_recorder_asks_until_the_bag_is_closed_and_says_which_parameters_are
     stopped = graph.call(StopRecording, "/amb/recorder/stop")
     assert stopped.success, stopped.message
     assert read_bag(stopped.uri).parameters()["/amb/forgetful"] == {"gain": False}
+
+
+def test_a_client_leaves_the_graph_though_a_request_is_open(graph: Graph) -> None:
+    _lose_answers(graph.node.create_service(GetModel, "/amb/identifier/get_model", lambda _, response: response), 1_000)
+    for _ in range(3):
+        with (
+            AmbClient(domain_id=int(graph.environment["ROS_DOMAIN_ID"]), timeout=0.6) as client,
+            pytest.raises(ClientError, match="no answer"),
+        ):
+            client.wait_until(lambda: client.node.count_services("/amb/identifier/get_model") > 0, timeout=40.0)
+            client.get_model()
+    graph.wait_until(lambda: "amb_client" not in graph.node.get_node_names(), "the end of the last client")
 
 
 @pytest.mark.slow

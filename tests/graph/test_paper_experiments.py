@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from domain_coordinator import domain_id
 
 from amb_bringup.paper.graph_experiment import GraphExperiment, equality_claim
 from amb_bringup.paper.studies.concurrent_sweep import ConcurrentSweep
@@ -15,20 +14,19 @@ from amb_core.excitation import Square
 
 
 @pytest.mark.slow
-def test_a_damaged_bag_is_recorded_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damaged_bag_is_recorded_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, domain: int) -> None:
     experiment = GraphExperiment("squares", Square(amplitude=5e-6, duration=0.1, frequency=50.0))
     expected = experiment.without_ros()
-    with domain_id() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(int(domain)))
-        recorded = experiment.through_ros(tmp_path, expected)
-        assert equality_claim("squares", "Fig. 0", expected, recorded).verdict == "agrees"
-        (bag,) = (tmp_path / "squares").glob("*.mcap")
-        made = bag.stat().st_mtime_ns
-        experiment.through_ros(tmp_path, expected)
-        assert bag.stat().st_mtime_ns == made
-        bag.write_bytes(bag.read_bytes()[:-100])
-        assert not experiment.is_kept(tmp_path)
-        again = experiment.through_ros(tmp_path, expected)
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    recorded = experiment.through_ros(tmp_path, expected)
+    assert equality_claim("squares", "Fig. 0", expected, recorded).verdict == "agrees"
+    (bag,) = (tmp_path / "squares").glob("*.mcap")
+    made = bag.stat().st_mtime_ns
+    experiment.through_ros(tmp_path, expected)
+    assert bag.stat().st_mtime_ns == made
+    bag.write_bytes(bag.read_bytes()[:-100])
+    assert not experiment.is_kept(tmp_path)
+    again = experiment.through_ros(tmp_path, expected)
     assert again.record.identical_to(expected.record)
     assert experiment.is_kept(tmp_path)
 
@@ -37,11 +35,10 @@ def test_a_damaged_bag_is_recorded_again(tmp_path: Path, monkeypatch: pytest.Mon
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("study", [SquareWaves(), ConcurrentSweep()], ids=lambda study: study.name)
 def test_a_study_through_the_graph_leaves_its_bag(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, domain: int
 ) -> None:
-    with domain_id() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(int(domain)))
-        result = study.run_at(Workplace(folder=tmp_path, cache=tmp_path))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    result = study.run_at(Workplace(folder=tmp_path, cache=tmp_path))
     assert study.files_are_whole(tmp_path)
     verdicts = {claim.id: claim.verdict for claim in result.claims}
     assert all(verdict == "agrees" for name, verdict in verdicts.items() if name.endswith("-through-ros"))

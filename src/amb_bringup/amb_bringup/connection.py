@@ -67,6 +67,7 @@ class GraphConnection:
 
     def close(self) -> None:
         """Leave the graph."""
+        self._executor.shutdown()  # or a node with an open request would stay in the graph as long as the process
         self.node.destroy_node()
         self._context.try_shutdown()
 
