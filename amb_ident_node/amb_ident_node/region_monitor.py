@@ -164,10 +164,8 @@ class RegionMonitorNode(Node):
         if path is not None:
             try:
                 region_map.save(path)
-            except OSError as problem:
-                raise RegionError(
-                    f"region map {path}: cannot be written: {problem.strerror}; the map is on {topics.REGION_MAP}"
-                ) from None
+            except RegionError as problem:
+                raise RegionError(f"{problem}; the map is on {topics.REGION_MAP}") from None
             result.path = str(path)
         resolved = "resolved" if region_map.complete else f"not resolved, max_sweeps = {settings.max_sweeps} are done"
         result.success = True

@@ -94,6 +94,9 @@ def test_damaged_and_missing_entries_alone_are_run_again(ran, tmp_path, caplog):
         assert build_map(SHORT, *LOOP, cache=tmp_path) == first
     assert len(ran) == 2
     assert "damaged" in caplog.text
+    ran.clear()
+    assert build_map(SHORT, *LOOP, cache=tmp_path) == first
+    assert ran == [], "a damaged entry was kept"
 
 
 def test_a_disk_that_keeps_nothing_costs_a_warning_but_no_result(ran, tmp_path, caplog):

@@ -170,7 +170,6 @@ def test_planted_onsets_are_found() -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.slow
 def test_planted_onsets_are_found_in_200_cases() -> None:
     assert_told_apart(outcomes(seed=7, cases=200))
 

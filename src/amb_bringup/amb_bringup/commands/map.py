@@ -192,7 +192,7 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
     """A folder for each map of a grid, and summary and figure of all."""
     from rich.table import Table
 
-    from amb_bringup.commands.results import write_json
+    from amb_bringup.commands.results import make_folder, write_json
     from amb_core.figures import map_grid_figure, map_grid_page, save_figure
     from amb_core.region_map import BOUNDARIES, analytic_lines, compare
 
@@ -206,10 +206,10 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
             row = ["none"]
             problems.append(f"{name}: {cell.problem}")
         else:
-            folder = out / name
-            folder.mkdir(exist_ok=True)
+            folder = out / name.replace("/", "_")  # a value may be the path of a file
+            make_folder(folder)
             cell.map.save(folder / "map.json")
-            summary |= {"map": f"{name}/map.json"}
+            summary |= {"map": f"{folder.name}/map.json"}
             summary |= _summary(
                 cell.map, compare(cell.map, analytic_lines(cell.plant, cell.controller, cell.map.settings.axes))
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections.abc import Sequence
@@ -151,7 +152,13 @@ class RegionMap:
         return np.where(count > 0, grid[np.maximum(count - 1, 0)], 0.0)
 
     def save(self, path: str | Path) -> None:
-        """Write the map as JSON."""
+        """Write the map as JSON; a file that is there stays as it is until the new one is complete.
+
+        Raises
+        ------
+        RegionError
+            If it cannot be written.
+        """
         content = {
             "format": FORMAT,
             "settings": self.settings.model_dump(),
@@ -159,7 +166,15 @@ class RegionMap:
             "provenance": self.provenance,
             "sweeps": [sweep_to_json(sweep) for sweep in self.sweeps],
         }
-        Path(path).write_text(json.dumps(content, indent=1) + "\n")
+        path = Path(path)
+        part = path.with_name(f"{path.name}.part")
+        try:
+            part.write_text(json.dumps(content, indent=1) + "\n")
+            part.replace(path)
+        except OSError as problem:
+            with contextlib.suppress(OSError):
+                part.unlink()
+            raise RegionError(f"region map {path}: cannot be written: {problem.strerror}") from None
 
     @classmethod
     def load(cls, path: str | Path) -> RegionMap:

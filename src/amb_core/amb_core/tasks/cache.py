@@ -37,6 +37,7 @@ class ResultCache:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._failed = False
+        self._damaged: set[str] = set()
 
     def path(self, key: str) -> Path:
         """File of a result."""
@@ -55,6 +56,7 @@ class ResultCache:
         except OSError as problem:
             logger.warning("result %s cannot be read (%s); it is computed again", path, problem.strerror)
         except (ValueError, KeyError, TypeError, AttributeError) as problem:
+            self._damaged.add(key)
             logger.warning("result %s is damaged (%s); it is computed again", path, problem)
         return None
 
@@ -79,8 +81,8 @@ class ResultCache:
             raise
 
     def ensure(self, key: str, task: Task[R], result: R) -> None:
-        """Write a result that is not there yet, as a worker elsewhere leaves it; a failure is but a warning."""
-        if self._failed or self.path(key).exists():
+        """Write a result that is not there, or damaged, as a worker elsewhere leaves it; a failure is but a warning."""
+        if self._failed or (key not in self._damaged and self.path(key).exists()):
             return
         try:
             self.store(key, task, result)

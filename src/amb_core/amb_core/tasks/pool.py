@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import queue
 import time
 from concurrent.futures import CancelledError
@@ -18,7 +19,10 @@ from amb_core.tasks.cluster import open_cluster
 from amb_core.tasks.task import R, Task
 
 START_TIMEOUT = 120.0  # s, ten times what a process takes to start on a busy machine
+ABSENCE = 10.0  # s without workers after which a scheduler that is not ours is waited for with a warning
 PREFIX = "amb-task-"  # of the names that dask has for the tasks, before their keys
+
+logger = logging.getLogger(__name__)
 
 
 class TaskPool(Generic[R]):
@@ -35,6 +39,7 @@ class TaskPool(Generic[R]):
         self._resources = contextlib.ExitStack()
         self._client: Client | None = None
         self._last_seen = 0.0  # when there was a worker
+        self._told = False  # whether it was said since that there is none
         self._waiting: dict[str, Future[Any]] = {}
         self._finished: queue.Queue[Future[Any]] = queue.Queue()
 
@@ -82,20 +87,45 @@ class TaskPool(Generic[R]):
             return key, future.result()
         except RegionError as problem:
             return key, problem
+        except (ImportError, RuntimeError) as problem:
+            if self._scheduler is None:
+                raise
+            reason = " ".join(str(problem).splitlines()[:1])
+            return key, RegionError(
+                f"the scheduler {self._scheduler} or its workers cannot take up the work ({reason}); start them in an "
+                "environment with this version of amb_core and of its libraries"
+            )
         except KilledWorker:
             return key, RegionError("its worker died, and so did those that tried after it")
         except (CancelledError, CommClosedError, TimeoutError):
             return key, RegionError(f"the scheduler {self._scheduler or ''} is gone; finished results are kept")
 
     def _check_workers(self) -> None:
-        """Other clusters may get workers later; where ours has none, they have failed, and so have their successors."""
-        if self._scheduler is not None or self._client is None or self._client.scheduler_info()["workers"]:
-            self._last_seen = time.monotonic()
-        elif time.monotonic() - self._last_seen > START_TIMEOUT:
+        """Clusters of others may get workers later; where ours has none, they have failed, and so have their successors."""
+        if self._client is None or self._has_workers(self._client):
+            self._last_seen, self._told = time.monotonic(), False
+            return
+        absent = time.monotonic() - self._last_seen
+        if self._scheduler is None and absent > START_TIMEOUT:
             raise RegionError(
                 f"no worker process has come up within {START_TIMEOUT:g} s; `python -m dask worker` should run in this "
                 "environment"
             )
+        if self._scheduler is not None and absent > ABSENCE and not self._told:
+            self._told = True
+            logger.warning(
+                "scheduler %s has had no workers for %g s; its work waits for one. Workers need this version of amb_core "
+                "and of its libraries, or they end when they get work",
+                self._scheduler,
+                ABSENCE,
+            )
+
+    @staticmethod
+    def _has_workers(client: Client) -> bool:
+        try:
+            return bool(client.scheduler_info()["workers"])
+        except OSError:  # the scheduler is gone, as the futures will tell
+            return True
 
     def _open(self) -> Client:
         self._last_seen = time.monotonic()
