@@ -101,7 +101,7 @@ class TaskPool(Generic[R]):
             return key, RegionError(f"the scheduler {self._scheduler or ''} is gone; finished results are kept")
 
     def _check_workers(self) -> None:
-        """Clusters of others may get workers later; where ours has none, they have failed, and so have their successors."""
+        """A cluster of others may get workers later; where ours has none, they and their successors have failed."""
         if self._client is None or self._has_workers(self._client):
             self._last_seen, self._told = time.monotonic(), False
             return
@@ -114,8 +114,8 @@ class TaskPool(Generic[R]):
         if self._scheduler is not None and absent > ABSENCE and not self._told:
             self._told = True
             logger.warning(
-                "scheduler %s has had no workers for %g s; its work waits for one. Workers need this version of amb_core "
-                "and of its libraries, or they end when they get work",
+                "scheduler %s has had no workers for %g s; its work waits for one. Workers without this version of "
+                "amb_core and its libraries end when they get work",
                 self._scheduler,
                 ABSENCE,
             )
