@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -297,6 +299,9 @@ def test_a_region_other_than_a_is_warned_of_with_the_steps_to_keep() -> None:
     assert_finding(drifting, WARNING, "region B (the bias drifts) from step", "at 100 Hz", "keep the steps before")
     touching = IdentificationData.from_record(loop_record(amplitude=700e-6, steps=6_000))
     assert_finding(check_region(detrend(touching)), WARNING, "region D (delevitated)")
+    micrometres = replace(loop_record(), position=1e6 * loop_record().position)
+    advice = check_region(IdentificationData.from_record(micrometres)).advice
+    assert advice == "a linear model holds in region A only, and no step is: check the units, or excite less"
 
 
 def test_what_cannot_be_judged_says_why() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
-from amb_core.identification import IdentificationData, IdentificationProgress, identify
+from amb_core.identification import IdentificationData, IdentificationProgress, estimate_uncertainty, identify
 from amb_core.identification.data import detrend, merge
 from amb_core.records import LoopRecord
 
@@ -93,6 +93,15 @@ def test_the_uncertainty_is_that_of_the_prediction_errors_only(data: Identificat
     assert identify(data, 6, "ssarx").uncertainty is None
     found = identify(data, 6)
     assert found.uncertainty is not None and found.uncertainty.model is found.model
+    assert not found.uncertainty.robust
+
+
+def test_where_the_innovations_are_not_white_the_uncertainty_is_robust(data: IdentificationData) -> None:
+    found = identify(data, 3)
+    assert found.uncertainty is not None and found.uncertainty.robust
+    assert "innovations are not white and are taken as they are" in found.uncertainty.summary
+    deviations = estimate_uncertainty(found.model, data).pole_deviations()
+    assert found.uncertainty.pole_deviations().max() > 1.5 * deviations.max()
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import pytest
 from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import IdentificationError
 from amb_core.excitation import excitation_from_request, generate
-from amb_core.identification import METHODS, Identification, Method, identify, n4sid
+from amb_core.identification import METHODS, Identification, IdentificationData, Method, identify, n4sid
 from amb_core.identification.predictor import fit_input_matrix, innovations
 from amb_core.loop import simulate
 from amb_core.plant import Plant
@@ -141,6 +141,8 @@ def test_an_order_too_low_for_the_plant_gives_a_bad_fit_and_no_error(
     [
         (0, 20_000, "order 0 is not allowed; allowed: 1 to 30"),
         (31, 20_000, "order 31 is not allowed; allowed: 1 to 30"),
+        (4.0, 20_000, "an order of type float is not allowed; allowed: whole numbers from 1 to 30"),
+        (True, 20_000, "an order of type bool is not allowed"),
         (10, 60, "60 samples are too few for order 10; at least 119 are needed"),
     ],
 )
@@ -188,6 +190,21 @@ def test_a_constant_signal_is_refused_with_its_axis(
     record = replace(bearing.experiment(), **{name: samples})
     with pytest.raises(IdentificationError, match=f"{kind} of axis {letter} is constant at 1.5"):
         n4sid(record.current, record.position, record.sample_time)
+
+
+@pytest.mark.parametrize("columns", [[0], [0, 1, 0]])
+def test_other_than_two_inputs_and_outputs_are_refused(bearing: LinearBearing, columns: list[int]) -> None:
+    record = bearing.experiment()
+    with pytest.raises(
+        IdentificationError, match=r"inputs of shape .* are not allowed; allowed: .* each of two inputs"
+    ):
+        n4sid(record.current[:, columns], record.position, record.sample_time)
+    with pytest.raises(IdentificationError, match=r"outputs of shape .* are not allowed"):
+        identify(IdentificationData.from_arrays(record.current, record.position[:, columns], record.sample_time), 4)
+    with pytest.raises(IdentificationError, match="inputs of shape"):
+        n4sid(record.current[:, 0], record.position[:, 0], record.sample_time)
+    with pytest.raises(IdentificationError, match="inputs of shape"):
+        n4sid(record.current[:0], record.position[:0], record.sample_time)
 
 
 def test_parameters_and_dispatch_know_the_same_methods() -> None:

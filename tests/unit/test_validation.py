@@ -185,6 +185,7 @@ def test_the_report_is_a_page_of_plain_text(validation: Validation) -> None:
     assert len(lines) < 60 and max(map(len, lines)) <= WIDTH
     for part in ("CLOSED LOOP", "PREDICTION", "RESIDUALS", "FREQUENCY", "VERDICT      validated"):
         assert any(line.startswith(part) for line in lines)
+    assert any(line.startswith("    standard deviation (m)") for line in lines)
     assert "\n" not in validation.summary and validation.summary.startswith("validated: truth, order 6")
 
 

@@ -44,7 +44,7 @@ class Identification:
         How the order was chosen; None where it was given.
     uncertainty : ModelUncertainty or None
         How accurately the data determine the model: of `pem` with prediction focus, None otherwise and where the data
-        do not tell.
+        do not tell. Robust where the innovations are not white.
     simulations : tuple of (LoopRecord or None)
         The model in closed loop with the known controller, for each experiment; None where the reference is not known
         or the simulation diverges.
@@ -179,8 +179,10 @@ def _for_order(report: DataReport, data: IdentificationData, order: int) -> Data
 
 
 def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncertainty | None:
+    """The uncertainty; robust where the innovations are not white, with deviations many times too small otherwise."""
     try:
-        return estimate_uncertainty(model, data)
+        found = estimate_uncertainty(model, data)
+        return found if found.white else estimate_uncertainty(model, data, robust=True)
     except IdentificationError:  # the model is good without
         return None
 

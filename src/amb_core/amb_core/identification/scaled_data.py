@@ -13,6 +13,7 @@ from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.predictor import innovations
 
 HIGHEST_ORDER = 30
+_CHANNELS = 2  # inputs, and outputs: two axes
 _SMALLEST_MAGNITUDE = 1e-30  # far from the limits of floating point, so that variances are neither zero nor infinite
 _SMALLEST_EIGENVALUE = 1e-12  # of the correlation matrix of all signals
 
@@ -51,10 +52,10 @@ class ScaledData:
         ------
         IdentificationError
             If a signal is not finite, constant, absurdly large or small, or follows from the others, or if inputs and
-            outputs differ in length.
+            outputs differ in length or are not two each.
         """
-        inputs, input_lengths = _joined(inputs)
-        outputs, lengths = _joined(outputs)
+        inputs, input_lengths = _joined("input", inputs)
+        outputs, lengths = _joined("output", outputs)
         if input_lengths != lengths:
             raise IdentificationError(
                 f"inputs and outputs must have the same numbers of samples, not {input_lengths} and {lengths}"
@@ -106,15 +107,27 @@ def check_order(order: int) -> None:
     Raises
     ------
     IdentificationError
-        If the order is below 1 or above `HIGHEST_ORDER`.
+        If the order is no whole number, below 1 or above `HIGHEST_ORDER`.
     """
+    if isinstance(order, bool) or not isinstance(order, (int, np.integer)):
+        raise IdentificationError(
+            f"an order of type {type(order).__name__} is not allowed; allowed: whole numbers from 1 to {HIGHEST_ORDER}"
+        )
     if not 1 <= order <= HIGHEST_ORDER:
         raise IdentificationError(f"order {order} is not allowed; allowed: 1 to {HIGHEST_ORDER}")
 
 
-def _joined(samples: Samples) -> tuple[NDArray[np.float64], tuple[int, ...]]:
+def _joined(kind: str, samples: Samples) -> tuple[NDArray[np.float64], tuple[int, ...]]:
     """All experiments in one array, and the steps of each."""
-    parts = [samples] if isinstance(samples, np.ndarray) else list(samples)
+    parts = [samples] if isinstance(samples, np.ndarray) else [np.asarray(part) for part in samples]
+    for part in parts:
+        if part.ndim != 2 or part.shape[1] != _CHANNELS or not len(part):
+            raise IdentificationError(
+                f"{kind}s of shape {part.shape} are not allowed; allowed: (steps, {_CHANNELS}), one column for each of "
+                f"two {kind}s, with one step or more"
+            )
+    if not parts:
+        raise IdentificationError(f"there are no {kind}s; at least one experiment is needed")
     return np.ascontiguousarray(np.vstack(parts), dtype=np.float64), tuple(len(part) for part in parts)
 
 

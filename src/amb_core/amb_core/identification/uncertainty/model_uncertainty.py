@@ -61,6 +61,11 @@ class ModelUncertainty:
     robust: bool
 
     @property
+    def white(self) -> bool:
+        """Whether the innovations of the data scatter as white ones do, as far as `inflation` tells."""
+        return 1.0 / _INFLATED < self.inflation < _INFLATED
+
+    @property
     def summary(self) -> str:
         """One line for people: the unstable poles with their 99 % intervals, and whether to trust them."""
         reach = normal_quantile(LEVEL)
@@ -70,9 +75,9 @@ class ModelUncertainty:
             if abs(pole) > 1.0
         ]
         text = f"unstable poles z = {', '.join(intervals)} at 99 %" if intervals else "no unstable poles"
-        if not 1.0 / _INFLATED < self.inflation < _INFLATED:
+        if not self.white:
             taken = "are taken" if self.robust else "should be taken (robust)"
-            text += f"; innovations are not white and {taken} as they are: {self.inflation:.2g} times the variance"
+            text += f"; innovations are not white and {taken} as they are: {self.inflation:.3g} times the variance"
         if self.distance > _FAR:
             text += f"; not the model that predicts these data best, but {self.distance:.2g} standard deviations away"
         return text

@@ -177,7 +177,9 @@ def _residuals(validation: Validation) -> list[str]:
     tests, names = validation.residuals, validation.model.output_names
     rows = [f"RESIDUALS    {tests.samples} one-step errors, chi-square tests at 99 % over {tests.lags} lags"]
     rows.append(_row("", names))
-    rows.append(_row("standard deviation", [f"{value:.3g}" for value in tests.deviation]))
+    units = ", ".join(dict.fromkeys(unit for unit in validation.model.output_units if unit))
+    label = f"standard deviation ({units})" if units else "standard deviation"
+    rows.append(_row(label, [f"{value:.3g}" for value in tests.deviation]))
     for name, joint, alone in (
         ("white", tests.whiteness, tests.whiteness_by_output),
         ("independent of past inputs", tests.independence, tests.independence_by_output),

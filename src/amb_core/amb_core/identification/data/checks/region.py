@@ -37,12 +37,14 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
         frequency = "" if math.isnan(onset.input_frequency) else f" at {onset.input_frequency:.0f} Hz"
         first = min((entry for entry in found if entry[1] == index), key=lambda entry: entry[2].step)[2]
         resonance = region.name == "D" and onset.resonance
+        some_before = first.step > data.experiments[index].first_step
+        keep = f": keep the steps before {first.step} (window)" if some_before else ", and no step is: check the units"
         return Finding(
             "region",
             Severity.WARNING,
             f"region {region.name} ({_MEANING[region.name]}) from step {onset.step} ({onset.time:.3f} s){frequency}",
             f"experiment {index}",
-            f"a linear model holds in region A only: keep the steps before {first.step} (window)"
+            f"a linear model holds in region A only{keep}"
             + (", or excite the resonance less" if resonance else ", or excite less"),
         )
     if not judged:
