@@ -30,6 +30,7 @@ ROOT = Path(__file__).parents[2]
 NODE_PACKAGES = ("amb_sim_node", "amb_controller_node", "amb_ident_node")
 PACKAGES = ("amb_msgs", *NODE_PACKAGES, "src/amb_core", "src/amb_ros", "src/amb_bringup")
 READMES = [ROOT / "README.md", *(ROOT / package / "README.md" for package in PACKAGES)]
+PAGES = [*READMES, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 SECTIONS = ["Purpose", "Design", "Assumptions and known limits", "Inputs and outputs", "Parameters", "Examples"]
 UNITS = {"-", "A", "A, m", "Hz", "N", "T", "m", "m/A", "m/s", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
 
@@ -130,17 +131,33 @@ def test_readmes_of_packages_have_one_order(package: str) -> None:
     assert headings == SECTIONS
 
 
-@pytest.mark.parametrize("readme", READMES, ids=lambda path: path.parent.name)
-def test_links_lead_somewhere(readme: Path) -> None:
-    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", readme.read_text()):
-        if not target.startswith("https://"):
-            assert (readme.parent / target).exists(), f"{readme.relative_to(ROOT)} links to {target}"
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+        if target.startswith("https://"):
+            continue
+        name, _, section = target.partition("#")
+        linked = page.parent / name if name else page
+        assert linked.exists(), f"{page.relative_to(ROOT)} links to {target}"
+        assert not section or section in _anchors(linked), (
+            f"{page.relative_to(ROOT)} links to {target}: no such section"
+        )
 
 
-@pytest.mark.parametrize("readme", READMES, ids=lambda path: path.parent.name)
-def test_python_examples_are_python(readme: Path) -> None:
-    for number, example in enumerate(_examples(readme)):
-        compile(example, f"{readme.relative_to(ROOT)} example {number}", "exec")
+def _anchors(page: Path) -> set[str]:
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_every_page_and_image_is_linked_from_a_page() -> None:
+    text = "".join(page.read_text() for page in PAGES)
+    assert not {path.name for path in (ROOT / "docs").rglob("*.*") if path.name not in text}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_python_examples_are_python(page: Path) -> None:
+    for number, example in enumerate(_examples(page)):
+        compile(example, f"{page.relative_to(ROOT)} example {number}", "exec")
 
 
 def test_examples_without_ros_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,109 @@
+"""Commands that README, docs and READMEs of packages show: they exist, with the options and fields that are given."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+import yaml
+from typer.main import get_command
+
+from amb_bringup.cli import app
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(
+    [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("amb_*/README.md"), *ROOT.glob("src/*/README.md")]
+)
+AMB = re.compile(r"(?:^|`)(amb [a-z][^`\n]*)", re.MULTILINE)
+ROS_CALL = re.compile(r"^ros2 (?:service call|action send_goal(?: --feedback)?) (/amb/\S+) (\S+)(?: \"(.*?)\")?$")
+
+
+def commands() -> dict[str, click.Command]:
+    """Commands by full name, groups left out."""
+    found: dict[str, click.Command] = {}
+
+    def walk(name: str, command: click.Command) -> None:
+        parts = getattr(command, "commands", None)
+        if parts is None:
+            found[name] = command
+        for part, subcommand in (parts or {}).items():
+            walk(f"{name} {part}", subcommand)
+
+    walk("amb", get_command(app))
+    return found
+
+
+COMMANDS = commands()
+
+
+def lines(page: Path) -> Iterator[str]:
+    """Lines of a page without comments, continued ones joined."""
+    for line in page.read_text().replace("\\\n", " ").splitlines():
+        yield re.split(r"\s#\s", line)[0].strip()
+
+
+def shown_commands(page: Path) -> Iterator[str]:
+    for line in lines(page):
+        yield from AMB.findall(line)
+
+
+def problem_of(shown: str) -> str:
+    """What is wrong with a command as it is shown; empty if it is in order."""
+    words = [word.strip("[].,;:)") for word in shown.split()]
+    name = next((" ".join(words[:count]) for count in (3, 2) if " ".join(words[:count]) in COMMANDS), "")
+    if not name:
+        groups = {known.rsplit(" ", 1)[0] for known in COMMANDS}
+        return "" if " ".join(words[:2]) in groups and len(words) == 2 else "no such command"
+    if name == "amb run":  # what follows belongs to the executable
+        return ""
+    options = {text for item in COMMANDS[name].params for text in (*item.opts, *item.secondary_opts)}
+    unknown = {word.split("=")[0] for word in words if word.startswith("--")} - options - {"--help"}
+    return f"no option {', '.join(sorted(unknown))}" if unknown else ""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_have_the_options_that_are_shown(page: Path) -> None:
+    assert not {shown: problem for shown in shown_commands(page) if (problem := problem_of(shown))}
+
+
+@pytest.mark.parametrize(
+    ("shown", "problem"),
+    [
+        ("amb mapp", "no such command"),
+        ("amb bag info BAG", ""),
+        ("amb map --grid NAME=1,2 --nonsense=3", "no option --nonsense"),
+    ],
+)
+def test_what_does_not_exist_is_found(shown: str, problem: str) -> None:
+    assert problem_of(shown) == problem
+
+
+def test_the_readme_of_amb_bringup_names_every_command() -> None:
+    text = (ROOT / "src" / "amb_bringup" / "README.md").read_text()
+    assert not {name for name in COMMANDS if f"| `{name}" not in text}
+
+
+def test_every_option_and_argument_has_its_help() -> None:
+    assert not {(name, item.name) for name, command in COMMANDS.items() for item in command.params if not _help(item)}
+
+
+def _help(item: click.Parameter) -> str:
+    return str(getattr(item, "help", "") or "")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_calls_of_services_and_actions_have_the_fields_that_are_shown(page: Path) -> None:
+    for line in lines(page):
+        match = ROS_CALL.match(re.sub(r"\s+", " ", line))
+        if match is None:
+            assert not line.startswith(("ros2 service call", "ros2 action")), line
+            continue
+        package, kind, name = match[2].split("/")
+        message = getattr(importlib.import_module(f"{package}.{kind}"), name)
+        fields = (message.Goal if kind == "action" else message.Request).get_fields_and_field_types()
+        given = yaml.safe_load(match[3] or "{}")
+        assert set(given) <= set(fields), f"{line}: {name} has the fields {', '.join(fields)}"
