@@ -32,7 +32,9 @@ def run(*arguments: object) -> str:
     return result.output
 
 
-def test_several_files_give_one_model_with_numbers_and_figures(files: list[Path], tmp_path: Path) -> None:
+def test_several_files_give_one_model_with_numbers_and_figures(
+    files: list[Path], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     out, figures, results = tmp_path / "model.json", tmp_path / "figures", tmp_path / "summary.json"
     shown = run(*files, "--order", "auto", "--orders", "5,6", "--out", out, "--figures", figures, "--results", results)
     assert "6 of 5 to 6; the highest tried, try higher ones with --orders" in shown
@@ -45,6 +47,7 @@ def test_several_files_give_one_model_with_numbers_and_figures(files: list[Path]
     assert {finding["severity"] for finding in summary["findings"]} <= {"info", "warning"}
     names = ["bode", "order", "poles", "experiment_1/response", "experiment_2/orbit"]
     assert all((figures / f"{name}.{ending}").exists() for name in names for ending in ("png", "html"))
+    assert not caplog.records, "figures drawn without complaint"
 
 
 def test_warnings_are_shown_with_their_advice(bearing, tmp_path: Path) -> None:
@@ -62,6 +65,7 @@ def test_warnings_are_shown_with_their_advice(bearing, tmp_path: Path) -> None:
         (["--order", "best"], "--order best is not allowed; it must be a number or auto"),
         (["--order", "31"], "order 31 is not allowed; allowed: 1 to 30"),
         (["--order", "auto", "--orders", "few"], "--orders few is not allowed; it must be such as 4-14 or 4,6,8"),
+        (["--order", "4", "--orders", "4-6"], "--orders 4-6 is not allowed with --order 4; it is for --order auto"),
         (["--method", "magic"], "unknown method 'magic'; allowed: pem"),
         (["--focus", "magic"], "unknown focus 'magic'; allowed: prediction, simulation"),
     ],
@@ -69,6 +73,29 @@ def test_warnings_are_shown_with_their_advice(bearing, tmp_path: Path) -> None:
 def test_wrong_options_are_refused(files: list[Path], arguments: list[str], message: str) -> None:
     with pytest.raises(AmbError, match=message):
         run(files[0], *arguments)
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "message"),
+    [
+        ("--out", "model.txt", "model.txt: the file name must end in .json, .npz, .mat"),
+        ("--results", "summary", "summary: the file name must end in .json"),
+        ("--out", "taken/model.json", "taken: cannot be made: "),
+    ],
+)
+def test_results_that_cannot_be_kept_are_refused_before_the_work(
+    tmp_path: Path, option: str, name: str, message: str
+) -> None:
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(AmbError, match=message):
+        run(tmp_path / "no_bag", option, tmp_path / name)
+
+
+def test_a_controller_that_is_not_known_and_errors_that_are_not_white_are_told(files: list[Path]) -> None:
+    shown = run(files[0], "--order", "3")
+    assert "lacks the controller's parameters; for currents in A and positions in m, the paper's is assumed" in shown
+    assert "not white; ± allows for that" in shown
+    assert "not white" not in run(files[0], "--order", "6")
 
 
 def test_data_of_different_sample_times_are_refused(files: list[Path], bearing, tmp_path: Path) -> None:

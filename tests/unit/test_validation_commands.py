@@ -112,6 +112,7 @@ def test_data_without_the_controller_are_judged_without_the_loop(folder: Path) -
         (("good.json", "bag", "--horizon", "5000"), "horizons from 1 to 5000 steps are not allowed"),
         (("good.json", "bag", "--steps", "120"), "horizons|too few"),
         (("good.json", "data.npz", "--run", "1"), "option run is not allowed"),
+        (("good.json", "bag", "--results", "numbers.txt"), "numbers.txt: the file name must end in .json"),
     ],
 )
 def test_what_cannot_be_judged_is_an_error_of_one_line(folder: Path, words: tuple[str, ...], reason: str) -> None:

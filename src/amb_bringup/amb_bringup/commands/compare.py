@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 def compare(
     models: Annotated[list[Path], typer.Argument(help="Models, as amb identify writes them.")],
-    bag: Annotated[Path, typer.Argument(help="Bag of other data than the models', or a .csv, .npz or .mat file.")],
+    bag: Annotated[
+        Path, typer.Argument(help="Bag of other data than the models', or a .csv, .npz or .mat file of write_data.")
+    ],
     run: RunOption = None,
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
@@ -29,9 +31,11 @@ def compare(
     """Put models side by side, judged by the same data, the best closed loop first."""
     from rich.console import Console
 
-    from amb_bringup.commands.results import make_folder, write_json
+    from amb_bringup.commands.results import make_folder, make_place, write_json
 
     console = Console()
+    if results is not None:
+        make_place(results)
     if figures is not None:
         make_folder(figures)
     loop = load_recorded(console, bag, run, first_step, steps)

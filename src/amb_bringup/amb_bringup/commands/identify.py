@@ -19,10 +19,13 @@ if TYPE_CHECKING:
 UNITS = 1e6
 """Micrometres in a metre."""
 
+MODEL_ENDINGS = (".json", ".npz", ".mat")
+
 
 def identify(
     bag: Annotated[
-        list[Path], typer.Argument(help="Bags, or .csv, .npz or .mat files; several are taken as experiments.")
+        list[Path],
+        typer.Argument(help="Bags, or .csv, .npz or .mat files of write_data; several are taken as experiments."),
     ],
     order: Annotated[str, typer.Option(help="Number of states of the model, or auto.")] = "10",
     orders: Annotated[str, typer.Option(help="Orders that auto tries, such as 4-14 or 4,6,8.")] = "",
@@ -32,7 +35,9 @@ def identify(
     ] = "prediction",
     first_step: Annotated[int, typer.Option(help="First step used; -1 for where the last excitation starts.")] = -1,
     steps: Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="Write the model here, as .json, .npz or .mat.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Write the model here, as .json, .npz or .mat.", dir_okay=False)
+    ] = None,
     figures: Annotated[
         Path | None,
         typer.Option(help="Folder for response, orbit, bode, poles and order (PNG and HTML).", file_okay=False),
@@ -46,11 +51,18 @@ def identify(
     from rich.console import Console
 
     from amb_bringup.commands.inputs import model_order
-    from amb_bringup.commands.results import make_folder, write_json
+    from amb_bringup.commands.results import make_folder, make_place, write_json
     from amb_core import identification
+    from amb_core.errors import IdentificationError
 
     console = Console()
     wanted, tried = model_order(order), _orders(orders)
+    if tried is not None and wanted != "auto":
+        raise IdentificationError(f"--orders {orders} is not allowed with --order {order}; it is for --order auto")
+    if out is not None:
+        make_place(out, MODEL_ENDINGS)
+    if results is not None:
+        make_place(results)
     if figures is not None:
         make_folder(figures)
     data, controller = _load(console, bag, first_step, steps)
@@ -95,7 +107,8 @@ def _load(
     from amb_core.errors import IdentificationError
     from amb_core.identification.data import merge
 
-    loops = [load_recorded(console, path, None, first_step, steps) for path in paths]
+    unknown = "for currents in A and positions in m, the paper's is assumed"
+    loops = [load_recorded(console, path, None, first_step, steps, unknown) for path in paths]
     controllers = {path: loop.controller for path, loop in zip(paths, loops, strict=True) if loop.controller}
     for path, controller in controllers.items():
         first, known = next(iter(controllers.items()))
@@ -224,6 +237,8 @@ def _table(result: Identification) -> Table:
         value = f"{UNITS * rms:.4g} um" if unit == "m" else f"{rms:.4g} {unit}".strip()
         table.add_row(f"prediction error {name}", f"{value} rms")
     table.add_row("poles z", "\n".join(_poles(result)))
+    if result.uncertainty is not None and not result.uncertainty.white:
+        table.add_row("innovations", "not white; ± allows for that, but not for what a linear model of the order lacks")
     rates = ", ".join(f"{_number(np.log(pole) / model.sample_time, 5)} 1/s" for pole in unstable)
     table.add_row("unstable poles", f"{len(unstable)}" + (f": {rates}" if rates else ""))
     if result.closed_loop_poles is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,13 @@ def make_folder(out: Path) -> None:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise ResultError(f"folder {out}: cannot be made: {problem.strerror}") from None
+
+
+def make_place(path: Path, endings: Sequence[str] = (".json",)) -> None:
+    """Make the folder of a file of results: before the work; ResultError if that fails or the name ends otherwise."""
+    if path.suffix.lower() not in endings:
+        raise ResultError(f"{path}: the file name must end in {', '.join(endings)}")
+    make_folder(path.parent)
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -28,7 +28,9 @@ FiguresOption = Annotated[
 
 def validate(
     model: Annotated[Path, typer.Argument(help="Model, as amb identify writes it (.json, .npz or .mat).")],
-    bag: Annotated[Path, typer.Argument(help="Bag of other data than the model's, or a .csv, .npz or .mat file.")],
+    bag: Annotated[
+        Path, typer.Argument(help="Bag of other data than the model's, or a .csv, .npz or .mat file of write_data.")
+    ],
     horizon: Annotated[
         list[int] | None, typer.Option(help="Prediction horizon in steps, more than once for several.")
     ] = None,
@@ -44,12 +46,14 @@ def validate(
     """
     from rich.console import Console
 
-    from amb_bringup.commands.results import make_folder, write_json
+    from amb_bringup.commands.results import make_folder, make_place, write_json
     from amb_core.identification import StateSpaceModel
     from amb_core.identification.validation import HORIZONS
     from amb_core.identification.validation import validate as judge
 
     console = Console(stderr=True)  # the report alone goes to the standard output
+    if results is not None:
+        make_place(results)
     if figures is not None:
         make_folder(figures)
     known = StateSpaceModel.load(model)
@@ -69,8 +73,18 @@ def validate(
         raise typer.Exit(NOT_VALIDATED)
 
 
-def load_recorded(console: Console, bag: Path, run: int | None, first_step: int, steps: int) -> RecordedLoop:
-    """Data and parameters of a bag, or the data of a file, where no run and steps can be chosen."""
+def load_recorded(
+    console: Console,
+    bag: Path,
+    run: int | None,
+    first_step: int,
+    steps: int,
+    without_controller: str = "the closed loop of the models is not judged",
+) -> RecordedLoop:
+    """Data and parameters of a bag, or the data of a file, where no run and steps can be chosen.
+
+    Where the controller is not known, that and the consequence are told.
+    """
     from amb_core.identification.validation import read_loop
 
     chosen = {"run": run, "first_step": first_step, "steps": steps}
@@ -80,7 +94,5 @@ def load_recorded(console: Console, bag: Path, run: int | None, first_step: int,
     if loop.damage:
         console.print(f"[yellow]bag {bag} is incomplete: {loop.damage}[/yellow]")
     if loop.controller is None:
-        console.print(
-            f"[yellow]{bag} lacks the controller's parameters; the closed loop of the models is not judged[/yellow]"
-        )
+        console.print(f"[yellow]{bag} lacks the controller's parameters; {without_controller}[/yellow]")
     return loop

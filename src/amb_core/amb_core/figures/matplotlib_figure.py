@@ -68,7 +68,8 @@ def _prepare(axes: Axes, panel: Panel, labelled: bool) -> None:
         _number_logarithmic(axes.yaxis, panel.y)
     axes.grid(True, alpha=0.3, linewidth=0.6)
     if panel.equal:
-        axes.set_aspect("equal", adjustable="datalim")
+        # With limits of its own, a panel adjusts its box to them; Matplotlib would drop the limits, with a warning.
+        axes.set_aspect("equal", adjustable="box" if panel.x.limits and panel.y.limits else "datalim")
 
 
 def _number_logarithmic(drawn: DrawnAxis, axis: Axis) -> None:

@@ -44,8 +44,8 @@ def poles_chart(result: Identification, title: str = "Poles of plant and closed 
         items.append(Points(loop.real, loop.imag, "closed loop", GREEN, "square", filled=False, hover=hover))
     panels = (
         Panel(
-            Axis("real part (-)", limits=(-1.1, 1.1)),
-            Axis("imaginary part (-)", limits=(-1.1, 1.1)),
+            Axis("real part (-)", limits=(-1.25, 1.25)),
+            Axis("imaginary part (-)", limits=(-1.25, 1.25)),
             tuple(items),
             equal=True,
         ),
