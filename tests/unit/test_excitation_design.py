@@ -59,6 +59,17 @@ def test_a_square_wave_has_fifty_lines_of_one_percent_or_more() -> None:
     assert persistence(signal("square", duration=4.0), 10).lines == (50, 50)
 
 
+@pytest.mark.parametrize(("frequency", "lines"), [(5.0, 50), (1250.0, 2)])
+def test_a_square_that_ends_within_a_period_has_no_more_lines_than_one_of_whole_periods(
+    frequency: float, lines: int
+) -> None:
+    assert persistence(signal("square", frequency=frequency, duration=4.1007), 10).lines == (lines, lines)
+
+
+def test_a_square_without_an_edge_determines_nothing() -> None:
+    assert persistence(signal("square", duration=0.01), 1).order == 0
+
+
 # -- trials
 
 
@@ -121,6 +132,12 @@ def test_a_signal_at_another_rate_and_a_bearing_without_x_are_refused(bench: Tri
         ("square", {}, {"tolerance": 2.0}, "tolerance = 2.0 is not allowed"),
         ("square", {}, {"model_order": 0}, "model_order = 0 is not allowed; it must be 1 or more"),
         ("square", {"axes": "both"}, {}, "x and y carry the same signal, which cannot tell them apart"),
+        (
+            "square",
+            {"duration": 0.01},
+            {},
+            "square: persistently exciting of order 0, but a model with 10 states needs",
+        ),
         ("square", {"axes": "z"}, {}, "'axes' = 'z' is not allowed; allowed: one of x, y, both, in_turn"),
         ("multisine", {"frequency_end": 6_000.0}, {}, "frequency 6000 Hz is above the Nyquist frequency 5000 Hz"),
         (

@@ -73,7 +73,15 @@ def test_a_map_of_another_format_or_a_missing_file_is_refused(tmp_path):
         RegionMap.load(path)
     MAP.save(path)
     path.write_text(json.dumps({**json.loads(path.read_text()), "format": 99}))
-    with pytest.raises(RegionError, match="has format 99, this version reads 1"):
+    with pytest.raises(RegionError, match=r"map\.json: has format 99, this version reads 1"):
+        RegionMap.load(path)
+
+
+def test_a_file_without_sweeps_is_refused_by_name(tmp_path):
+    path = tmp_path / "map.json"
+    MAP.save(path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "sweeps": []}))
+    with pytest.raises(RegionError, match=r"map\.json: a region map needs at least one sweep"):
         RegionMap.load(path)
 
 

@@ -65,6 +65,13 @@ def wait_for_end(processes: list[psutil.Process]) -> None:
     assert not alive
 
 
+def wait_for(file: Path) -> None:
+    deadline = time.monotonic() + 30.0
+    while not file.exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
 def names(folder: Path) -> set[str]:
     return {path.name for path in (folder / "cache").iterdir()}
 
@@ -134,6 +141,29 @@ def test_ctrl_c_in_a_terminal_keeps_what_is_done_and_says_how_to_go_on(tmp_path)
     assert 1 <= len(RegionMap.load(tmp_path / "out" / "map.json").sweeps) < 24
 
 
+def test_a_scheduler_that_goes_away_is_told_in_one_line(tmp_path):
+    scheduler_file = tmp_path / "scheduler.json"
+    command = [
+        sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", "0",
+        "--dashboard-address", "127.0.0.1:0", "--scheduler-file", str(scheduler_file),
+    ]  # fmt: skip
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as scheduler:
+        wait_for(scheduler_file)
+        address = json.loads(scheduler_file.read_text())["address"]
+        options = ["--scheduler", address, "--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out")]
+        process = subprocess.Popen(
+            ["amb", "map", *options], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        assert process.stderr is not None
+        assert "has no workers yet" in process.stderr.readline()
+        time.sleep(1.0)  # the sweeps are handed in
+        scheduler.kill()
+    _, problem = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert problem.splitlines()[-1].endswith(f"the scheduler {address} is gone; finished results are kept")
+    assert len(problem.splitlines()) == 1, problem
+
+
 def test_a_scheduler_that_is_already_there_is_used(tmp_path):
     with contextlib.ExitStack() as stack:
         scheduler_file = tmp_path / "scheduler.json"
@@ -148,10 +178,7 @@ def test_a_scheduler_that_is_already_there_is_used(tmp_path):
             return process
 
         launch("scheduler", "--host", "127.0.0.1", "--port", "0", "--dashboard-address", "127.0.0.1:0")
-        deadline = time.monotonic() + 30.0
-        while not scheduler_file.exists():
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_for(scheduler_file)
         worker = launch("worker", "--nthreads", "1", "--dashboard-address", "127.0.0.1:0")
         address = json.loads(scheduler_file.read_text())["address"]
         found = build_map(

@@ -72,13 +72,16 @@ def content_of(signal: ExcitationSignal, span: tuple[int, int], axis: int) -> Co
         return _content("instantaneous", frequency, np.full(len(blocks), np.max(np.abs(signal.samples[:, axis]))))
     samples = signal.samples[span[0] : span[1], axis]
     if isinstance(parameters, Square):
-        periods = np.floor(len(samples) * signal.sample_time * parameters.frequency + 1e-9)
-        if periods >= 1.0:
-            samples = samples[: round(periods / (parameters.frequency * signal.sample_time))]
-        frequency, amplitude = line_spectrum(samples, signal.sample_time)
+        frequency, amplitude = line_spectrum(whole_periods(samples, parameters, signal.sample_time), signal.sample_time)
         audible = amplitude > 1e-6 * amplitude.max()
         return _content("lines", frequency[audible], amplitude[audible])
     return _content("bands", *_bands(*line_spectrum(samples, signal.sample_time)))
+
+
+def whole_periods(samples: NDArray[np.float64], square: Square, sample_time: float) -> NDArray[np.float64]:
+    """Samples of a square wave to the end of its last whole period, whose lines do not leak; all if there is none."""
+    periods = np.floor(len(samples) * sample_time * square.frequency + 1e-9)
+    return samples[: round(periods / (square.frequency * sample_time))] if periods >= 1.0 else samples
 
 
 def line_spectrum(samples: NDArray[np.float64], sample_time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

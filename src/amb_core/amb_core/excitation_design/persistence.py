@@ -14,12 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from amb_core.excitation import ExcitationSignal
+from amb_core.excitation import ExcitationSignal, Square
 from amb_core.excitation.signal import excited_spans
-from amb_core.excitation_design.content import line_spectrum
+from amb_core.excitation_design.content import line_spectrum, whole_periods
 
 AUDIBLE = 0.01
 """Amplitude of a line over that of the strongest from which on it counts."""
+ROUNDING = 1e-9
+"""Amplitude over the peak of the signal below which a line is an error of rounding: a constant has no lines."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,12 @@ def persistence(signal: ExcitationSignal, model_order: int) -> Persistence:
     spans = excited_spans(signal.parameters.axes, signal.steps)
     audible = []
     for axis, first, last in spans:
-        amplitude = line_spectrum(signal.samples[first:last, axis], signal.sample_time)[1]
-        audible.append(amplitude >= AUDIBLE * amplitude.max(initial=np.finfo(float).tiny))
+        samples = signal.samples[first:last, axis]
+        if isinstance(signal.parameters, Square):
+            samples = whole_periods(samples, signal.parameters, signal.sample_time)
+        amplitude = line_spectrum(samples, signal.sample_time)[1]
+        peak = max(float(np.abs(samples).max(initial=0.0)), np.finfo(float).tiny)
+        audible.append(amplitude >= max(AUDIBLE * amplitude.max(initial=0.0), ROUNDING * peak))
     order = 2 * min(int(lines.sum()) for lines in audible)
     if signal.parameters.axes == "both":
         same = np.array_equal(signal.samples[:, 0], signal.samples[:, 1])

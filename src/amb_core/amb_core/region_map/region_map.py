@@ -188,7 +188,7 @@ class RegionMap:
         try:
             content = json.loads(Path(path).read_text())
             if content["format"] != FORMAT:
-                raise RegionError(f"region map {path}: has format {content['format']}, this version reads {FORMAT}")
+                raise RegionError(f"has format {content['format']}, this version reads {FORMAT}")
             return cls(
                 MapSettings.model_validate(content["settings"]),
                 tuple(sweep_from_json(entry) for entry in content["sweeps"]),
@@ -197,6 +197,8 @@ class RegionMap:
             )
         except OSError as problem:
             raise RegionError(f"region map {path}: cannot be read: {problem.strerror}") from None
+        except RegionError as problem:
+            raise RegionError(f"region map {path}: {problem}") from None
         except (ValueError, KeyError, TypeError, AttributeError) as problem:
             raise RegionError(
                 f"region map {path}: is no region map as `amb map` or region_monitor/build_map writes it ({problem!r})"

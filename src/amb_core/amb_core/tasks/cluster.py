@@ -84,9 +84,11 @@ def _local_cluster(workers: int | None) -> SpecCluster:
 
 @contextlib.contextmanager
 def _connect(scheduler: str) -> Iterator[Client]:
-    log = logging.getLogger("distributed")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
+    # dask gives the second a level of its own, and logs a scheduler that goes away there with a traceback
+    logs = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    levels = [log.level for log in logs]
+    for log in logs:
+        log.setLevel(logging.CRITICAL)
     try:
         try:
             client = Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
@@ -100,4 +102,5 @@ def _connect(scheduler: str) -> Iterator[Client]:
                 logger.warning("scheduler %s has no workers yet; its work waits for one", scheduler)
             yield client
     finally:
-        log.setLevel(level)
+        for log, level in zip(logs, levels, strict=True):
+            log.setLevel(level)
