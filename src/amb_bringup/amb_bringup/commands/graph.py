@@ -12,7 +12,7 @@ import typer
 
 def up(
     composed: Annotated[
-        bool, typer.Option("--composed", help="Simulator and controller in one process, for a loop in real time.")
+        bool, typer.Option("--composed", help="Simulator and controller in one process, for a faster loop.")
     ] = False,
     params: Annotated[
         Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
