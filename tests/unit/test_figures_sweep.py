@@ -94,8 +94,8 @@ def test_the_mean_is_drawn_for_a_sweep_alone(record, classification, frequency) 
     def labels(*known: np.ndarray) -> list[str]:
         return [curve.label for curve in of_kind(sweep_chart(record, classification, *known).panels[0], Curve)]
 
-    assert "its mean over 0.1 s" in labels(frequency)
-    assert "its mean over 0.1 s" not in labels()
+    assert "mean position over 0.1 s" in labels(frequency)
+    assert "mean position over 0.1 s" not in labels()
 
 
 def test_gaps_stay_gaps(record, classification) -> None:

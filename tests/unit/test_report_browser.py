@@ -22,6 +22,11 @@ playwright = pytest.importorskip("playwright.sync_api", reason="playwright is no
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
 
+TABLE = Table(
+    ("claim", "paper", "verdict"),
+    [("At low frequencies the bearing behaves as the identified linear model does.", "Section 2.2", "does not agree")],
+    "44 claims; agrees: 26, agrees in part: 14, does not agree: 4",
+)
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 
 
@@ -44,9 +49,7 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> Path:
         [Chart(map_page(region_map))],
         [
             Section("Fig. 14: response", [Prose("A sine."), Chart(response_page(record), "Response")]),
-            Section(
-                "Claims", [Verdict("It moves.", "It does.", "agrees"), Table(("what", "value"), [("a", "1")], "One")]
-            ),
+            Section("Claims", [Verdict("It moves.", "It does.", "agrees"), TABLE]),
         ],
     )
     path = tmp_path_factory.mktemp("report") / "index.html"
@@ -111,6 +114,29 @@ def test_pointing_at_the_map_tells_amplitude_frequency_and_region(browser, docum
     hover.wait_for()
     text = hover.text_content()
     assert "µm" in text and "Hz" in text and "A linear" in text
+    visit.page.close()
+
+
+def test_lines_on_the_map_do_not_hide_what_it_tells(browser, document: Path) -> None:
+    visit = Visit(browser, document)
+    box = visit.page.locator(".plotly-graph-div").first.locator(".nsewdrag").first.bounding_box()
+    hover = visit.page.locator(".hoverlayer .hovertext").first
+    told = []
+    for share in np.linspace(0.1, 0.9, 15):  # down across the boundaries
+        visit.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + share * box["height"])
+        visit.page.wait_for_timeout(150)  # plotly waits for the pointer to rest
+        told.append(hover.text_content() if hover.count() else "")
+    assert all(" µm, " in text and " Hz" in text for text in told), told
+    visit.page.close()
+
+
+def test_a_table_fits_a_phone(browser, document: Path) -> None:
+    visit = Visit(browser, document, **PHONE)
+    fits = visit.page.evaluate(
+        "[...document.querySelectorAll('main > div.numbers, section > div.numbers')]"
+        ".map(table => table.scrollWidth <= table.clientWidth)"
+    )
+    assert fits and all(fits)
     visit.page.close()
 
 

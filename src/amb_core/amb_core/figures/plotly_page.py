@@ -15,6 +15,7 @@ from amb_core.figures.style import OPACITY, Stroke
 
 PIXELS_PER_INCH = 100
 TITLE_HEIGHT, TICKS_HEIGHT, AXIS_HEIGHT = 35, 15, 75  # pixels of a panel's title, and of an axis without and with label
+TITLE_DISTANCE = 8  # pixels from an axis's labels to its title, which overlap without
 MARKERS = {"circle": "circle", "square": "square", "diamond": "diamond", "triangle": "triangle-up", "cross": "x-thin"}
 TEXT = "#767676"  # readable on white and on black alike, where no style sheet gives texts the page's colour
 GRID = "rgba(128, 128, 128, 0.25)"
@@ -37,8 +38,11 @@ def draw_page(chart: Chart) -> go.Figure:
     for number, panel in enumerate(chart.panels):
         row, column = divmod(number, chart.columns)
         place = {"row": row + 1, "col": column + 1}
+        gridded = any(isinstance(item, HoverGrid) for item in panel.items)
         for item in panel.items:
             draw(item, page, place)
+            if gridded and isinstance(item, Curve) and not item.hover:
+                page.data[-1].hoverinfo = "skip"  # the grid below tells more, with units
         lowest = number + chart.columns >= len(chart.panels)
         page.update_xaxes(**_axis(panel.x, labelled=lowest or not chart.shared_x), **place)
         page.update_yaxes(**_axis(panel.y, labelled=True), **place)
@@ -55,7 +59,7 @@ def draw_page(chart: Chart) -> go.Figure:
         meta={"alt": chart.alt, "table": table, "columns": chart.columns},
         template="none",
         height=PIXELS_PER_INCH * chart.size[1] + 60,
-        margin={"l": 70, "r": 15, "t": 50, "b": 60},
+        margin={"l": 70, "r": 15, "t": 50, "b": 90 if any(panel.equal for panel in chart.panels) else 60},
         font={"size": 14, "color": TEXT},
         legend={"orientation": "h", "yref": "container", "yanchor": "bottom", "y": 0, "x": 0},
         paper_bgcolor="rgba(0,0,0,0)",
@@ -75,7 +79,7 @@ def _gap(chart: Chart) -> float:
 
 def _axis(axis: Axis, labelled: bool) -> dict[str, Any]:
     settings: dict[str, Any] = {
-        "title": {"text": axis.label if labelled else None},
+        "title": {"text": axis.label if labelled else None, "standoff": TITLE_DISTANCE},
         "gridcolor": GRID,
         "zeroline": False,
         "showline": True,

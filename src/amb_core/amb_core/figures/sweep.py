@@ -159,7 +159,7 @@ def _curves(
     if sweeping and len(abscissa.x) > 2 * window:
         mean = np.convolve(UM * record.position[abscissa.shown, axis], np.full(window, 1.0 / window), "valid")
         middle = abscissa.x[window // 2 : window // 2 + len(mean)]
-        curves.append(Curve(*extremes(middle, mean, spans=400), f"its mean over {MEAN_TIME:g} s", MEAN))
+        curves.append(Curve(*extremes(middle, mean, spans=400), f"mean position over {MEAN_TIME:g} s", MEAN))
     return curves
 
 
