@@ -29,8 +29,8 @@ def recording_report(
 ) -> Report:
     """The report on a run of a bag.
 
-    The model is identified from the last experiment of the run. What cannot be done, such as identification without
-    excitation, is told in its section and does not cost the others.
+    The model is identified from the last experiment of the run. If that cannot be done, for want of excitation for
+    example, the lead and its section tell so; the other sections are there all the same.
 
     Parameters
     ----------
@@ -47,19 +47,25 @@ def recording_report(
     ------
     BagError, RegionError
         As for `classify_run`.
+    IdentificationError
+        If no method takes the order.
     """
+    from amb_core.identification.scaled_data import check_order  # takes a while to import
+
+    if order != "auto":
+        check_order(order)
     tell = progress or (lambda _stage: None)
     tell("classifying")
     found = classify_run(bag, run)
     sections = [_regions(found)]
     tell("drawing")
     sections.append(_motion(found.record))
-    sections += _model_sections(bag, found.run, order, tell)
+    identified, problem = _model_sections(bag, found.run, order, tell)
     return Report(
         f"Run {found.run} of {bag.path.name}",
-        _lead(found),
+        _lead(found) + (f" No model: {problem}." if problem else ""),
         [Chart(_sweep(found)), _experiment(bag, found)],
-        sections,
+        sections + identified,
         f"Every number comes from the bag {bag.path}.",
     )
 
@@ -90,7 +96,7 @@ def _experiment(bag: Bag, found: RecordedRegions) -> Table:
     rows = [
         ("run", str(found.run)),
         ("samples", f"{record.steps}, from step {record.first_step} on"),
-        ("sample time", f"{1e6 * record.sample_time:g} us"),
+        ("sample time", f"{1e6 * record.sample_time:g} µs"),
         ("excitations", "; ".join(excitations) or "none"),
         ("missing", describe_gaps(found.gaps) if found.gaps else "nothing"),
     ]
@@ -128,7 +134,7 @@ def _motion(record: LoopRecord) -> Section:
         [
             Table(
                 ("axis", "mean", "farthest from the centre"),
-                [(name, f"{mean[axis]:.1f} um", f"{reach[axis]:.1f} um") for axis, name in enumerate("xy")],
+                [(name, f"{mean[axis]:z.1f} µm", f"{reach[axis]:.1f} µm") for axis, name in enumerate("xy")],
                 "Rotor position",
             ),
             Chart(orbit_page(record), "Orbit"),
@@ -136,11 +142,13 @@ def _motion(record: LoopRecord) -> Section:
     )
 
 
-def _model_sections(bag: Bag, run: int, order: int | Literal["auto"], tell: Callable[[str], None]) -> list[Section]:
-    """Model and validation, or why there are none."""
+def _model_sections(
+    bag: Bag, run: int, order: int | Literal["auto"], tell: Callable[[str], None]
+) -> tuple[list[Section], str]:
+    """Model and validation; or a section that tells why there are none, and the reason."""
     from amb_core.report.identified_model import identified_sections
 
     try:
-        return identified_sections(bag, run, order, tell)
+        return identified_sections(bag, run, order, tell), ""
     except AmbError as problem:
-        return [Section("Identified model", [Prose(f"There is none: {problem}.")])]
+        return [Section("Identified model", [Prose(f"There is none: {problem}.")])], str(problem)

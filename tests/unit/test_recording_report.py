@@ -1,0 +1,82 @@
+"""The report on a recording: regions, motion and model; where there is no model, why, at the top and in its section."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from typer.testing import CliRunner, Result
+
+from amb_bringup.cli import app
+from amb_core.bags import BagWriter, read_bag
+from amb_core.control import ControllerParameters
+from amb_core.errors import AmbError
+from amb_core.records import LoopRecord
+from amb_core.report import Prose
+from amb_core.report.recording import recording_report
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
+    TYPES.register(get_types_from_msg(file.read_text(), f"amb_msgs/msg/{file.stem}"))
+TELEMETRY, PARAMETERS = "amb_msgs/msg/LoopSamples", "rcl_interfaces/msg/ParameterEvent"
+
+
+def write_bag(folder: Path, record: LoopRecord) -> Path:
+    header = TYPES.types["std_msgs/msg/Header"](TYPES.types["builtin_interfaces/msg/Time"](0, 0), "")
+    columns = np.hstack([record.reference, record.position, record.current]).T.copy()
+    with BagWriter(folder) as bag:
+        for topic, kind in (("/amb/telemetry", TELEMETRY), ("/parameter_events", PARAMETERS)):
+            bag.add_topic(topic, kind, TYPES.generate_msgdef(kind, ros_version=2)[0])
+        bag.write_parameters("/parameter_events", "/amb/pd_controller", ControllerParameters().model_dump(), 0)
+        content = TYPES.types[TELEMETRY](header, 1, 0, record.sample_time, *columns)
+        bag.write("/amb/telemetry", bytes(TYPES.serialize_cdr(content, TELEMETRY)), 0)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def excited(bearing, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
+    return write_bag(tmp_path_factory.mktemp("report") / "excited", record)
+
+
+@pytest.fixture(scope="module")
+def resting(bearing, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
+    still = np.zeros_like(record.position)
+    record = replace(record, reference=still, position=still, current=still)
+    return write_bag(tmp_path_factory.mktemp("report") / "resting", record)
+
+
+def amb_report(*words: object) -> Result:
+    return CliRunner().invoke(app, ["report", *map(str, words)], catch_exceptions=False)
+
+
+def test_a_report_has_regions_motion_model_response_and_validation(excited: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "report.html"
+    result = amb_report(excited, "--order", 6, "--out", out)
+    assert result.exit_code == 0
+    assert "No model" not in result.stdout
+    page = out.read_text(encoding="utf-8")
+    for heading in ("Regions", "Motion", "Identified model", "Frequency response", "Validation"):
+        assert f'">{heading}</h2>' in page
+    assert "Bands hold the response with a confidence of 99 %" in page
+
+
+def test_without_excitation_the_report_says_at_its_top_why_there_is_no_model(resting: Path) -> None:
+    report = recording_report(read_bag(resting), order=6)
+    assert [section.heading for section in report.sections] == ["Regions", "Motion", "Identified model"]
+    assert " No model: " in report.lead
+    (why,) = report.sections[-1].blocks
+    assert isinstance(why, Prose) and why.text.startswith("There is none: ")
+
+
+@pytest.mark.parametrize("order", [0, -3, 31])
+def test_an_order_that_no_method_takes_is_refused_before_anything_is_written(
+    excited: Path, tmp_path: Path, order: int
+) -> None:
+    with pytest.raises(AmbError, match=f"order {order} is not allowed; allowed: 1 to 30"):
+        amb_report(excited, "--order", order, "--out", tmp_path / "report.html")
+    assert not (tmp_path / "report.html").exists()
