@@ -69,11 +69,14 @@ def test_noise_is_nonlinear_only_if_the_simulation_shows_it(
 ) -> None:
     claim = judge_noise(replace(check, predicted=predicted), trial(simulated), trial(Region.A))
     assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")
 
 
 @pytest.mark.parametrize(("linear", "verdict"), [(1.0, "agrees"), (0.95, "agrees in part"), (0.5, "does not agree")])
 def test_pulses_must_lie_in_a(check: ExcitationCheck, linear: float, verdict: str) -> None:
-    assert judge_pulse_content(replace(check, shares=shares(linear, 1.0 - linear, 0.0, 0.0))).verdict == verdict
+    claim = judge_pulse_content(replace(check, shares=shares(linear, 1.0 - linear, 0.0, 0.0)))
+    assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")
 
 
 @pytest.mark.parametrize(
@@ -89,3 +92,4 @@ def test_pulses_must_leave_the_simulated_bearing_linear(
 ) -> None:
     claim = judge_pulses(replace(check, predicted=predicted), trial(simulated), trial(Region.D))
     assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")

@@ -39,7 +39,7 @@ def transients(short: float, long: float = 4e-6, pem: float = 4e-6) -> list[Tran
 def test_arx_counts_as_transient_where_it_errs_more_than_the_state_space_model(short: float, verdict: str) -> None:
     (claim,) = arx.claims(transients(short))
     assert claim.verdict == verdict
-    assert f"{1e6 * short:.1f} um" in claim.finding
+    assert f"{1e6 * short:.1f} µm" in claim.finding
 
 
 def test_arx_agrees_where_it_errs_more_at_any_noise() -> None:
@@ -108,12 +108,26 @@ def regions_of_data(beyond: Region) -> dict[str, Region]:
     [(False, Region.C, "agrees"), (True, Region.C, "does not agree"), (False, Region.A, "does not agree")],
 )
 def test_no_stable_model_is_judged_on_data_beyond_region_a(stable: bool, beyond: Region, verdict: str) -> None:
-    assert multisine.beyond_claim(trials(stable, 50.0), regions_of_data(beyond)).verdict == verdict
+    claim = multisine.beyond_claim(trials(stable, 50.0), regions_of_data(beyond))
+    assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")
+
+
+def test_no_stable_model_agrees_in_part_only_where_a_whole_data_set_has_none() -> None:
+    mixed = [trial if trial.order == 4 else replace(trial, radius=1.02) for trial in trials(True, 50.0)]
+    assert multisine.beyond_claim(mixed, regions_of_data(Region.B)).verdict == "does not agree"
+    barren = [replace(trial, radius=1.02) if trial.data == multisine.SWEPT.name else trial for trial in mixed]
+    assert multisine.beyond_claim(barren, regions_of_data(Region.B)).verdict == "agrees in part"
 
 
 @pytest.mark.parametrize(("fit", "verdict"), [(50.0, "agrees"), (97.0, "agrees in part")])
 def test_the_control_must_be_better_than_data_beyond_region_a(fit: float, verdict: str) -> None:
     assert multisine.control_claim(trials(True, fit), regions_of_data(Region.B)).verdict == verdict
+
+
+def test_every_data_set_in_region_a_must_give_an_accurate_model() -> None:
+    regions = regions_of_data(Region.B) | {multisine.PAPERS.name: Region.A}
+    assert multisine.control_claim(trials(True, 50.0), regions).verdict == "agrees in part"
 
 
 def test_a_model_is_stable_by_its_poles_and_its_simulation() -> None:

@@ -60,7 +60,9 @@ def surface(slow: np.ndarray, state: str = "steady") -> SubharmonicSurface:
     ],
 )
 def test_the_product_must_be_significant_in_a_steady_state(product: float, state: State, verdict: str) -> None:
-    assert judge_product(spectrum(product, state=state)).verdict == verdict
+    claim = judge_product(spectrum(product, state=state))
+    assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")
 
 
 @pytest.mark.parametrize(("alone", "verdict"), [(0.01, "agrees"), (0.5, "agrees in part"), (1.0, "does not agree")])

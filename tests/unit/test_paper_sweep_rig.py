@@ -9,12 +9,13 @@ import pytest
 
 from amb_bringup.paper.studies.sweep_rig import (
     CONFIGURED,
+    Resonance,
     bias,
     judge_drift,
     judge_resonances,
     judge_slow,
     judge_survival,
-    prominence,
+    resonance,
     slow_component,
 )
 from amb_bringup.paper.sweeps import SweptBearing
@@ -52,7 +53,9 @@ def test_the_rig_survives_as_configured_or_with_other_options(ends: dict[str, fl
     [(6e-6, True, "agrees"), (6e-6, False, "agrees in part"), (1e-6, True, "does not agree")],
 )
 def test_a_drift_is_more_than_the_threshold(span: float, told: bool, verdict: str) -> None:
-    assert judge_drift(np.array([-70e-6, -70e-6 + span]), told).verdict == verdict
+    claim = judge_drift(np.array([-70e-6, -70e-6 + span]), told)
+    assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")
 
 
 @pytest.mark.parametrize(
@@ -60,7 +63,9 @@ def test_a_drift_is_more_than_the_threshold(span: float, told: bool, verdict: st
     [(9e-6, True, "agrees"), (9e-6, False, "agrees in part"), (0.1e-6, False, "does not agree")],
 )
 def test_slow_motion_that_is_beating_agrees_in_part(amplitude: float, told: bool, verdict: str) -> None:
-    assert judge_slow(amplitude, 3333.0, told=told).verdict == verdict
+    claim = judge_slow(amplitude, 3333.0, told=told)
+    assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")
 
 
 @pytest.mark.parametrize(
@@ -68,7 +73,15 @@ def test_slow_motion_that_is_beating_agrees_in_part(amplitude: float, told: bool
     [(150e-6, 5.0, "agrees"), (150e-6, 1.2, "agrees in part"), (50e-6, math.nan, "does not agree")],
 )
 def test_resonances_of_the_rigid_and_of_the_flexible_rotor_must_show(reach: float, ratio: float, verdict: str) -> None:
-    assert judge_resonances(reach, {2400.0: ratio}).verdict == verdict
+    claim = judge_resonances(reach, {2400.0: Resonance(10e-6, ratio)})
+    assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")
+
+
+def test_a_resonance_that_is_small_beside_the_largest_movement_is_not_easily_seen() -> None:
+    claim = judge_resonances(168e-6, {1526.0: Resonance(2.5e-6, 4.7)})
+    assert claim.verdict == "agrees in part"
+    assert "2.5 µm at 1526 Hz, 4.7 times" in claim.finding
 
 
 def test_the_bias_is_the_mean_over_half_a_second() -> None:
@@ -87,6 +100,7 @@ def test_a_slow_burst_is_found_where_it_is() -> None:
 def test_a_resonance_stands_out_of_what_is_beside_it() -> None:
     size = 1.0 + 4.0 / (1.0 + ((FREQUENCY - 2000.0) / 20.0) ** 2)
     response = 1e-6 * size * np.sin(2.0 * np.pi * 700.0 * TIME)
-    assert prominence(swept(response), 2000.0) == pytest.approx(4.5, rel=0.15)
-    assert prominence(swept(response), 1000.0) == pytest.approx(1.0, rel=0.05)
-    assert math.isnan(prominence(swept(response), 4900.0))
+    assert resonance(swept(response), 2000.0).prominence == pytest.approx(4.5, rel=0.15)
+    assert resonance(swept(response), 2000.0).amplitude == pytest.approx(5e-6, rel=0.1)
+    assert resonance(swept(response), 1000.0).prominence == pytest.approx(1.0, rel=0.05)
+    assert math.isnan(resonance(swept(response), 4900.0).prominence)

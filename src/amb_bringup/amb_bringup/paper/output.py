@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from amb_bringup.paper.page import paper_report
-from amb_bringup.paper.studies import HEADLINE, STUDIES
+from amb_bringup.paper.studies import OPENING, STUDIES
 from amb_bringup.paper.study import StudyError, StudyResult
 from amb_core.figures.saving import page_from_json, write_page
 from amb_core.report import write_report
@@ -25,10 +25,10 @@ def write_paper(folder: Path, results: Mapping[str, StudyResult]) -> None:
     except OSError as problem:
         raise StudyError(f"{folder}/claims.json: cannot be written: {problem.strerror}") from None
     made_from = (
-        f"Every number comes from one run of `amb reproduce` with amb_core {version('amb_core')}, NumPy "
+        f"Every number comes from `amb reproduce`, run with amb_core {version('amb_core')}, NumPy "
         f"{version('numpy')} and CPython {sys.version.split()[0]}."
     )
-    write_report(paper_report(STUDIES, results, HEADLINE, made_from), folder / "index.html")
+    write_report(paper_report(STUDIES, results, OPENING, made_from), folder / "index.html")
 
 
 def write_figures(folder: Path, results: Mapping[str, StudyResult]) -> None:

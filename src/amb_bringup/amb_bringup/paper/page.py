@@ -1,43 +1,51 @@
-"""The report on the paper: headline, map, then figure by figure what the paper says and what we got."""
+"""The report on the paper: one sweep, the map, then figure by figure what the paper says and what we got."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from amb_bringup.paper.study import Study, StudyResult
+from amb_bringup.paper.study import DrawnFigure, Study, StudyResult
 from amb_core.figures.saving import page_from_json
 from amb_core.report import ANSWERS, Block, Chart, Prose, Report, Section, Table, Verdict
 
 
-def paper_report(studies: Sequence[Study], results: Mapping[str, StudyResult], opening: str, made_from: str) -> Report:
+def paper_report(
+    studies: Sequence[Study], results: Mapping[str, StudyResult], opening: Sequence[str], made_from: str
+) -> Report:
     """The report on the results of studies.
 
     Parameters
     ----------
     studies, results
         The studies, and their results by name.
-    opening : str
-        Name of the figure that stands first.
+    opening : sequence of str
+        Names of the figures that stand first.
     made_from : str
         Where the numbers come from.
     """
     figures = {figure.name: figure for result in results.values() for figure in result.figures}
     claims = [claim for study in studies for claim in results[study.name].claims]
-    counts = ", ".join(f"{sum(claim.verdict == answer for claim in claims)} {answer}" for answer in ANSWERS)
+    counts = ", ".join(f"{answer}: {sum(claim.verdict == answer for claim in claims)}" for answer in ANSWERS)
     table = Table(
         ("claim", "paper", "verdict"),
         [(claim.statement, claim.paper_figure, claim.verdict) for claim in claims],
-        f"{len(claims)} claims: {counts}",
+        f"{len(claims)} claims; {counts}",
     )
     return Report(
         "What magnetic bearings do when they are shaken too fast",
         "Shaken slowly, an active magnetic bearing answers like a linear system. Shaken faster, at the same amplitude, "
-        "its rotor drifts away from the centre, and then falls. This page redoes, on a simulated bearing and figure by "
-        "figure, the paper LTI modelling of active magnetic bearings by means of system identification.",
-        [Chart(page_from_json(figures[opening].page)), table],
+        "its rotor drifts away from the centre, may oscillate slowly, and then falls. This page redoes, on a simulated "
+        "bearing and figure by figure, the paper “LTI modelling of active magnetic bearings by means of system "
+        "identification”.",
+        [*_opening([figures[name] for name in opening]), table],
         [Section(study.heading, _blocks(results[study.name])) for study in studies],
         made_from,
     )
+
+
+def _opening(figures: Sequence[DrawnFigure]) -> list[Block]:
+    """Figures below their titles as text, since no heading of a section stands above them yet."""
+    return [block for figure in figures for block in (Prose(f"{figure.title}."), Chart(page_from_json(figure.page)))]
 
 
 def _blocks(result: StudyResult) -> list[Block]:

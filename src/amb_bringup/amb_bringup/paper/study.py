@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import inspect
 import io
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import Any, ClassVar
 
+from amb_bringup.packages import share_folder
+from amb_bringup.paper.provenance import source_files
 from amb_core.errors import AmbError
 from amb_core.figures.chart import Chart
 from amb_core.figures.matplotlib_figure import draw_figure
@@ -133,14 +133,11 @@ class Study(Task[StudyResult]):
         Heading of its section in the report.
     parallel : bool
         Whether it runs on a worker of the cluster; otherwise in the program itself, which may use the cluster or ROS.
-    sources : tuple of modules
-        Modules of this package, besides its own, on which its result depends.
     """
 
     name: ClassVar[str]
     heading: ClassVar[str]
     parallel: ClassVar[bool] = True
-    sources: ClassVar[tuple[ModuleType, ...]] = ()
 
     @abstractmethod
     def run(self) -> StudyResult:
@@ -155,10 +152,9 @@ class Study(Task[StudyResult]):
         return True
 
     def describe(self) -> dict[str, Any]:
-        """Name and versions: of the whole library, and of the modules of the study."""
+        """Name and versions: of the library, of what its module imports of this package, and of the bearing."""
         modules = hashlib.sha256()
-        files = [inspect.getfile(type(self)), inspect.getfile(Study), *map(inspect.getfile, self.sources)]
-        for file in files:
+        for file in (*source_files(type(self).__module__), share_folder("amb_bringup") / "config" / "paper.yaml"):
             modules.update(Path(file).read_bytes())
         return {"study": self.name, "library": code_version(("",)), "modules": modules.hexdigest()}
 

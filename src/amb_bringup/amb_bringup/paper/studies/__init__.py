@@ -32,8 +32,8 @@ STUDIES: tuple[Study, ...] = (
     ArxTransients(),
 )
 
-HEADLINE = "fig9"
-"""Name of the figure that opens the report."""
+OPENING = ("fig3-slow-amplifier", "fig9")
+"""Names of the figures that open the report: what happens under one sweep, and the map of many."""
 
 
 def studies_named(names: Sequence[str]) -> tuple[Study, ...]:

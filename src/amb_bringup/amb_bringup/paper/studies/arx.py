@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from amb_bringup.paper import graph_experiment, square_waves
 from amb_bringup.paper.graph_experiment import SETTLING
 from amb_bringup.paper.square_waves import EXPERIMENT, ORDER
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult
@@ -57,7 +56,6 @@ class ArxTransients(Study):
 
     name = "arx"
     heading = "Section 3.3: ARX models and their transients"
-    sources = (graph_experiment, square_waves)
 
     def run(self) -> StudyResult:
         """Simulate, identify, compare."""
@@ -85,7 +83,7 @@ class ArxTransients(Study):
             claims(transients),
             {
                 "data": f"the square waves of Fig. 13, {truth.steps:,} samples",
-                "noise of the sensors": ", ".join(f"{UM * noise:g} um" for noise in NOISES),
+                "noise of the sensors": ", ".join(f"{UM * noise:g} µm" for noise in NOISES),
                 "ARX": f"least squares, {LAGS[0]} to {LAGS[-1]} lags of both positions and both currents",
                 "state space": f"PEM, order {ORDER}",
             },
@@ -106,7 +104,7 @@ def claims(transients: Sequence[Transient]) -> list[Claim]:
         ratios[noise] = same.error / pem.error
         best = min((one for one in transients if one.noise == noise and one.lags), key=lambda one: one.error)
         findings.append(
-            f"noise {UM * noise:g} um: ARX of {same.states} states errs by up to {_um(same.error)}, the best ARX "
+            f"noise {UM * noise:g} µm: ARX of {same.states} states errs by up to {_um(same.error)}, the best ARX "
             f"({best.lags} lags, {best.states} states) by {_um(best.error)}, PEM of {pem.states} by {_um(pem.error)}"
         )
     large = [noise for noise, ratio in ratios.items() if ratio >= LARGE]
@@ -114,7 +112,7 @@ def claims(transients: Sequence[Transient]) -> list[Claim]:
     return [
         Claim(
             id="arx-transients",
-            paper_figure="sec. 3.3",
+            paper_figure="Section 3.3",
             statement="ARX models of a fast sampled plant may be biased at high frequencies, which shows as very large "
             "transients; state-space models with prediction focus do not have them.",
             finding="; ".join(findings),
@@ -122,7 +120,7 @@ def claims(transients: Sequence[Transient]) -> list[Claim]:
             reason=""
             if everywhere
             else "Only with "
-            + " and ".join(f"{UM * noise:g} um" for noise in large)
+            + " and ".join(f"{UM * noise:g} µm" for noise in large)
             + f" of noise are the transients of ARX more than {LARGE:g} times as large."
             if large
             else f"At no noise are the transients of ARX more than {LARGE:g} times as large.",
@@ -207,4 +205,4 @@ def _error_chart(transients: Sequence[Transient]) -> Chart:
 
 
 def _um(value: float) -> str:
-    return f"{UM * value:.1f} um" if np.isfinite(value) else "infinitely much"
+    return f"{UM * value:.1f} µm" if np.isfinite(value) else "infinitely much"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -63,16 +63,18 @@ class Causes(Study):
 
     values: ClassVar[Mapping[str, Any]]
     title: ClassVar[str]
+    bearing: ClassVar[str]
     notes: ClassVar[tuple[str, ...]]
 
     def run(self) -> StudyResult:
         """Simulate all cases, draw, judge."""
         runs = {name: sweep_bearing(AMPLITUDE, {**ONE_AXIS, **self.values, **case}) for name, case in CASES.items()}
         chart = sweep_comparison_chart([run.case(name) for name, run in runs.items()], title=self.title)
+        claims = [cause_claim(self.name, runs), speed_claim(self.name, rotor_speed(runs[ALL]), runs[ALL])]
         return StudyResult(
             [DrawnFigure.of(self.name, chart)],
-            [cause_claim(self.name, runs), speed_claim(self.name, rotor_speed(runs[ALL]), runs[ALL])],
-            {"amplitude": f"{1e6 * AMPLITUDE:g} um", **SWEEP, "bearing": "one axis, electromagnets above and below"},
+            [replace(claim, statement=f"{claim.statement} Here {self.bearing}.") for claim in claims],
+            {"amplitude": f"{1e6 * AMPLITUDE:g} µm", **SWEEP, "bearing": "one axis, electromagnets above and below"},
             [*self.notes, SWITCHES, effects_note(runs)],
         )
 
@@ -83,6 +85,7 @@ class PaperCauses(Causes):
     name = "causes"
     heading = "Section 2.2: the cause, one effect switched off at a time"
     values: ClassVar[Mapping[str, Any]] = {}
+    bearing = "with the supply of table 1"
     title = "Supply of table 1: the sweep without one effect at a time"
     notes = (
         "An identity such as (4) shows no cause. An experiment does: the same sweep through the same bearing, without "
@@ -96,6 +99,7 @@ class SlowAmplifierCauses(Causes):
     name = "causes-slow-amplifier"
     heading = "Section 2.2: the cause with a slow amplifier, one effect switched off at a time"
     values: ClassVar[Mapping[str, Any]] = SLOW_AMPLIFIER
+    bearing = "with the slow amplifier"
     title = "Slow amplifier: the sweep without one effect at a time"
     notes = (SLOW_NOTE,)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from amb_bringup.paper import graph_experiment, square_waves
+from amb_bringup.paper import square_waves
 from amb_bringup.paper.graph_experiment import SETTLING, GraphExperiment, equality_claim
 from amb_bringup.paper.square_waves import model_from_squares
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
@@ -30,7 +30,6 @@ class ConcurrentSweep(Study):
     name = "fig15"
     heading = "Fig. 15: a sweep on both axes at once, plant and model"
     parallel = False
-    sources = (graph_experiment, square_waves)
 
     def run(self) -> StudyResult:
         """Run in the usual workplace."""
@@ -60,7 +59,7 @@ class ConcurrentSweep(Study):
                 equality_claim("concurrent-sweep", "Fig. 15", without, through),
             ],
             {
-                "excitation": f"sine of {UM * SWEEP.amplitude:g} um on x and y at once, {SWEEP.spacing} sweep from "
+                "excitation": f"sine of {UM * SWEEP.amplitude:g} µm on x and y at once, {SWEEP.spacing} sweep from "
                 f"{SWEEP.frequency_start:g} Hz to {SWEEP.frequency_end:g} Hz in {SWEEP.duration:g} s; the paper tells "
                 "no duration",
                 "samples": f"{measured.steps:,} of {signal.steps:,} at {1.0 / measured.sample_time:g} Hz",
@@ -105,7 +104,7 @@ def claims(errors: SweepError, found: Classification, last: float, delevitated: 
             statement="Above, the bearing becomes increasingly nonlinear, and the model does not follow it.",
             finding=f"error relative to the movement, {errors.edges[-2]:.0f} Hz to {errors.edges[-1]:.0f} Hz: "
             f"x {100 * errors.relative[-1, 0]:.0f} %, y {100 * errors.relative[-1, 1]:.0f} %; the bias that the model "
-            f"misses there: x {UM * errors.mean[-1, 0]:.1f} um, y {UM * errors.mean[-1, 1]:.1f} um",
+            f"misses there: x {UM * errors.mean[-1, 0]:.1f} µm, y {UM * errors.mean[-1, 1]:.1f} µm",
             verdict="agrees" if departs else "agrees in part" if departs_somewhere else "does not agree",
             reason="" if departs else f"The error stays below {100 * USELESS:g} % on at least one axis.",
             figure="fig15-error",

@@ -80,7 +80,7 @@ class ForceEquations(Study):
                 inference_claim(trajectories),
             ],
             {
-                "amplitude": f"{1e6 * AMPLITUDE:g} um",
+                "amplitude": f"{1e6 * AMPLITUDE:g} µm",
                 **SWEEP,
                 "bearing": "one axis, slow amplifier, separate magnetic circuits, no eddy currents, average voltages",
                 "traced": f"{TRACED} samples at each of {', '.join(f'{middle:g} Hz' for middle in WINDOWS)}, "

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_bringup.paper import graph_experiment, square_waves
 from amb_bringup.paper.graph_experiment import SETTLING, equality_claim
 from amb_bringup.paper.square_waves import EXPERIMENT, model_from_squares
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
@@ -73,7 +72,6 @@ class SquareWaves(Study):
     name = "fig13"
     heading = "Fig. 13 and 14: square waves, and the model identified from them"
     parallel = False
-    sources = (graph_experiment, square_waves)
 
     def run(self) -> StudyResult:
         """Run in the usual workplace."""
@@ -97,7 +95,7 @@ class SquareWaves(Study):
                 equality_claim("square-waves", "Fig. 13, 14", without, through),
             ],
             {
-                "excitation": f"squares of {UM * excitation['amplitude']:g} um and {excitation['frequency']:g} Hz, "
+                "excitation": f"squares of {UM * excitation['amplitude']:g} µm and {excitation['frequency']:g} Hz, "
                 f"{excitation['duration'] / 2:g} s on x, then as long on y",
                 "before": f"{SETTLING * measured.sample_time:g} s at rest",
                 "samples": f"{measured.steps:,} at {1.0 / measured.sample_time:g} Hz",
@@ -159,7 +157,7 @@ def claims(found: Identification, means: Means, dynamics: NDArray[np.float64]) -
         ),
         Claim(
             id="unstable-plant",
-            paper_figure="sec. 3.3",
+            paper_figure="Section 3.3",
             statement="With prediction focus and the right order, state-space models of the unstable plant can be "
             "identified directly from data of the closed loop.",
             finding=f"{unstable} unstable plant poles; the largest pole of model and controller has magnitude "
@@ -189,7 +187,7 @@ def _side_by_side(
         for what, fit, panel in zip(("without", "with"), (means.fit_without, means.fit_added), row, strict=True):
             curves = [thinner(item) for item in panel.items if isinstance(item, Curve)]
             curves[-1] = replace(curves[-1], label="model")
-            heading = panel.title or f"fit of the model: x {fit[0]:.1f} %, y {fit[1]:.1f} %"
+            heading = panel.title or f"fit x {fit[0]:.1f} %, y {fit[1]:.1f} %"
             panels.append(replace(panel, items=tuple(curves), title=f"{what} the means; {heading}"))
     alt = f"{left.alt} That is without the means of the data. With them: {right.alt}"
     return Chart(title, alt, tuple(panels), columns=2, shared_x=left.shared_x, size=(12.0, left.size[1]))
@@ -216,4 +214,4 @@ def _poles(found: Identification) -> str:
 
 
 def _um(value: float) -> str:
-    return f"{UM * value + 0.0:.2f} um"
+    return f"{UM * value:z.2f} µm"

@@ -102,7 +102,11 @@ def judge_product(three: SubharmonicSpectrum) -> Claim:
         finding=f"f2 - f1 has {product:.2f} µm, beside "
         f"{tones[0]:.2f} and {tones[1]:.2f} µm at f1 and f2; the response is {three.state}.",
         verdict="agrees" if steady and share >= SIGNIFICANT else "agrees in part" if share > 0.0 else "does not agree",
-        reason="" if steady else "There is no steady state.",
+        reason="There is no steady state."
+        if not steady
+        else ""
+        if share >= SIGNIFICANT
+        else f"It is less than {100 * SIGNIFICANT:g} % of the response to the smaller tone.",
         figure="fig6",
     )
 

@@ -92,12 +92,12 @@ class OneAxisSweep(Study):
                 delevitation_claim({names["fig2"]: paper, names["fig2-slow-amplifier"]: slow}),
             ],
             {
-                "amplitude": f"{1e6 * AMPLITUDE:g} um (ours)",
+                "amplitude": f"{1e6 * AMPLITUDE:g} µm (ours)",
                 **SWEEP,
                 "bearing": "electromagnets above and below the rotor, derivative on error, control current limit "
                 f"{ControllerParameters().current_limit:g} A",
                 "identification": f"PEM, order {ORDER}, on two bearings under different random-phase multisines of "
-                f"{1e6 * EXCITATIONS[0].amplitude:g} um, {EXCITATIONS[0].frequency_start:g} Hz to "
+                f"{1e6 * EXCITATIONS[0].amplitude:g} µm, {EXCITATIONS[0].frequency_start:g} Hz to "
                 f"{EXCITATIONS[0].frequency_end:g} Hz",
             },
             [

@@ -32,7 +32,7 @@ class TwoAxisSweep(Study):
                 regions_claim(on_y["fig3"], on_y["fig3-slow-amplifier"]),
                 gravity_claim({names[figure]: (on_y[figure], on_x[figure]) for figure in names}),
             ],
-            {"amplitude": f"{1e6 * AMPLITUDE:g} um (ours)", **SWEEP},
+            {"amplitude": f"{1e6 * AMPLITUDE:g} µm (ours)", **SWEEP},
             [
                 "The boundaries come from the region classifier of this project, since the algorithm of the paper is "
                 "not public. It tells a slow oscillation from beats of the input with the sample rate, which the grey "
