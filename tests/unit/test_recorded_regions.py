@@ -50,7 +50,7 @@ def write_bag(
     folder: Path,
     missing: tuple[int, int] = (0, 0),
     delevitated: bool = False,
-    broken: int | None = None,
+    broken: int | slice | None = None,
     stopped: int | None = None,
 ) -> Path:
     frequency, reference, position = sweep_signals()
@@ -122,9 +122,20 @@ def test_the_classification_restarts_after_a_gap(tmp_path: Path) -> None:
     assert found.classification.onsets[Region.B].step == pytest.approx(DRIFT, abs=600)
 
 
-def test_samples_that_are_not_finite_are_named_with_their_bag(tmp_path: Path) -> None:
-    with pytest.raises(RegionError, match=r"bag .*bag, run 7: telemetry: position y is nan at step 12345"):
-        classify_run(read_bag(write_bag(tmp_path / "bag", broken=12_345)))
+def test_samples_that_are_not_finite_are_told_and_cost_no_more_than_themselves(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", broken=12_345)
+    found = classify_run(read_bag(bag))
+    assert (found.missing, found.gaps) == ([], [(12_345, 12_346)])
+    parts = stretches(found.classification.states)
+    assert [(part.region.name, part.first_step) for part in parts[:2]] == [("A", 0), ("A", 12_346)]
+    assert found.classification.onsets[Region.B].step == pytest.approx(DRIFT, abs=600)
+    result = CliRunner().invoke(app, ["regions", str(bag), "--out", str(tmp_path / "out")], catch_exceptions=False)
+    assert "steps 12345 are missing or not finite; the classification" in " ".join(result.stdout.split())
+
+
+def test_a_run_without_finite_samples_is_refused_by_bag_and_step(tmp_path: Path) -> None:
+    with pytest.raises(RegionError, match=r"bag .*bag, run 7: telemetry: position y is nan at step 0"):
+        classify_run(read_bag(write_bag(tmp_path / "bag", broken=slice(None))))
 
 
 def test_a_run_that_is_not_there_is_refused(tmp_path: Path) -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from amb_core.control import ControllerParameters
 from amb_core.errors import RegionError
+from amb_core.plant import PlantParameters, describe
 from amb_core.regions import lines
 
 CONTROLLER = ControllerParameters()
@@ -102,3 +105,10 @@ def test_a_loop_that_cannot_levitate_has_no_lines() -> None:
 def test_frequencies_must_be_positive(frequency: float) -> None:
     with pytest.raises(RegionError, match=r"frequency = .* must be positive"):
         lines.bias_limit(frequency, CONTROLLER, BIAS)
+
+
+@pytest.mark.parametrize("page", ["regions.md", "excitation.md"])
+def test_pages_tell_the_static_current_of_the_papers_bearing(page: str) -> None:
+    current = CONTROLLER.proportional_gain * abs(describe(PlantParameters(), CONTROLLER).sag)
+    text = (Path(__file__).parents[2] / "docs" / page).read_text()
+    assert re.findall(r"(?:\(|with )(\d\.\d\d) A(?:\),| of 3 A)", text) == [f"{current:.2f}"]

@@ -30,13 +30,15 @@ class RecordedRegions:
     run : int
         The run.
     record : LoopRecord
-        From its first to its last step; NaN in the gaps.
+        From its first to its last step; NaN where there is no telemetry.
     frequency : ndarray, shape (steps,), or None
         Input frequency as the excitations of the bag have it (Hz), NaN where there is none; None if nowhere.
     classification : Classification
         Of all parts between gaps; the onsets are the first ones of the run.
+    missing : list of (int, int)
+        Spans (first step, step after the last) without telemetry.
     gaps : list of (int, int)
-        Spans (first step, step after the last) without telemetry; the classification restarts after each.
+        These, and spans with samples that are not finite; the classification restarts after each.
     delevitated : bool
         Whether the simulator ended the run since the rotor delevitated.
     parameters : RegionParameters
@@ -47,6 +49,7 @@ class RecordedRegions:
     record: LoopRecord
     frequency: NDArray[np.float64] | None
     classification: Classification
+    missing: list[tuple[int, int]]
     gaps: list[tuple[int, int]]
     delevitated: bool
     parameters: RegionParameters
@@ -60,7 +63,7 @@ def classify_run(bag: Bag, run: int | None = None) -> RecordedRegions:
     BagError
         If the bag has no telemetry, or none of this run.
     RegionError
-        If a sample is not finite, or the sample time does not fit the thresholds.
+        If no sample is finite, or the sample time does not fit the thresholds.
     """
     spans = bag.spans(run) if bag.runs else []
     if not spans:
@@ -70,24 +73,38 @@ def classify_run(bag: Bag, run: int | None = None) -> RecordedRegions:
     frequency = bag.input_frequency(first_step, stop, run)
     ended = bag.delevitation(run)
     parameters = _parameters(bag)
-    parts, records = [], []
-    for start, end in spans:
-        record = bag.telemetry(run, start, end)
+    records = [bag.telemetry(run, start, end) for start, end in spans]
+    usable = [part for record in records for part in _finite_parts(record)]
+    parts = []
+    for part in usable or records:
         try:
-            part = classify(record, parameters, delevitated=ended == end)
+            parts.append(classify(part, parameters, delevitated=ended == part.first_step + part.steps))
         except RegionError as problem:
             raise RegionError(f"bag {bag.path}, run {run}: {problem}") from None
-        parts.append(part)
-        records.append(record)
     return RecordedRegions(
         run,
         _joined(records),
         frequency if np.isfinite(frequency).any() else None,
         _joined_classification(parts, first_step, frequency),
-        [(end, start) for (_, end), (start, _) in pairwise(spans)],
+        _between(spans, first_step, stop),
+        _between([(part.first_step, part.first_step + part.steps) for part in usable], first_step, stop),
         ended is not None,
         parameters,
     )
+
+
+def _finite_parts(record: LoopRecord) -> list[LoopRecord]:
+    """A record without the samples of reference and position that are not finite."""
+    finite = np.isfinite(record.reference).all(axis=1) & np.isfinite(record.position).all(axis=1)
+    edges = np.flatnonzero(np.diff(finite, prepend=False, append=False))
+    starts, stops = edges[::2].tolist(), edges[1::2].tolist()
+    return [record.window(record.first_step + start, stop - start) for start, stop in zip(starts, stops, strict=True)]
+
+
+def _between(spans: Sequence[tuple[int, int]], first_step: int, stop: int) -> list[tuple[int, int]]:
+    """What spans of steps leave out between two steps."""
+    ends = [(first_step, first_step), *spans, (stop, stop)]
+    return [(end, start) for (_, end), (start, _) in pairwise(ends) if start > end]
 
 
 def _parameters(bag: Bag) -> RegionParameters:

@@ -113,7 +113,8 @@ def _print(console: Console, found: RecordedRegions, summary: dict[str, Any]) ->
     from amb_core.telemetry import describe_gaps
 
     if found.gaps:
-        console.print(f"[yellow]{describe_gaps(found.gaps)} are missing; the classification restarts after[/yellow]")
+        what = "missing" if found.gaps == found.missing else "missing or not finite"
+        console.print(f"[yellow]{describe_gaps(found.gaps)} are {what}; the classification restarts after[/yellow]")
     console.print(_table(summary))
     for low, high, start, stop in summary["sampling_beats"]:
         at = "" if low is None or high is None else f", {low:.0f} to {high:.0f} Hz"
