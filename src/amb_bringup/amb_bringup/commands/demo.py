@@ -26,11 +26,12 @@ def demo(
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    from amb_bringup.commands.inputs import parameter_file
+    from amb_bringup.commands.inputs import load_loop, parameter_file
     from amb_bringup.demo import run_demo
     from amb_bringup.launcher import own_domain
 
     console = Console()
+    load_loop(params)  # a wrong file must not cost the results of an earlier demo
     _clear(out)
     with Progress(
         TextColumn("{task.description:20}"),

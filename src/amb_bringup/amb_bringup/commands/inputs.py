@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 if TYPE_CHECKING:
     from amb_core.control import ControllerParameters
+    from amb_core.parameters import Parameters
     from amb_core.plant import PlantParameters
     from amb_core.regions import RegionParameters
+
+P = TypeVar("P", bound="Parameters")
 
 
 def parameter_file(params: Path | None) -> Path:
@@ -19,24 +22,33 @@ def parameter_file(params: Path | None) -> Path:
 
 
 def load_loop(params: Path | None) -> tuple[PlantParameters, ControllerParameters]:
-    """Plant and controller of a parameter file of all nodes."""
+    """Plant and controller of a parameter file of all nodes; what their nodes would refuse is refused."""
+    from amb_controller_node.parameters import PdControllerParameters
     from amb_core.control import ControllerParameters
-    from amb_core.parameters import load_parameters
     from amb_core.plant import PlantParameters
+    from amb_sim_node.parameters import SimulatorParameters
 
     path = parameter_file(params)
     return (
-        load_parameters(PlantParameters, path, "simulator", part=True),
-        load_parameters(ControllerParameters, path, "pd_controller", part=True),
+        _part(PlantParameters, SimulatorParameters, path, "simulator"),
+        _part(ControllerParameters, PdControllerParameters, path, "pd_controller"),
     )
 
 
 def load_regions(params: Path | None) -> RegionParameters:
     """Thresholds of the classifier in a parameter file of all nodes."""
-    from amb_core.parameters import load_parameters
     from amb_core.regions import RegionParameters
+    from amb_ident_node.region_monitor import RegionMonitorParameters
 
-    return load_parameters(RegionParameters, parameter_file(params), "region_monitor", part=True)
+    return _part(RegionParameters, RegionMonitorParameters, parameter_file(params), "region_monitor")
+
+
+def _part(part: type[P], whole: type[Parameters], path: Path, node: str) -> P:
+    """Some of the parameters of a node, after all have been looked at: a misspelt one belongs to no part."""
+    from amb_core.parameters import load_parameters
+
+    load_parameters(whole, path, node)
+    return load_parameters(part, path, node, part=True)
 
 
 def typed_value(word: str) -> Any:

@@ -85,8 +85,9 @@ def subharmonics(
 ) -> None:
     """Put three tones on the reference and look for their products in the steady state of the position.
 
-    Done twice: with the tones as given, and shifted by the offsets. That parts the products which coincide, and shows
-    which of them are made by sampling. Finished runs of a surface are kept, as those of `amb map` are.
+    Done twice, as given and with shifted tones: that parts products which coincide, and shows those of sampling.
+
+    Finished runs of a surface are kept, as those of `amb map` are.
     """
     from rich.console import Console
 
@@ -104,23 +105,24 @@ def subharmonics(
         raise ParameterError("--bag analyses what was measured; it takes no --params, --set, --causes or --surface")
     console = Console()
     make_folder(out)
-    surfaces: dict[str, SubharmonicSurface] = {}
     if bag is not None:
         results = {"bag": {"measured": _analyse_bag(bag, settings)}}
     else:
         loop = _load(params, change or [])
         with _progress(console) as bars:
             results = _simulate(bars, *loop, settings, causes)
-            if surface:
-                surfaces = _surfaces(bars, *loop, settings, grid, cache=cache, scheduler=scheduler, workers=workers)
     for name, tests in results.items():
         for test, spectrum in tests.items():
             console.print(_table(f"{name}, {test}", spectrum))
     if causes:
         console.print(_cause_table(results))
-    for name, found in surfaces.items():
-        console.print(_surface_line(name, found))
-    _write(out, results, surfaces)
+    _write_spectra(out, results)
+    if surface:  # after the spectra are written: it takes minutes, and may need a scheduler that is not there
+        with _progress(console) as bars:
+            surfaces = _surfaces(bars, *loop, settings, grid, cache=cache, scheduler=scheduler, workers=workers)
+        for name, found in surfaces.items():
+            console.print(_surface_line(name, found))
+        _write_surfaces(out, results, surfaces)
     console.print(f"summary.json, figures: {out}")
 
 
@@ -178,16 +180,20 @@ def _simulate(
     """Spectra by loop and test; the loop as given, and if asked for with one effect switched off at a time."""
     from amb_core.loop_parameters import with_values
     from amb_core.subharmonics import VARIANTS, run_subharmonics
+    from amb_core.subharmonics.run import check
 
     variants = VARIANTS if causes else VARIANTS[:1]
     tests = {"as asked": settings, "shifted": settings.shifted()}
-    task = bars.add_task("spectra", total=len(variants) * len(tests))
+    loops = {variant.name: with_values(plant, controller, variant.values) for variant in variants}
+    for loop in loops.values():
+        for test in tests.values():
+            check(*loop, test)  # before the first is run, not after the last but one
+    task = bars.add_task("spectra", total=len(loops) * len(tests))
     results: dict[str, dict[str, SubharmonicSpectrum]] = {}
-    for variant in variants:
-        loop = with_values(plant, controller, variant.values)
-        results[variant.name] = {}
+    for variant, loop in loops.items():
+        results[variant] = {}
         for name, test in tests.items():
-            results[variant.name][name] = run_subharmonics(*loop, test)
+            results[variant][name] = run_subharmonics(*loop, test)
             bars.advance(task)
     return results
 
@@ -217,26 +223,37 @@ def _surfaces(
     return surfaces
 
 
-def _write(
-    out: Path, results: dict[str, dict[str, SubharmonicSpectrum]], surfaces: dict[str, SubharmonicSurface]
-) -> None:
-    """Summary and figures: of the spectra of the loop as given, and of the surfaces."""
-    from amb_bringup.commands.results import write_json
-    from amb_core.figures import save_figure, spectrum_figure, spectrum_page, surface_figure, surface_page
-    from amb_core.subharmonics.summary import spectrum_summary, surface_summary
+def _write_spectra(out: Path, results: dict[str, dict[str, SubharmonicSpectrum]]) -> None:
+    """Summary, and the figure of the spectra of the loop as given."""
+    from amb_core.figures import save_figure, spectrum_figure, spectrum_page
 
-    content = {
-        "spectra": {
-            name: {test: spectrum_summary(spectrum) for test, spectrum in tests.items()}
-            for name, tests in results.items()
-        },
-        "surfaces": {name: surface_summary(found) for name, found in surfaces.items()},
-    }
-    write_json(out / "summary.json", content)
+    _write_summary(out, results, {})
     given = next(iter(results.values()))
     save_figure(out, "spectrum", spectrum_figure(given), spectrum_page(given))
+
+
+def _write_surfaces(
+    out: Path, results: dict[str, dict[str, SubharmonicSpectrum]], surfaces: dict[str, SubharmonicSurface]
+) -> None:
+    """Summary with the surfaces, and their figures."""
+    from amb_core.figures import save_figure, surface_figure, surface_page
+
+    _write_summary(out, results, surfaces)
     for name, found in surfaces.items():
         save_figure(out, name, surface_figure(found), surface_page(found))
+
+
+def _write_summary(
+    out: Path, results: dict[str, dict[str, SubharmonicSpectrum]], surfaces: dict[str, SubharmonicSurface]
+) -> None:
+    from amb_bringup.commands.results import write_json
+    from amb_core.subharmonics.summary import spectrum_summary, surface_summary
+
+    spectra = {
+        name: {test: spectrum_summary(spectrum) for test, spectrum in tests.items()} for name, tests in results.items()
+    }
+    found = {name: surface_summary(surface) for name, surface in surfaces.items()}
+    write_json(out / "summary.json", {"spectra": spectra, "surfaces": found})
 
 
 def _table(title: str, spectrum: SubharmonicSpectrum) -> Table:
