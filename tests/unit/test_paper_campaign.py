@@ -54,6 +54,12 @@ def test_a_finished_study_is_read_from_the_disk_as_it_was(tmp_path: Path) -> Non
     assert [(step.done, step.reused) for step in progress] == [(1, 1)]
 
 
+def test_a_study_that_has_the_machine_for_itself_is_told_when_it_begins(tmp_path: Path) -> None:
+    told: list[str] = []
+    run_campaign([Drawing()], Workplace(cache=tmp_path, tell=told.append))
+    assert told == ["drawing"]
+
+
 def test_others_are_kept_when_a_study_fails(tmp_path: Path) -> None:
     Drawing.runs = 0
     with pytest.raises(StudyError, match="failing: the rotor fell"):

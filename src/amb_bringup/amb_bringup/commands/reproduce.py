@@ -48,7 +48,11 @@ def reproduce(
         def show(progress: CampaignProgress) -> None:
             bar.update(task, completed=progress.done, description=f"studies: {progress.last or 'starting'}")
 
-        results = run_campaign(studies, Workplace(folder=out, scheduler=scheduler, workers=workers), progress=show)
+        def tell(doing: str) -> None:
+            bar.update(task, description=f"studies: {doing}")
+
+        workplace = Workplace(folder=out, scheduler=scheduler, workers=workers, tell=tell)
+        results = run_campaign(studies, workplace, progress=show)
     console.print(_claims(results))
     if only:
         write_figures(out, results)

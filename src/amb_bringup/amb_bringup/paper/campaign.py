@@ -86,6 +86,7 @@ def run_campaign(
             if finished is not None:
                 take(waiting.pop(finished[0]), *finished)
     for key, study in own.items():  # after the others, since these have the whole machine
+        workplace.tell(study.name)
         try:
             take(study, key, study.run_at(workplace))
         except AmbError as problem:

@@ -164,6 +164,7 @@ def run_trials(
         meanwhile()
         left = len(waiting)
         while left:
+            workplace.tell(f"model {len(keys) - left} of {len(keys)}")
             finished = pool.next_finished(POLL)
             if finished is None:
                 continue

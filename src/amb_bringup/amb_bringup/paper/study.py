@@ -6,7 +6,7 @@ import base64
 import hashlib
 import io
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -102,6 +102,10 @@ class StudyResult:
     notes: Sequence[str] = ()
 
 
+def _tell_nobody(doing: str) -> None:
+    pass
+
+
 @dataclass(frozen=True)
 class Workplace:
     """What a study that is not parallel may use besides its own process.
@@ -114,12 +118,15 @@ class Workplace:
         For results of tasks of its own.
     scheduler, workers : optional
         Of a cluster, as for `amb_core.tasks.cluster.open_cluster`.
+    tell : callable
+        Called with what is being done, such as `sweep 3 of 23`.
     """
 
     folder: Path = Path("results/paper")
     cache: Path = field(default_factory=lambda: cache_folder("paper"))
     scheduler: str | None = None
     workers: int | None = None
+    tell: Callable[[str], None] = _tell_nobody
 
 
 class Study(Task[StudyResult]):

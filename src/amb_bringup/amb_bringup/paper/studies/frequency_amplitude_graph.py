@@ -59,6 +59,7 @@ def paper_map(workplace: Workplace) -> RegionMap:
         cache=workplace.cache,
         scheduler=workplace.scheduler,
         workers=workplace.workers,
+        progress=lambda progress: workplace.tell(f"sweep {progress.done} of {progress.total}"),
     )
 
 
