@@ -237,6 +237,26 @@ def _top() -> str:
     return (ROOT / "README.md").read_text()
 
 
+# -- modules
+
+
+def promised(readme: Path) -> Iterator[tuple[str, str]]:
+    """Modules in the first column of a table and names that the second says they, or their classes, offer."""
+    for line in readme.read_text().splitlines():
+        row = re.match(r"\| `(amb_[\w.]+)` \| (.*) \|$", line)
+        if row is not None:
+            yield from ((row[1], name) for name in re.findall(r"`(\w+)`", row[2]))
+
+
+@pytest.mark.parametrize("package", ["src/amb_core", "src/amb_ros", "src/amb_bringup"])
+def test_modules_have_the_names_that_the_readme_promises(package: str) -> None:
+    for module, name in promised(ROOT / package / "README.md"):
+        classes = [item for item in vars(importlib.import_module(module)).values() if inspect.isclass(item)]
+        found = any(hasattr(owner, name) for owner in (importlib.import_module(module), *classes))
+        figure = hasattr(importlib.import_module(module), f"{name}_figure")
+        assert found or figure, f"{package}/README.md: {module} has no {name}"
+
+
 # -- messages
 
 
