@@ -239,7 +239,8 @@ def test_bad_requests_are_answered_with_the_reason(loop: Loop, record: LoopRecor
         assert "internal error" not in answer.message
     answer = loop.identify(order=4, first_step=5_800)
     assert answer.success, answer.message
-    assert answer.warnings[0].startswith("offsets: x: a straight line"), "20 ms of square waves look like a drift"
+    assert answer.warnings[0].startswith("inputs: x: the reference does not move"), "for 20 ms"
+    assert answer.warnings[1].startswith("offsets: x: a straight line"), "20 ms of square waves look like a drift"
 
 
 @pytest.mark.parametrize("what", ["NaN", "constant"])

@@ -75,9 +75,10 @@ def test_the_parts_of_a_split_make_up_the_whole(share: float) -> None:
     assert np.array_equal(joined[0], np.vstack([item.inputs for item in whole.experiments]))
 
 
-def test_a_split_without_samples_is_refused() -> None:
+@pytest.mark.parametrize("share", [1.0, float("nan")])
+def test_a_split_without_samples_is_refused(share: float) -> None:
     with pytest.raises(IdentificationError, match="leaves a part without samples"):
-        data().split(1.0)
+        data().split(share)
 
 
 def test_signals_are_chosen_by_name() -> None:

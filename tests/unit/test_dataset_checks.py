@@ -208,6 +208,18 @@ def test_constant_and_collinear_inputs_are_refused() -> None:
     assert_finding(check_inputs(open_loop(u)), INFO)
 
 
+def test_an_axis_whose_reference_does_not_move_is_warned_of() -> None:
+    assert_finding(check_inputs(closed_loop()), INFO)
+    one_axis = IdentificationData.from_record(loop_record(steps=2_000))
+    assert_finding(check_inputs(one_axis), WARNING, "y: the reference does not move", "excite every axis")
+    assert_finding(check_inputs(detrend(one_axis)), WARNING, "y: the reference does not move")
+
+
+def test_a_limit_of_no_signal_is_refused() -> None:
+    with pytest.raises(IdentificationError, match="no signal 'i_z' to have a limit; there are u1, u2, y1, y2"):
+        check_data(open_loop(), limits={"i_z": 3.0})
+
+
 def tones(frequencies: list[float]) -> IdentificationData:
     time = 2.0 * np.pi * np.arange(3_000)
     u = np.column_stack([sum(np.sin(f * time + shift * k) for k, f in enumerate(frequencies)) for shift in (1.0, 2.0)])

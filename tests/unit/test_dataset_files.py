@@ -141,6 +141,12 @@ def test_a_table_with_names_units_and_times_is_read(tmp_path: Path) -> None:
     assert data.experiments[0].outputs[:, 0].tolist() == [0.0, 2.0, 4.0, 6.0, 8.0]
 
 
+def test_a_table_of_a_spreadsheet_begins_with_a_byte_order_mark(tmp_path: Path) -> None:
+    (tmp_path / "table.csv").write_text("\ufeffi,x\n1,2\n3,4\n", encoding="utf-8")
+    data = read_csv(tmp_path / "table.csv", ["i"], ["x"], sample_time=0.1)
+    assert data.experiments[0].inputs.tolist() == [[1.0], [3.0]]
+
+
 def test_missing_times_split_a_table(tmp_path: Path) -> None:
     times = [0.0, 0.001, 0.002, 0.005, 0.006, 0.010]
     path = write_text(tmp_path / "rig.csv", "\n".join(["time,u,y", *(f"{time},1,2" for time in times)]))

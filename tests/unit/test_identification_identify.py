@@ -69,6 +69,13 @@ def test_where_the_reference_is_unknown_the_model_is_not_simulated(data: Identif
     assert "no reference" in result.summary
 
 
+def test_a_simulation_that_diverges_at_the_current_limit_is_told(data: IdentificationData) -> None:
+    result = identify(data, 6, "ssarx", ControllerParameters(current_limit=0.05))
+    assert result.stable and not np.isfinite(result.model.fit).any()
+    assert "the simulated closed loop diverges" in result.summary
+    assert result.summary.endswith("closed loop stable while the control currents are within their limit")
+
+
 def test_detrended_data_give_the_same_model_about_the_same_operating_point(data: IdentificationData) -> None:
     plain, detrended = (identify(given, 4, "ssarx") for given in (data, detrend(data)))
     np.testing.assert_allclose(detrended.model.input_offset, plain.model.input_offset, rtol=1e-9)

@@ -69,18 +69,21 @@ class Identification:
     @property
     def summary(self) -> str:
         """One line for people."""
-        fit = ", ".join(
-            f"{name} {value:.2f} %"
-            for name, value in zip(self.model.output_names, self.model.fit, strict=False)  # empty where not validated
-        )
-        unstable = len(self.model.unstable_poles())
+        fits = zip(self.model.output_names, self.model.fit, strict=False)  # empty where not validated
+        diverges = not np.isfinite(self.model.fit).all()
+        if diverges:
+            fit = "the simulated closed loop diverges"
+        elif len(self.model.fit):
+            fit = f"closed-loop fit {', '.join(f'{name} {value:.2f} %' for name, value in fits)}"
+        else:
+            fit = "no reference to simulate the closed loop with"
         parts = [
-            f"{self.model.method}, order {self.model.order}, {self.model.samples} samples: "
-            + (f"closed-loop fit {fit}" if fit else "no reference to simulate the closed loop with"),
-            f"{unstable} unstable plant poles",
+            f"{self.model.method}, order {self.model.order}, {self.model.samples} samples: {fit}",
+            f"{len(self.model.unstable_poles())} unstable plant poles",
         ]
         if self.closed_loop_poles is not None:
-            parts.append(f"closed loop {'stable' if self.stable else 'unstable'}")
+            within = " while the control currents are within their limit" if diverges else ""
+            parts.append(f"closed loop stable{within}" if self.stable else "closed loop unstable")
         return "; ".join(parts)
 
 

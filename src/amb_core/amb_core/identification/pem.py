@@ -28,7 +28,7 @@ from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.scaled_data import Samples, ScaledData
 
 MOST_ITERATIONS = 22
-_MOST_EXPERIMENTS = 10  # each has a first state of its own, and time grows with their square
+MOST_EXPERIMENTS = 10  # each has a first state of its own, and time grows with their square
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
 _LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
 
@@ -69,9 +69,9 @@ def pem(
         raise IdentificationError(
             f"the start has {start.b.shape[1]} inputs and {len(start.c)} outputs, not those of the data"
         )
-    if len(data.lengths) > _MOST_EXPERIMENTS:
+    if len(data.lengths) > MOST_EXPERIMENTS:
         raise IdentificationError(
-            f"{len(data.lengths)} experiments are not allowed; allowed: up to {_MOST_EXPERIMENTS}, use the longest"
+            f"{len(data.lengths)} experiments are not allowed; allowed: up to {MOST_EXPERIMENTS}, use the longest"
         )
     unknowns = start.order * (len(data.lengths) + 2 * data.outputs.shape[1] + data.inputs.shape[1])
     if data.outputs.size <= unknowns:

@@ -58,7 +58,7 @@ def identify_by_states(
         try:
             triangle = DataTriangle(data, longest, future)
             used = triangle.best_past(shortest) if past is None else past
-            a, c, k = _best_predictor(data, PastRegression(triangle, used), order, future_map)
+            a, c, k = best_predictor(data, PastRegression(triangle, used), order, future_map)
             b, initial_states = fit_input_matrix(a, c, k, data.inputs, data.outputs, data.lengths)
             return data.model(a, b, c, k, initial_states, sample_time, method, source)
         except (linalg.LinAlgError, ValueError) as problem:
@@ -97,7 +97,7 @@ def horizons(data: ScaledData, order: int, past: int | None = None, future: int 
     return longest, future
 
 
-def _best_predictor(
+def best_predictor(
     data: ScaledData, regression: PastRegression, order: int, future_map: FutureMap
 ) -> tuple[NDArray[np.float64], ...]:
     """A, C and K of the ridge with the smallest one-step prediction errors."""

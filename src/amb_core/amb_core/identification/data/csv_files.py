@@ -103,7 +103,7 @@ def read_csv(
 
 def _read_table(path: Path) -> tuple[dict[str, Any] | None, list[tuple[str, str]], NDArray[np.float64]]:
     """What the comment tells, names and units of the columns, and the numbers, shape (rows, columns)."""
-    with path.open(newline="", encoding="utf-8") as file:
+    with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets begin with a byte order mark
         line = file.readline()
         about = json.loads(line.removeprefix(_COMMENT)) if line.startswith(_COMMENT) else None
         while line.startswith("#"):

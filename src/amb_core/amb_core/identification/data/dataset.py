@@ -178,7 +178,7 @@ class IdentificationData:
         IdentificationError
             If either part would be empty.
         """
-        before = round(share * self.samples)
+        before = round(share * self.samples) if math.isfinite(share) else 0
         if not 0 < before < self.samples:
             raise IdentificationError(f"a share of {share} of {self.samples} samples leaves a part without samples")
         first, second = [], []

@@ -118,12 +118,12 @@ def advice(validation: Validation) -> list[str]:
     if not validation.independent:
         found.append(
             "Residuals depend on past inputs: the plant part misses dynamics worth "
-            f"{100 * residuals.independence.unexplained:.2g} % of the residuals' variance. Raise the order; if that "
+            f"{100 * residuals.independence.unexplained:.3g} % of the residuals' variance. Raise the order; if that "
             "does not help, the plant is nonlinear, or its operating point another than that of the identification."
         )
     if not validation.white:
         found.append(
-            f"Residuals are not white: {100 * residuals.whiteness.unexplained:.2g} % of their variance can be "
+            f"Residuals are not white: {100 * residuals.whiteness.unexplained:.3g} % of their variance can be "
             "predicted from their own past; the noise part is too simple or the plant nonlinear. It matters for "
             "prediction and for the stated uncertainty, less for the design of a controller."
         )
@@ -187,7 +187,7 @@ def _residuals(validation: Validation) -> list[str]:
         rows.append(_row(name, [_verdict(test) for test in alone]))
         rows.append(
             f"    {'together: ' + _verdict(joint):<34}statistic {joint.statistic:.4g}, limit {joint.limit:.4g}; "
-            f"explains {100 * joint.unexplained:.2g} % of the variance"
+            f"explains {100 * joint.unexplained:.3g} % of the variance"
         )
     return rows
 

@@ -52,7 +52,7 @@ def check_data(
     Raises
     ------
     IdentificationError
-        If the order is below 1.
+        If the order is below 1, or a limit is of no signal of the data.
     """
     if order < 1:
         raise IdentificationError(f"order {order} is not allowed; it must be 1 or more")

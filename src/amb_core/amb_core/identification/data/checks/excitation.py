@@ -14,6 +14,7 @@ from amb_core.identification.data.dataset import IdentificationData
 _PER_PARAMETER = 10  # values for each parameter, below which estimates are poor
 _COLLINEAR = 1e-6  # smallest singular value of the inputs, of unit variance each, that tells them apart
 _NEARLY_COLLINEAR = 0.05
+_STILL = 1e-9  # movement of a reference, relative to that of the others, that is rounding
 _EXCITED = 1e-6  # singular value of the lagged inputs, relative to the largest: excitation 120 dB below the strongest
 
 
@@ -55,7 +56,10 @@ def check_amount(data: IdentificationData, order: int) -> Finding:
 
 
 def check_inputs(data: IdentificationData) -> Finding:
-    """Inputs that do not move, or of which one is a sum of multiples of the others."""
+    """Inputs that do not move, or of which one is a sum of multiples of the others; references that do not move.
+
+    Under feedback every input moves. Without a reference that moves it answers to noise and to the other axes alone.
+    """
     constant = [
         name
         for column, name in enumerate(data.input_names)
@@ -84,7 +88,24 @@ def check_inputs(data: IdentificationData) -> Finding:
             ", ".join(names),
             "excite them one after another, or with independent signals",
         )
+    if still := _still_references(data):
+        return Finding(
+            "inputs",
+            Severity.WARNING,
+            "the reference does not move: noise and coupling alone excite this axis",
+            ", ".join(still),
+            "excite every axis, one after another or with independent signals",
+        )
     return Finding("inputs", Severity.INFO, f"{len(data.input_names)} independent inputs")
+
+
+def _still_references(data: IdentificationData) -> list[str]:
+    """Outputs whose reference is known and constant in every experiment."""
+    references = [item.reference for item in data.experiments if item.reference is not None]
+    if len(references) < len(data.experiments):
+        return []
+    moves = np.max([np.ptp(reference, axis=0) for reference in references], axis=0)
+    return [name for name, move in zip(data.output_names, moves, strict=True) if move <= _STILL * moves.max()]
 
 
 def check_excitation(data: IdentificationData, order: int) -> Finding:
@@ -117,7 +138,7 @@ def check_excitation(data: IdentificationData, order: int) -> Finding:
         Severity.ERROR if reached < least else Severity.WARNING,
         what,
         ", ".join(data.input_names),
-        f"use more frequencies (multisine, PRBS, sweep), or ask for order {max(1, reached // 2)}",
+        f"excite a wider band (squares, PRBS, multisine), or ask for order {max(1, reached // 2)}",
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.errors import IdentificationError
 from amb_core.identification.data.checks.report import Finding, Severity
 from amb_core.identification.data.dataset import IdentificationData
 
@@ -103,7 +104,15 @@ def check_clipping(data: IdentificationData, limits: Mapping[str, float] | None 
         The data.
     limits : mapping of str to float, optional
         Known limits on the magnitude of signals by name, in their units; offsets taken away are counted in.
+
+    Raises
+    ------
+    IdentificationError
+        If a limit is of no signal of the data.
     """
+    names = (*data.input_names, *data.output_names)
+    if unknown := sorted(set(limits or {}) - set(names)):
+        raise IdentificationError(f"there is no signal {unknown[0]!r} to have a limit; there are {', '.join(names)}")
     found: list[str] = []
     outputs_cut = False
     for name, signal, offset in _signals(data):
