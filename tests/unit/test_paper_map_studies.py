@@ -21,6 +21,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Workplace:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     "study",
     [RigSweep(), Subharmonics(), FrequencyAmplitudeGraph(), ExcitationsOnTheMap()],
