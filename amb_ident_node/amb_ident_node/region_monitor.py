@@ -68,6 +68,7 @@ class RegionMonitorNode(Node):
         _compile(self._regions)
         self._watch = RegionWatch(self._regions, self._settings.publish_period)
         self._malformed = 0
+        self._sequence = 0  # of the last message on region
         self._building = ""  # how far the map under way is
         self._ending = threading.Event()
         self._remote_parameters = RemoteParameters(self)
@@ -117,7 +118,10 @@ class RegionMonitorNode(Node):
         if run is None or not self.context.ok():  # told to end amid a burst of telemetry
             return
         for state in states:
-            self._region_publisher.publish(region_state_to_message(state, run, sample_time))
+            message = region_state_to_message(state, run, sample_time)
+            self._sequence += 1
+            message.sequence = self._sequence
+            self._region_publisher.publish(message)
 
     # -- the action, in the worker
 

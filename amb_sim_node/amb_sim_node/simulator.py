@@ -49,7 +49,6 @@ class SimulatorNode(Node):
 
         self._clock_message = ClockMessage()
         self._state = SimulatorState(
-            run=int(time.time()),  # so that no run of an earlier simulator comes back under its number
             mode=SimulatorState.PAUSED,
             sample_time=self._plant.sample_time,
         )
@@ -219,7 +218,7 @@ class SimulatorNode(Node):
         self._fault = ""
         self._in_contact, self._contact_steps, self._reported_contact_steps = False, 0, 0
         self._answered = True
-        self._state.run += 1
+        self._state.run = _next_run(self._state.run)
         self._state.step = 0
         self._state.last_step = 0
         self._set_mode(SimulatorState.PAUSED)
@@ -240,6 +239,8 @@ class SimulatorNode(Node):
         self._diagnostics.publish()
 
     def _publish_state(self) -> None:
+        self._state.sequence += 1
+        self._state.plant_state_steps = self._settings.plant_state_steps
         set_step_time(self._state.header.stamp, self._state.step, self._sample_rate)
         self._state_publisher.publish(self._state)
 
@@ -263,6 +264,14 @@ class SimulatorNode(Node):
         mode = MODE_NAMES[state.mode]
         values = {"run": state.run, "step": state.step, "mode": mode, "steps in contact": self._contact_steps}
         return level, summary, values
+
+
+def _next_run(last: int) -> int:
+    """Number of a new run: the wall clock in microseconds, in which no reset can follow another.
+
+    So no number comes back after a restart of the simulator, however many resets came before.
+    """
+    return max(last + 1, time.time_ns() // 1000)
 
 
 def _compiled_plant(parameters: SimulatorParameters) -> Plant:

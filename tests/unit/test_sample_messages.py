@@ -9,7 +9,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from amb_msgs.msg import CurrentReference, RotorPosition
 from amb_ros.sample_messages import pack_current, pack_position, unpack_current, unpack_position
 
-RUN = st.integers(0, 2**32 - 1)
+RUN = st.integers(0, 2**64 - 1)
 STEP = st.integers(0, 2**64 - 1)
 NUMBER = st.floats(allow_nan=False)
 

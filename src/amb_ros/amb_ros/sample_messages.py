@@ -15,8 +15,8 @@ from amb_msgs.msg import CurrentReference, RotorPosition
 
 _HEADER = b"\x00\x01\x00\x00"  # CDR, little endian
 
-_POSITION = Struct("<4sI4xQddd")
-_CURRENT = Struct("<4sI4xQdd")
+_POSITION = Struct("<4sQQddd")
+_CURRENT = Struct("<4sQQdd")
 
 Position = tuple[int, int, float, float, float]
 Current = tuple[int, int, float, float]
