@@ -31,7 +31,7 @@ def test_current_reference_is_serialized_as_ros_does(run, step, i_x, i_y):
 
 
 def test_messages_of_a_big_endian_machine_are_understood():
-    position = b"\x00\x00\x00\x00" + struct.pack(">I4xQddd", 3, 7, 7e-4, 1e-6, -2e-6)
+    position = b"\x00\x00\x00\x00" + struct.pack(">QQddd", 3, 7, 7e-4, 1e-6, -2e-6)
     assert unpack_position(position) == (3, 7, 7e-4, 1e-6, -2e-6)
-    current = b"\x00\x00\x00\x00" + struct.pack(">I4xQdd", 3, 7, 0.5, -1.5)
+    current = b"\x00\x00\x00\x00" + struct.pack(">QQdd", 3, 7, 0.5, -1.5)
     assert unpack_current(current) == (3, 7, 0.5, -1.5)
