@@ -26,7 +26,7 @@ from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
 from amb_ros import topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import LATCHED
+from amb_ros.qos import EVERY_STATE, LATCHED
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
 
@@ -53,7 +53,7 @@ class ExcitationGeneratorNode(Node):
         self._id = 0
         self._awaited: dict[int, Future[ExcitationStatus]] = {}
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
-        self._publisher = self.create_publisher(Excitation, topics.EXCITATION, LATCHED)
+        self._publisher = self.create_publisher(Excitation, topics.EXCITATION, EVERY_STATE)
         self._status_subscription = self.create_subscription(
             ExcitationStatus, topics.EXCITATION_STATUS, self._on_status, LATCHED
         )

@@ -18,7 +18,7 @@ from amb_msgs.msg import CurrentReference, Excitation, ExcitationStatus, LoopSam
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import HISTORY, LATCHED, STREAM
+from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
 from amb_ros.sample_messages import pack_current, unpack_position
 from amb_ros.stamps import set_step_time
 
@@ -47,14 +47,16 @@ class PdControllerNode(Node):
 
         self._current_publisher = self.create_publisher(CurrentReference, topics.CURRENT_REFERENCE, STREAM)
         self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
-        self._status_publisher = self.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, LATCHED)
+        self._status_publisher = self.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, EVERY_STATE)
         self._position_subscription = self.create_subscription(
             RotorPosition, topics.POSITION, self._on_position, STREAM, raw=True
         )
         self._excitation_subscription = self.create_subscription(
             Excitation, topics.EXCITATION, self._on_excitation, LATCHED
         )
-        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
+        self._diagnostics = diagnostics.DiagnosticsReporter(
+            self, self._report, exclusive=(topics.TELEMETRY, topics.CURRENT_REFERENCE, topics.POSITION)
+        )
         self._flush_timer = self.create_timer(
             FLUSH_PERIOD, self._on_flush_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )

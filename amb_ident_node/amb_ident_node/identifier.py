@@ -60,6 +60,7 @@ class IdentifierNode(Node):
         self._malformed = 0
         self._identification: Identification | None = None
         self._model: msg.StateSpaceModel | None = None  # that of the identification, as it was published
+        self._models = 0  # published
         self._stage = ""  # of the identification under way
         self._ending = threading.Event()
         self._remote_parameters = RemoteParameters(self)
@@ -77,7 +78,7 @@ class IdentifierNode(Node):
         create_service(self, srv.GetModel, "~/get_model", self._on_get_model)
         create_service(self, srv.Validate, "~/validate", self._on_validate, self._validator)
         self._action = create_action(self, action.Identify, "~/identify", self._on_identify_goal, self._worker)
-        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
+        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report, exclusive=(topics.TELEMETRY,))
 
     def destroy_node(self) -> None:
         """Call off what is under way, without waiting for it, and end the node."""
@@ -177,6 +178,8 @@ class IdentifierNode(Node):
         finally:
             self._stage = ""
         message = model_to_message(result.model, self._wall_clock.now().to_msg())
+        self._models += 1
+        message.sequence = self._models
         self._identification, self._model = result, message
         self._publisher.publish(message)
         answer.success = True
@@ -217,6 +220,8 @@ class IdentifierNode(Node):
             "malformed blocks": self._malformed,
             "identification": self._stage or "none under way",
         }
+        if self._live.conflict:
+            return diagnostics.ERROR, self._live.conflict, values
         if self._malformed:
             return diagnostics.WARN, f"{self._malformed} malformed blocks of telemetry", values
         return diagnostics.OK, "listening", values

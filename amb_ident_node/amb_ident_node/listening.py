@@ -9,6 +9,7 @@ from amb_core.errors import IdentificationError
 from amb_core.experiments import AppliedExcitation, ExperimentBuffer, select_window
 from amb_core.identification import IdentificationData
 from amb_core.records import LoopRecord
+from amb_core.telemetry import RepeatedSteps
 
 QUIET = 0.2  # s; telemetry of a run that has just ended may still be under way: as long as nothing comes, it is not
 LONGEST_ARRIVAL = 2.0  # s
@@ -25,6 +26,7 @@ class LiveExperiment:
 
     def __init__(self, max_steps: int) -> None:
         self._buffer = ExperimentBuffer(max_steps)
+        self._repeated = RepeatedSteps()
         self._arrived = threading.Condition()
 
     @property
@@ -37,8 +39,14 @@ class LiveExperiment:
         """First step known, and the step after the last."""
         return self._buffer.available
 
+    @property
+    def conflict(self) -> str:
+        """Steps that came twice with different samples, as text; empty if none did."""
+        return self._repeated.conflict
+
     def add_block(self, run: int, block: LoopRecord) -> None:
         """Take in a block of telemetry."""
+        self._repeated.add(run, block)
         self._buffer.add_block(run, block)
         with self._arrived:
             self._arrived.notify_all()

@@ -7,7 +7,10 @@ import math
 from amb_core.errors import RegionError
 from amb_core.records import LoopRecord
 from amb_core.regions import RegionClassifier, RegionParameters, RegionState
-from amb_core.telemetry import describe_gaps
+from amb_core.telemetry import RepeatedSteps, describe_gaps
+
+REGION_MESSAGES = "region messages"
+"""Under this name the monitor's diagnostics count what it has published, which a recorder compares with its own."""
 
 
 class RegionWatch:
@@ -36,6 +39,8 @@ class RegionWatch:
         Blocks that were not classified.
     problem : str
         What was last missing from the telemetry of this run or wrong with it; empty if nothing.
+    next_step : int
+        Step that continues the telemetry of this run: all before it have been taken in.
     """
 
     def __init__(self, parameters: RegionParameters, publish_period: float) -> None:
@@ -48,7 +53,10 @@ class RegionWatch:
         self.refused = 0
         self.problem = ""
         self._classifier: RegionClassifier | None = None
-        self._next = 0  # step that continues the telemetry
+        self.next_step = 0
+        self._repeated = RepeatedSteps()
+        self._standing: tuple[int, int] | None = None  # run, and the step at which the simulator stands still
+        self._told_step = 0  # next_step when a state was last returned
         self._delevitated: tuple[int, int] | None = None  # run, and the step before which the rotor delevitated
         self._told_periods = -1
 
@@ -71,10 +79,25 @@ class RegionWatch:
             self.refused += 1
             self.problem = str(problem)
             raise
-        if block.first_step != self._next:
+        if block.first_step != self.next_step:
             self._note_restart(block.first_step)
-        self._next = block.first_step + block.steps
-        return self._worth_telling(states) + self._end_of_run()
+        self.next_step = block.first_step + block.steps
+        self._repeated.add(run, block)
+        return self._returned(self._worth_telling(states) + self._end_of_run())
+
+    @property
+    def conflict(self) -> str:
+        """Steps of this run that came twice with different samples; empty if none did."""
+        return self._repeated.conflict
+
+    def stand(self, run: int, step: int) -> list[RegionState]:
+        """Take in that the simulator stands still before a step; the states to tell.
+
+        Once all telemetry up to there has come, the last state is returned even if it says nothing new: so a listener
+        knows that no other one will follow.
+        """
+        self._standing = (run, step)
+        return self._returned([])
 
     def delevitate(self, run: int, step: int) -> list[RegionState]:
         """Take in that the rotor of a run delevitated before a step; the states to tell.
@@ -82,30 +105,38 @@ class RegionWatch:
         Its position there is not in the telemetry, which may come later than this.
         """
         self._delevitated = (run, step)
-        return self._end_of_run()
+        return self._returned(self._end_of_run())
 
     def _start(self, run: int, block: LoopRecord) -> None:
         self.run, self.sample_time = run, block.sample_time
         self.state, self.problem = None, ""
         self._classifier = None
         self._classifier = RegionClassifier(self._thresholds, block.sample_time)
-        self._next = block.first_step
+        self.next_step, self._told_step = block.first_step, 0
         self._told_periods = -1
 
     def _note_restart(self, first_step: int) -> None:
         self.restarts += 1
         self._told_periods = -1
-        if first_step > self._next:
-            self.problem = f"telemetry lacks {describe_gaps([(self._next, first_step)])}"
+        if first_step > self.next_step:
+            self.problem = f"telemetry lacks {describe_gaps([(self.next_step, first_step)])}"
         else:
-            self.problem = f"telemetry goes back from step {self._next - 1} to step {first_step}"
+            self.problem = f"telemetry goes back from step {self.next_step - 1} to step {first_step}"
         self.problem += f" of run {self.run}; the classification restarted"
 
     def _end_of_run(self) -> list[RegionState]:
-        if self._classifier is None or self._delevitated != (self.run, self._next):
+        if self._classifier is None or self._delevitated != (self.run, self.next_step):
             return []
         self._delevitated = None
         return self._worth_telling([self._classifier.delevitate()])
+
+    def _returned(self, states: list[RegionState]) -> list[RegionState]:
+        """These states, or the last one where the run stands still and the last one was returned too early."""
+        if not states and self._standing == (self.run, self.next_step) and self._told_step < self.next_step:
+            states = [self.state] if self.state is not None else []
+        if states:
+            self._told_step = self.next_step
+        return states
 
     def _worth_telling(self, states: list[RegionState]) -> list[RegionState]:
         """Those in which something changed, and one a period."""

@@ -1,11 +1,12 @@
 """Node `recorder`: a bag of what the loop did and of all that is needed to understand it later.
 
-It listens from its start on, so that a recording begins without the time that discovery takes, and keeps the last
-message of latched topics to put it first into every bag.
+It listens from its start onwards, so that a recording begins without the time that discovery takes, and keeps the last
+message of latched topics to put it first into every bag. What a bag must hold, the ledger knows.
 """
 
 from __future__ import annotations
 
+import shutil
 import threading
 import time
 from collections import Counter
@@ -21,11 +22,15 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock as ClockMessage
 
 from amb_core.bags import BagWriter
 from amb_core.errors import AmbError, BagError, ParameterError
 from amb_core.messages import ParameterValue
 from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_ident_node.completeness import Mark
+from amb_ident_node.ledger import Ledger
+from amb_ident_node.monitoring import REGION_MESSAGES
 from amb_ident_node.recording import Recording
 from amb_msgs.msg import (
     Excitation,
@@ -37,20 +42,22 @@ from amb_msgs.msg import (
     SimulatorState,
     StateSpaceModel,
 )
-from amb_msgs.srv import StartRecording, StopRecording
+from amb_msgs.srv import GetState, StartRecording, StopRecording
 from amb_ros import diagnostics, topics
 from amb_ros.definitions import message_definition
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
+from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM, offered_profile
 from amb_ros.remote_parameters import RemoteParameters
+from amb_ros.requests import ask
 from amb_ros.services import create_service
 
-PARAMETER_EVENTS = "/parameter_events"
+PARAMETER_EVENTS, ROSOUT, DIAGNOSTICS = "/parameter_events", "/rosout", "/diagnostics"
 DISCOVERY_TIMEOUT = 2.0  # s
 READING_ATTEMPTS = 3  # to read the parameters of a node, before the last one at the end of the bag
 DEFAULT_STOP_TIMEOUT = 10.0  # s
 LONGEST_STOP_TIMEOUT = 3600.0  # s
+LAST_STEP = 2**64 - 1
 
 
 class RecorderParameters(Parameters):
@@ -62,17 +69,27 @@ class RecorderParameters(Parameters):
         0.5, "s", "period of writing to the disk: what a killed recorder may lose", 0.05, 10.0
     )
     parameter_timeout: float = quantity(
-        2.0, "s", "longest wait for an answer about the parameters of a node", 0.05, 10.0
+        2.0, "s", "longest wait for an answer about the parameters or the state of a node", 0.05, 10.0
     )
+    minimum_free_space: float = quantity(50e6, "B", "free space on the disk below which no recording starts", 0.0, 1e15)
 
 
 class RecordedTopic(NamedTuple):
-    """A topic to record."""
+    """A topic to record.
+
+    Attributes
+    ----------
+    name : str
+        Relative to the namespace, or absolute.
+    type : type
+        Its message.
+    offered : QoSProfile
+        As the nodes of the workbench publish it.
+    """
 
     name: str
     type: Any
-    latched: bool = False
-    stream: QoSProfile = STREAM
+    offered: QoSProfile
 
     @property
     def type_name(self) -> str:
@@ -80,24 +97,32 @@ class RecordedTopic(NamedTuple):
         return f"{self.type.__module__.split('.')[0]}/msg/{self.type.__name__}"
 
     @property
-    def qos(self) -> QoSProfile:
-        """As the publishers offer it, with room for a burst."""
-        return EVERY_STATE if self.latched else self.stream
+    def latched(self) -> bool:
+        """Whether its last message is a state that every bag needs, however old it is."""
+        return self.offered in (LATCHED, EVERY_STATE)
+
+    @property
+    def requested(self) -> QoSProfile:
+        """As offered, with room for a burst."""
+        return EVERY_STATE if self.latched else self.offered
 
 
 RECORDED = (
-    RecordedTopic(topics.TELEMETRY, LoopSamples, stream=HISTORY),
-    RecordedTopic(topics.PLANT_STATE, PlantState, stream=HISTORY),
-    RecordedTopic(topics.EXCITATION, Excitation, latched=True),
-    RecordedTopic(topics.EXCITATION_STATUS, ExcitationStatus, latched=True),
-    RecordedTopic(topics.REGION, RegionState, stream=HISTORY),
-    RecordedTopic(topics.REGION_MAP, RegionMap, latched=True),
-    RecordedTopic(topics.MODEL, StateSpaceModel, latched=True),
-    RecordedTopic(topics.SIMULATOR_STATE, SimulatorState, latched=True),
-    RecordedTopic(PARAMETER_EVENTS, ParameterEvent),
-    RecordedTopic("/rosout", Log),
-    RecordedTopic("/diagnostics", DiagnosticArray),
+    RecordedTopic(topics.TELEMETRY, LoopSamples, HISTORY),
+    RecordedTopic(topics.PLANT_STATE, PlantState, HISTORY),
+    RecordedTopic(topics.EXCITATION, Excitation, EVERY_STATE),
+    RecordedTopic(topics.EXCITATION_STATUS, ExcitationStatus, EVERY_STATE),
+    RecordedTopic(topics.REGION, RegionState, HISTORY),
+    RecordedTopic(topics.REGION_MAP, RegionMap, LATCHED),
+    RecordedTopic(topics.MODEL, StateSpaceModel, LATCHED),
+    RecordedTopic(topics.SIMULATOR_STATE, SimulatorState, EVERY_STATE),
+    RecordedTopic(topics.CLOCK, ClockMessage, STREAM),
+    RecordedTopic(PARAMETER_EVENTS, ParameterEvent, STREAM),
+    RecordedTopic(ROSOUT, Log, STREAM),
+    RecordedTopic(DIAGNOSTICS, DiagnosticArray, STREAM),
 )
+OF_THE_GRAPH = (topics.TELEMETRY, topics.PLANT_STATE, topics.REGION, topics.SIMULATOR_STATE, topics.CLOCK)
+"""Topics that follow the steps of a run: what is published up to an awaited step must have arrived."""
 
 
 class RecorderNode(Node):
@@ -107,7 +132,10 @@ class RecorderNode(Node):
         super().__init__("recorder", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True)
         self._settings = declare(self, RecorderParameters)
         self._recording: Recording | None = None
+        self._ledger = Ledger()
         self._latched: dict[str, bytes] = {}
+        self._plant_state: tuple[Mark, bytes] | None = None  # the last one
+        self._conflicts: dict[str, None] = {}  # seen while this bag was recorded
         self._switching = threading.Lock()  # a message falls either before or into a bag that starts
         self._remote_parameters = RemoteParameters(self)
         self._described: set[str] = set()  # nodes whose parameters are in this bag
@@ -117,12 +145,15 @@ class RecorderNode(Node):
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="recorder")
         self._topics = {self.resolve_topic_name(topic.name): topic for topic in RECORDED}
         self._subscriptions_by_name = {
-            name: self.create_subscription(topic.type, name, partial(self._on_message, name), topic.qos, raw=True)
+            name: self.create_subscription(topic.type, name, partial(self._on_message, name), topic.requested, raw=True)
             for name, topic in self._topics.items()
         }
+        self._state_client = self.create_client(GetState, "simulator/get_state")
         create_service(self, StartRecording, "~/start", self._on_start, self._worker)
         create_service(self, StopRecording, "~/stop", self._on_stop, self._worker)
-        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
+        self._diagnostics = diagnostics.DiagnosticsReporter(
+            self, self._report, exclusive=(topics.TELEMETRY, topics.SIMULATOR_STATE)
+        )
         self._flush_timer = self.create_timer(
             self._settings.chunk_period, self._on_flush_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
@@ -140,23 +171,34 @@ class RecorderNode(Node):
 
     def _on_message(self, name: str, data: bytes) -> None:
         topic = self._topics[name]
+        message = None if topic.name in (PARAMETER_EVENTS, ROSOUT) else deserialize_message(data, topic.type)
+        if topic.type is DiagnosticArray and not self._is_of_the_graph(message):
+            return
         with self._switching:
             if topic.latched:
                 self._latched[name] = data
-            recording = self._recording
-            if recording is None:
-                return
-            recording.write(name, data)
-        if topic.type is LoopSamples:
-            block = deserialize_message(data, LoopSamples)
-            recording.note_telemetry(block.run, block.first_step, len(block.position_x))
+            end = _end_of(message)
+            if topic.type is PlantState and end is not None:
+                self._plant_state = end, data
+            if self._recording is not None:
+                self._recording.write(name, data, end)
+            self._ledger.note(topic.name, message)
+
+    def _is_of_the_graph(self, array: DiagnosticArray) -> bool:
+        """Whether diagnostics are of nodes in this namespace; the region monitor's tell how far it is."""
+        prefix = self.get_namespace().strip("/") + "/"
+        for status in array.status:
+            values = {item.key: item.value for item in status.values}
+            if status.name.startswith(prefix) and REGION_MESSAGES in values and values["run"].isdecimal():
+                self._ledger.note_monitor(*(int(values[key]) for key in ("run", "next step", REGION_MESSAGES)))
+        return any(status.name.startswith(prefix) for status in array.status)
 
     def _on_flush_timer(self) -> None:
         if self._recording is not None:
             self._recording.flush()
             late = [name for name in self._undescribed_nodes() if self._attempts[name] < READING_ATTEMPTS]
             if late:
-                self._worker.submit(self._describe, late)
+                self._worker.submit(self._describe, late, self._settings.parameter_timeout)
 
     # -- services, in the worker
 
@@ -174,12 +216,15 @@ class RecorderNode(Node):
                 f"timeout = {request.timeout} s is not allowed; allowed: 0 (for {DEFAULT_STOP_TIMEOUT:g} s) "
                 f"to {LONGEST_STOP_TIMEOUT:g} s"
             )
-        awaited = None
-        if request.wait_for_step:
-            awaited = (request.wait_for_run, request.wait_for_step)
-            recording.wait_for(*awaited, request.timeout or DEFAULT_STOP_TIMEOUT)
-        self._describe(self._undescribed_nodes())
-        problems = [recording.failure] if recording.failure else recording.gaps(awaited)
+        deadline = time.monotonic() + (request.timeout or DEFAULT_STOP_TIMEOUT)
+        awaited = self._awaited(request.wait_for_run, request.wait_for_step)
+        published = self._published_topics()
+        if awaited is not None and not recording.failure:
+            self._ledger.wait_for(awaited, published, deadline - time.monotonic())
+        self._describe(self._undescribed_nodes(), max(deadline - time.monotonic(), self._settings.parameter_timeout))
+        self._note_conflicts()
+        problems = [recording.failure] if recording.failure else self._ledger.lacks(awaited, published)
+        problems += self._conflicts
         if missing := self._undescribed_nodes():
             problems.append(f"the parameters of {', '.join(missing)} are missing")
         self._recording = None
@@ -204,22 +249,86 @@ class RecorderNode(Node):
         if self._recording is not None:
             raise BagError(f"already recording {self._recording.folder}; stop that first")
         folder = Path(self._settings.directory).expanduser() / (uri or time.strftime("amb_%Y-%m-%d_%H-%M-%S"))
+        require_free_space(folder, self._settings.minimum_free_space)
         self._wait_for_publishers()
         self._described.clear()
         self._attempts.clear()
-        parameters = self._read_parameters(self._undescribed_nodes())
+        parameters = self._read_parameters(self._undescribed_nodes(), self._settings.parameter_timeout)
+        recording = self._open(folder)
+        with self._switching:
+            self._conflicts.clear()
+            self._ledger.start()
+            first = dict(self._latched)
+            self._recording = recording
+        self._begin(recording, first)
+        for node, values in parameters.items():
+            recording.write_parameters(PARAMETER_EVENTS, node, values)
+        recording.flush()
+        if recording.failure:  # a disk on which nothing can be written
+            self._recording = None
+            recording.discard()
+            raise BagError(recording.failure)
+        self.get_logger().info(f"recording {recording.folder}")
+        return recording.folder
+
+    def _open(self, folder: Path) -> Recording:
+        """An empty bag with all topics."""
+        offered = {name: self._offered(name, topic) for name, topic in self._topics.items()}
         writer = BagWriter(folder, self._settings.chunk_period)
         for name, topic in self._topics.items():
-            writer.add_topic(name, topic.type_name, self._definitions[topic.type_name], topic.latched)
+            writer.add_topic(name, topic.type_name, self._definitions[topic.type_name], offered[name])
+        return Recording(writer)
+
+    def _begin(self, recording: Recording, first: dict[str, bytes]) -> None:
+        """Find out where in which run the recording begins, and write what is known of this place."""
+        state = self._ask_for_state()
+        exact = state is not None
+        if state is None:
+            state = self._ledger.state
+            exact = state is not None and state.mode == SimulatorState.PAUSED
+        origin = None if state is None else Mark(state.run, state.step if exact else 0)
         with self._switching:
-            recording = Recording(writer, self._paused_at())
-            for name, data in self._latched.items():
-                recording.write(name, data)
-            for node, values in parameters.items():
-                recording.write_parameters(PARAMETER_EVENTS, node, values)
-            self._recording = recording
-        self.get_logger().info(f"recording {writer.folder}")
-        return writer.folder
+            # The state of the plant at the very step at which the simulator stands came when it arrived there.
+            if origin is not None and self._plant_state is not None:
+                end, data = self._plant_state
+                if end == Mark(origin.run, origin.step + 1):
+                    first[self.resolve_topic_name(topics.PLANT_STATE)] = data
+            self._ledger.begin(origin if exact else None)
+            recording.begin(origin, first)
+
+    def _awaited(self, run: int, step: int) -> Mark | None:
+        """The place in a run up to which a recording must hold everything; None if there is none to be known."""
+        now = self._ask_for_state() or self._ledger.state
+        run = run or (now.run if now is not None else self._ledger.last_run)
+        if not step and now is not None and run == now.run:
+            step = now.step
+        return Mark(run, step) if step else None
+
+    def _ask_for_state(self) -> SimulatorState | None:
+        """Where the simulator stands at this moment, as it says; None if there is none to say it."""
+        if not self._state_client.service_is_ready():
+            return None
+        answer = ask(self._state_client, GetState.Request(), self._settings.parameter_timeout)
+        return None if answer is None or not answer.success else answer.state
+
+    def _published_topics(self) -> set[str]:
+        """Those of the topics that follow the steps of a run which somebody publishes, or has published in this bag."""
+        published = {name for name in OF_THE_GRAPH if self.count_publishers(self.resolve_topic_name(name))}
+        return published | {topics.REGION} if self._ledger.has_regions else published
+
+    def _note_conflicts(self) -> None:
+        found = [self._ledger.conflict, *self._diagnostics.conflicts()]
+        self._conflicts.update((text, None) for text in found if text)
+
+    def _offered(self, name: str, topic: RecordedTopic) -> list[dict[str, Any]]:
+        """How the publishers of a topic offer it; as the workbench does where there is none yet."""
+        profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
+        offered: list[dict[str, Any]] = []
+        for profile in profiles or [topic.offered]:
+            words = offered_profile(profile, topic.offered)
+            if words not in offered:
+                offered.append(words)
+        return offered
 
     def _start_by_itself(self) -> None:
         try:
@@ -250,7 +359,7 @@ class RecorderNode(Node):
         """Those nodes of the workbench whose parameters the bag lacks."""
         return [name for name in self._remote_parameters.nodes() if name not in self._described]
 
-    def _read_parameters(self, nodes: Iterable[str]) -> dict[str, dict[str, ParameterValue]]:
+    def _read_parameters(self, nodes: Iterable[str], timeout: float) -> dict[str, dict[str, ParameterValue]]:
         """The parameters of nodes, as far as they tell them.
 
         Reading them also proves that those nodes have heard of this one, and so that nothing they publish is missed.
@@ -260,27 +369,19 @@ class RecorderNode(Node):
             if name in self._described:
                 continue
             try:
-                parameters[name] = self._remote_parameters.read(name, self._settings.parameter_timeout)
+                parameters[name] = self._remote_parameters.read(name, timeout)
                 self._described.add(name)
             except ParameterError as problem:
                 self._attempts[name] += 1
                 self.get_logger().warning(f"{problem} The bag lacks them.")
         return parameters
 
-    def _describe(self, nodes: Iterable[str]) -> None:
+    def _describe(self, nodes: Iterable[str], timeout: float) -> None:
         """Write the parameters of nodes that the bag lacks so far, such as of those that started after it."""
         recording = self._recording
         if recording is not None:
-            for node, values in self._read_parameters(nodes).items():
+            for node, values in self._read_parameters(nodes, timeout).items():
                 recording.write_parameters(PARAMETER_EVENTS, node, values)
-
-    def _paused_at(self) -> tuple[int, int] | None:
-        """Run and step at which the simulator stands still, None if it is not known to."""
-        data = self._latched.get(self.resolve_topic_name(topics.SIMULATOR_STATE))
-        if data is None:
-            return None
-        state = deserialize_message(data, SimulatorState)
-        return (state.run, state.step) if state.mode == SimulatorState.PAUSED else None
 
     def _close(self) -> None:
         recording, self._recording = self._recording, None
@@ -296,13 +397,46 @@ class RecorderNode(Node):
         recording = self._recording
         if recording is None:
             return diagnostics.OK, "not recording", {}
-        gaps = recording.gaps()
-        values = {"bag": recording.folder, "messages": recording.messages, "runs with gaps": len(gaps)}
+        self._note_conflicts()
+        lacks = self._ledger.lacks()
+        values = {"bag": recording.folder, "messages": recording.messages, "topics with gaps": len(lacks)}
         if recording.failure:
             return diagnostics.ERROR, recording.failure, values
-        if gaps:
-            return diagnostics.WARN, "; ".join(gaps), values
+        if self._ledger.conflict:
+            return diagnostics.ERROR, self._ledger.conflict, values
+        if lacks:
+            return diagnostics.WARN, "; ".join(lacks), values
         return diagnostics.OK, "recording", values
+
+
+def require_free_space(folder: Path, minimum: float) -> None:
+    """Refuse a bag on a disk that is full, or will soon be.
+
+    Raises
+    ------
+    BagError
+        If less than `minimum` bytes are free.
+    """
+    there = next((parent for parent in folder.absolute().parents if parent.is_dir()), Path("/"))
+    free = shutil.disk_usage(there).free
+    if free < minimum:
+        raise BagError(
+            f"bag {folder.absolute()}: {free / 1e6:.1f} MB are free on its disk; allowed: {minimum / 1e6:g} MB or more "
+            "(parameter minimum_free_space)"
+        )
+
+
+def _end_of(message: Any) -> Mark | None:
+    """Where in which run a message ends, None where that does not decide whether it belongs into a recording."""
+    if isinstance(message, LoopSamples):
+        return Mark(message.run, message.first_step + len(message.position_x))
+    if isinstance(message, PlantState | SimulatorState):
+        return Mark(message.run, message.step + 1)
+    if isinstance(message, RegionState):
+        return Mark(message.run, message.next_step)
+    if isinstance(message, Excitation | ExcitationStatus):
+        return Mark(message.run, LAST_STEP)
+    return None
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,7 +1,9 @@
-"""A recording in progress: the bag, what telemetry it lacks, how it failed. For several threads, free of ROS."""
+"""A recording in progress: the bag, where it begins, how it failed. For several threads, free of ROS."""
 
 from __future__ import annotations
 
+import contextlib
+import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -10,26 +12,23 @@ from pathlib import Path
 from amb_core.bags import BagWriter
 from amb_core.errors import BagError
 from amb_core.messages import ParameterValue
-from amb_core.telemetry import StepCoverage, describe_gaps
+from amb_ident_node.completeness import Mark
 
 
 class Recording:
-    """A bag being recorded.
+    """A bag being recorded. Messages are held back until it is known where the recording begins.
 
     Parameters
     ----------
     writer : BagWriter
         The bag, with its topics added.
-    origin : tuple of int or None
-        Run and step at which the simulator is paused: telemetry must start there. None if it is not known to be
-        paused; then that of the first run may start anywhere. Later runs must start at step 0.
     """
 
-    def __init__(self, writer: BagWriter, origin: tuple[int, int] | None) -> None:
+    def __init__(self, writer: BagWriter) -> None:
         self._writer = writer
-        self._origin = origin
-        self._coverage: dict[int, StepCoverage] = {}
-        self._changed = threading.Condition()
+        self._origin: Mark | None = None
+        self._held: list[tuple[str, bytes, Mark | None, int]] | None = []
+        self._lock = threading.Lock()
         self._closed = False
         self.failure = ""
 
@@ -43,41 +42,37 @@ class Recording:
         """Number of messages in the bag."""
         return self._writer.messages
 
-    def write(self, topic: str, data: bytes) -> None:
-        """Append a message as received. The first failure ends the recording and stays in `failure`."""
-        self._attempt(lambda: self._writer.write(topic, data, time.time_ns()))
+    def begin(self, origin: Mark | None, first: Mapping[str, bytes]) -> None:
+        """Begin at a place in a run, None if it is not known, with the present states of some topics."""
+        with self._lock:
+            self._origin = origin
+            for topic, data in first.items():
+                self._write(topic, data, time.time_ns())
+            held, self._held = self._held or [], None
+            for topic, data, end, received in held:
+                if not self._is_older(end):
+                    self._write(topic, data, received)
+
+    def write(self, topic: str, data: bytes, end: Mark | None = None) -> None:
+        """Append a message as received; left out if it ends before the recording begins.
+
+        The first failure ends the recording and stays in `failure`.
+        """
+        with self._lock:
+            if self._held is not None:
+                self._held.append((topic, data, end, time.time_ns()))
+            elif not self._is_older(end):
+                self._write(topic, data, time.time_ns())
 
     def write_parameters(self, topic: str, node: str, values: Mapping[str, ParameterValue]) -> None:
         """Append the parameters of a node."""
-        self._attempt(lambda: self._writer.write_parameters(topic, node, values, time.time_ns()))
-
-    def note_telemetry(self, run: int, first_step: int, steps: int) -> None:
-        """Note which steps the telemetry just written holds."""
-        with self._changed:
-            self._coverage.setdefault(run, StepCoverage()).add(first_step, steps)
-            self._changed.notify_all()
+        with self._lock:
+            self._attempt(lambda: self._writer.write_parameters(topic, node, values, time.time_ns()))
 
     def flush(self) -> None:
         """Write the chunk in progress to the disk."""
-        self._attempt(self._writer.flush)
-
-    def wait_for(self, run: int, stop: int, timeout: float) -> None:
-        """Wait until the telemetry of a run reaches the step before `stop`, the time is over or the bag is closed."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._closed or bool(self.failure) or self._reached(run) >= stop, timeout)
-
-    def gaps(self, awaited: tuple[int, int] | None = None) -> list[str]:
-        """What telemetry the bag lacks, one text per run; `awaited` is a run and the step after its last one."""
-        with self._changed:
-            stops = {run: coverage.stop for run, coverage in self._coverage.items()}
-            if awaited is not None:
-                stops[awaited[0]] = max(stops.get(awaited[0], 0), awaited[1])
-            texts = []
-            for run, stop in stops.items():
-                missing = self._coverage.get(run, StepCoverage()).missing(self._first_step(run), stop)
-                if missing:
-                    texts.append(f"telemetry of run {run} lacks {describe_gaps(missing)}")
-            return texts
+        with self._lock:
+            self._attempt(self._writer.flush)
 
     def close(self) -> None:
         """Close the bag; a second call does nothing.
@@ -87,29 +82,32 @@ class Recording:
         BagError
             If it cannot be written to its end.
         """
-        with self._changed:
-            if self._closed:
-                return
-            self._closed = True
-            self._changed.notify_all()
-            self._writer.close()
+        if self._held is not None:  # ended before it was known where it begins
+            self.begin(None, {})
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                self._writer.close()
 
-    def _reached(self, run: int) -> int:
-        return self._coverage[run].stop if run in self._coverage else 0
+    def discard(self) -> None:
+        """Close the bag and remove it, as far as the disk allows."""
+        with contextlib.suppress(BagError):
+            self.close()
+        shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _first_step(self, run: int) -> int:
-        if self._origin is not None and run == self._origin[0]:
-            return self._origin[1]
-        if self._origin is None and run == next(iter(self._coverage), None):
-            return self._coverage[run].first
-        return 0
+    def _is_older(self, end: Mark | None) -> bool:
+        """Whether a message that ends there is of an earlier run, or of steps before the recording."""
+        if end is None or self._origin is None:
+            return False
+        return (end.run, end.step) <= (self._origin.run, self._origin.step)
+
+    def _write(self, topic: str, data: bytes, received: int) -> None:
+        self._attempt(lambda: self._writer.write(topic, data, received))
 
     def _attempt(self, action: Callable[[], None]) -> None:
-        with self._changed:
-            if self._closed or self.failure:
-                return
-            try:
-                action()
-            except BagError as problem:
-                self.failure = str(problem)
-                self._changed.notify_all()
+        if self._closed or self.failure:
+            return
+        try:
+            action()
+        except BagError as problem:
+            self.failure = str(problem)

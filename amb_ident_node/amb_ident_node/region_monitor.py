@@ -22,7 +22,7 @@ from amb_core.parameters import choice, load_parameters, part_of, quantity
 from amb_core.plant import PlantParameters
 from amb_core.records import LoopRecord
 from amb_core.regions import Region, RegionParameters, RegionState
-from amb_ident_node.monitoring import RegionWatch
+from amb_ident_node.monitoring import REGION_MESSAGES, RegionWatch
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import LoopSamples, RegionMap, SimulatorState
 from amb_msgs.msg import RegionState as RegionStateMessage
@@ -69,6 +69,7 @@ class RegionMonitorNode(Node):
         self._watch = RegionWatch(self._regions, self._settings.publish_period)
         self._malformed = 0
         self._sequence = 0  # of the last message on region
+        self._maps = 0  # published
         self._building = ""  # how far the map under way is
         self._ending = threading.Event()
         self._remote_parameters = RemoteParameters(self)
@@ -83,7 +84,9 @@ class RegionMonitorNode(Node):
             SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, EVERY_STATE
         )
         self._build_map = create_action(self, BuildMap, "~/build_map", self._on_build_map, self._worker)
-        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
+        self._diagnostics = diagnostics.DiagnosticsReporter(
+            self, self._report, exclusive=(topics.TELEMETRY, topics.SIMULATOR_STATE)
+        )
 
     def destroy_node(self) -> None:
         """Cancel the map under way, whose finished sweeps stay in the cache, then end the node."""
@@ -112,6 +115,8 @@ class RegionMonitorNode(Node):
     def _on_simulator_state(self, message: SimulatorState) -> None:
         if message.mode == SimulatorState.DELEVITATED:
             self._publish(self._watch.delevitate(message.run, message.step))
+        elif message.mode in (SimulatorState.PAUSED, SimulatorState.FAULT):
+            self._publish(self._watch.stand(message.run, message.step))
 
     def _publish(self, states: list[RegionState]) -> None:
         run, sample_time = self._watch.run, self._watch.sample_time
@@ -120,7 +125,7 @@ class RegionMonitorNode(Node):
         for state in states:
             message = region_state_to_message(state, run, sample_time)
             self._sequence += 1
-            message.sequence = self._sequence
+            message.sequence, message.next_step = self._sequence, self._watch.next_step
             self._region_publisher.publish(message)
 
     # -- the action, in the worker
@@ -164,6 +169,8 @@ class RegionMonitorNode(Node):
         if ended():
             result.message = f"cancelled after {sweeps}, which stay in the cache"
             return result
+        self._maps += 1
+        result.map.sequence = self._maps
         self._map_publisher.publish(result.map)
         if path is not None:
             try:
@@ -198,6 +205,8 @@ class RegionMonitorNode(Node):
         watch = self._watch
         values: dict[str, object] = {
             "run": watch.run,
+            "next step": watch.next_step,
+            REGION_MESSAGES: self._sequence,
             "restarts": watch.restarts,
             "refused blocks": watch.refused,
             "malformed blocks": self._malformed,
@@ -218,6 +227,8 @@ class RegionMonitorNode(Node):
                 "region y": state.y.region.name,
                 "beats with the sample rate": state.x.sampling_beat or state.y.sampling_beat,
             }
+        if watch.conflict:
+            return diagnostics.ERROR, f"{summary}; {watch.conflict}", values
         problem = watch.problem or (f"{self._malformed} malformed blocks of telemetry" if self._malformed else "")
         if problem:
             return max(level, diagnostics.WARN), f"{summary}; {problem}", values

@@ -18,11 +18,11 @@ from amb_core.errors import AmbError, ParameterError, PlantError
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
 from amb_msgs.msg import CurrentReference, PlantState, RotorPosition, SimulatorState
-from amb_msgs.srv import Pause, Reset, RunSteps
+from amb_msgs.srv import GetState, Pause, Reset, RunSteps
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare, replace
 from amb_ros.process import run_node
-from amb_ros.qos import HISTORY, LATCHED, STREAM
+from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 from amb_ros.services import create_service
 from amb_ros.stamps import set_step_time
@@ -60,16 +60,19 @@ class SimulatorNode(Node):
         self._seen_step = -1  # step at the last look of the watch
 
         self._position_publisher = self.create_publisher(RotorPosition, topics.POSITION, STREAM)
-        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
+        self._clock_publisher = self.create_publisher(ClockMessage, topics.CLOCK, STREAM)
         self._plant_state_publisher = self.create_publisher(PlantState, topics.PLANT_STATE, HISTORY)
-        self._state_publisher = self.create_publisher(SimulatorState, topics.SIMULATOR_STATE, LATCHED)
+        self._state_publisher = self.create_publisher(SimulatorState, topics.SIMULATOR_STATE, EVERY_STATE)
         self._current_subscription = self.create_subscription(
             CurrentReference, topics.CURRENT_REFERENCE, self._on_current_reference, STREAM, raw=True
         )
         create_service(self, Reset, "~/reset", self._on_reset)
         create_service(self, Pause, "~/pause", self._on_pause)
         create_service(self, RunSteps, "~/run", self._on_run)
-        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
+        create_service(self, GetState, "~/get_state", self._on_get_state)
+        self._diagnostics = diagnostics.DiagnosticsReporter(
+            self, self._report, exclusive=(topics.POSITION, topics.SIMULATOR_STATE, topics.CURRENT_REFERENCE)
+        )
         self._watch = self._create_watch()
         self._reset()
         if self._settings.autostart:
@@ -184,6 +187,12 @@ class SimulatorNode(Node):
         response.last_step = state.last_step
         return response
 
+    def _on_get_state(self, _request: GetState.Request, response: GetState.Response) -> GetState.Response:
+        self._stamp_state()
+        response.success = True
+        response.state = self._state
+        return response
+
     def _take_parameters(self, path: str) -> None:
         """Take all parameters and a new plant from a file; on an error everything stays as it is.
 
@@ -238,10 +247,13 @@ class SimulatorNode(Node):
         self._publish_state()
         self._diagnostics.publish()
 
+    def _stamp_state(self) -> None:
+        self._state.plant_state_steps, self._state.clock_steps = self._settings.plant_state_steps, self._clock_steps
+        set_step_time(self._state.header.stamp, self._state.step, self._sample_rate)
+
     def _publish_state(self) -> None:
         self._state.sequence += 1
-        self._state.plant_state_steps = self._settings.plant_state_steps
-        set_step_time(self._state.header.stamp, self._state.step, self._sample_rate)
+        self._stamp_state()
         self._state_publisher.publish(self._state)
 
     def _report(self) -> diagnostics.Report:

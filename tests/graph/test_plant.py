@@ -161,7 +161,7 @@ def test_reset_with_a_parameter_file_gives_the_samples_of_the_loop_without_ros(l
     file = parameter_file(folder / "other.yaml", other)
     before = loop.reset()
     run = loop.reset(file)
-    assert run == before + 1
+    assert run > before
     expected = loop_without_ros(load_parameters(SimulatorParameters, file, "simulator"), STEPS)
     assert run_to(loop, run, STEPS).identical_to(expected)
     again = loop.reset()  # without a file: the parameters stay

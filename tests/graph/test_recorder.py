@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 
 from amb_core.bags import Bag, read_bag
 from amb_core.errors import BagError
-from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, SimulatorState, StateSpaceModel
+from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, RegionState, SimulatorState, StateSpaceModel
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import HISTORY, LATCHED
 
@@ -83,6 +83,7 @@ def test_everything_published_after_the_start_is_in_the_bag(loop: Loop, graph: G
     assert started.success, started.message
     loop.diagnostics.publish(DiagnosticArray())
     loop.publish_blocks(3, 0, 100)
+    loop.state.publish(SimulatorState(mode=SimulatorState.PAUSED, run=3, step=100 * BLOCK))
     stopped = loop.stop_bag(3, 100 * BLOCK)
     assert stopped.success, stopped.message
     assert stopped.uri == started.uri == str(graph.folder / "bags" / "bag")
@@ -131,7 +132,7 @@ def test_missing_telemetry_is_named_and_the_bag_closed(recorded: Loop) -> None:
     recorded.publish_blocks(1, 5, 8)
     stopped = recorded.stop_bag(1, 8 * BLOCK)
     assert not stopped.success
-    assert stopped.message == "telemetry of run 1 lacks steps 300 to 499"
+    assert stopped.message == "telemetry of run 1 lacks steps 300 to 499 (200 steps)"
     assert not read_bag(stopped.uri).truncated
 
 
@@ -140,7 +141,7 @@ def test_telemetry_that_does_not_come_is_missing(recorded: Loop) -> None:
     recorded.publish_blocks(1, 0, 1)
     stopped = recorded.stop_bag(1, 5 * BLOCK, timeout=0.3)
     assert not stopped.success
-    assert stopped.message == "telemetry of run 1 lacks steps 100 to 499"
+    assert stopped.message == "telemetry of run 1 lacks steps 100 to 499 (400 steps)"
 
 
 def test_a_run_that_began_while_recording_must_be_there_from_its_first_step(recorded: Loop) -> None:
@@ -148,7 +149,7 @@ def test_a_run_that_began_while_recording_must_be_there_from_its_first_step(reco
     recorded.publish_blocks(1, 7, 9)
     recorded.publish_blocks(2, 1, 2)
     stopped = recorded.stop_bag(2, 2 * BLOCK)
-    assert stopped.message == "telemetry of run 2 lacks steps 0 to 99"
+    assert stopped.message == "telemetry of run 2 lacks steps 0 to 99 (100 steps)"
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
@@ -206,6 +207,62 @@ def test_a_full_disk_ends_the_recording_but_not_the_node(loop: Loop, graph: Grap
     assert read_bag(stopped.uri).truncated
     assert process.poll() is None
     assert not loop.stop_bag().success
+
+
+def test_a_full_disk_is_refused_at_the_start(loop: Loop, graph: Graph) -> None:
+    graph.start(RECORDER, parameters={"minimum_free_space": 1e15})
+    started = loop.start_bag()
+    assert not started.success
+    assert "MB are free on its disk; allowed: 1e+09 MB or more" in started.message
+    assert not (graph.folder / "bags").exists()
+
+
+def test_a_disk_that_takes_nothing_is_refused_at_the_start(loop: Loop, graph: Graph) -> None:
+    limit = 3000  # bytes a file may have: less than the definitions of the messages need
+    graph.environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(_without_shared_memory(graph.folder))
+    graph.start(RECORDER, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
+    started = loop.start_bag()
+    assert not started.success
+    assert "cannot be written: File too large" in started.message
+    assert "nothing is being recorded" in loop.stop_bag().message
+    assert not (graph.folder / "bags" / "bag").exists()
+
+
+def _without_shared_memory(folder: Path) -> Path:
+    """Settings under which DDS needs no file of its own."""
+    profiles = folder / "udp_only.xml"
+    profiles.write_text(
+        """<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+        <transport_descriptors><transport_descriptor><transport_id>udp</transport_id><type>UDPv4</type>
+        </transport_descriptor></transport_descriptors>
+        <participant profile_name="udp_only" is_default_profile="true"><rtps>
+        <userTransports><transport_id>udp</transport_id></userTransports>
+        <useBuiltinTransports>false</useBuiltinTransports></rtps></participant></profiles>"""
+    )
+    return profiles
+
+
+def test_messages_that_their_publisher_counts_are_missed_by_number(recorded: Loop) -> None:
+    publisher = recorded.graph.node.create_publisher(RegionState, "/amb/region", HISTORY)
+    recorded.start_bag("counted")
+    for sequence in (1, 2, 5, 6, 9):
+        publisher.publish(RegionState(run=1, sequence=sequence, next_step=100 * sequence))
+    recorded.publish_blocks(1, 0, 9)
+    stopped = recorded.stop_bag(1, 9 * BLOCK)
+    recorded.graph.node.destroy_publisher(publisher)
+    assert not stopped.success
+    assert stopped.message == "region lacks messages 3 to 4 and 7 to 8 (4 messages)"
+
+
+def test_steps_that_come_twice_with_other_samples_are_named(recorded: Loop) -> None:
+    recorded.start_bag("twice")
+    recorded.publish_blocks(1, 0, 3)
+    samples = {name: array("d", np.ones(BLOCK).tobytes()) for name in SIGNALS}
+    recorded.telemetry.publish(LoopSamples(run=1, first_step=BLOCK, sample_time=1e-4, **samples))
+    recorded.publish_blocks(1, 3, 5)
+    stopped = recorded.stop_bag(1, 5 * BLOCK)
+    assert not stopped.success
+    assert "steps 100 to 199 came twice with different samples" in stopped.message
 
 
 def test_bad_requests_are_refused_and_the_node_lives(recorded: Loop) -> None:

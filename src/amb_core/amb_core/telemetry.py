@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -59,12 +60,58 @@ class StepCoverage:
         return gaps
 
 
-def describe_gaps(gaps: Sequence[tuple[int, int]], shown: int = 3) -> str:
+class RepeatedSteps:
+    """Finds steps that come a second time with other samples, as from two controllers.
+
+    Compares with the latest blocks only, so that memory stays flat.
+
+    Attributes
+    ----------
+    conflict : str
+        What was found last, as text; empty if nothing.
+    """
+
+    COMPARED_BLOCKS = 100
+
+    def __init__(self) -> None:
+        self._run: int | None = None
+        self._blocks: deque[LoopRecord] = deque(maxlen=self.COMPARED_BLOCKS)
+        self._stop = 0
+        self.conflict = ""
+
+    def add(self, run: int, block: LoopRecord) -> None:
+        """Take in a block of telemetry."""
+        if run != self._run:
+            self._run, self._stop = run, 0
+            self._blocks.clear()
+        if block.first_step < self._stop and any(_contradict(known, block) for known in self._blocks):
+            self.conflict = (
+                f"telemetry of run {run}: steps {block.first_step} to {block.first_step + block.steps - 1} came twice "
+                "with different samples; do two controllers publish it?"
+            )
+        self._blocks.append(block)
+        self._stop = max(self._stop, block.first_step + block.steps)
+
+
+def _contradict(known: LoopRecord, block: LoopRecord) -> bool:
+    """Whether two blocks share steps and differ there."""
+    start = max(known.first_step, block.first_step)
+    steps = min(known.first_step + known.steps, block.first_step + block.steps) - start
+    if steps < 1:
+        return False
+    one, other = known.window(start, steps), block.window(start, steps)
+    return not all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
+        for name in ("reference", "position", "current")
+    )
+
+
+def describe_gaps(gaps: Sequence[tuple[int, int]], shown: int = 3, noun: str = "steps") -> str:
     """Spans of steps as text, such as `steps 100 to 199 and 300 to 399`; at most `shown` of them are spelled out."""
     spans = [f"{start} to {stop - 1}" if stop > start + 1 else str(start) for start, stop in gaps[:shown]]
     if len(gaps) > shown:
         spans.append(f"{len(gaps) - shown} more spans")
-    return "steps " + (", ".join(spans[:-1]) + " and " if len(spans) > 1 else "") + spans[-1]
+    return f"{noun} " + (", ".join(spans[:-1]) + " and " if len(spans) > 1 else "") + spans[-1]
 
 
 def merge_blocks(

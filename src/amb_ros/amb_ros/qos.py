@@ -1,5 +1,8 @@
 """Quality of service of the workbench's topics: nothing may be lost, and late listeners learn the current state."""
 
+from typing import Any
+
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 STREAM = QoSProfile(
@@ -33,3 +36,32 @@ EVERY_STATE = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """For listeners to latched topics who must not miss one of several states that come in a burst."""
+
+
+def offered_profile(profile: QoSProfile, declared: QoSProfile) -> dict[str, Any]:
+    """What a publisher offers in the words of rosbag2's metadata.
+
+    Parameters
+    ----------
+    profile : QoSProfile
+        As discovered; discovery does not tell history and depth.
+    declared : QoSProfile
+        Where history and depth come from.
+    """
+    return {
+        "history": declared.history.name.lower(),
+        "depth": declared.depth,
+        "reliability": profile.reliability.name.lower(),
+        "durability": profile.durability.name.lower(),
+        "deadline": _time(profile.deadline),
+        "lifespan": _time(profile.lifespan),
+        "liveliness": profile.liveliness.name.lower(),
+        "liveliness_lease_duration": _time(profile.liveliness_lease_duration),
+        "avoid_ros_namespace_conventions": profile.avoid_ros_namespace_conventions,
+    }
+
+
+def _time(duration: Duration) -> dict[str, int]:
+    """As seconds and nanoseconds; what is not limited has rosbag2's largest time."""
+    seconds, nanoseconds = divmod(duration.nanoseconds or 2**63 - 1, 1_000_000_000)
+    return {"sec": seconds, "nsec": nanoseconds}

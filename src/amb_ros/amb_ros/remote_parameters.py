@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import Parameter
@@ -13,11 +12,9 @@ from rclpy.node import Node, NodeNameNonExistentError
 from amb_core.errors import ParameterError
 from amb_core.messages import ParameterValue, parameters_from_messages
 from amb_core.parameters import Parameters, part_of
-from amb_ros.requests import PendingRequest
+from amb_ros.requests import ask
 
 P = TypeVar("P", bound=Parameters)
-
-POLL_PERIOD = 0.005  # s; `Client.wait_for_service` looks only four times a second
 
 
 class RemoteParameters:
@@ -90,15 +87,7 @@ class RemoteParameters:
         return any(service.endswith(f"/{name}/list_parameters") for service, _ in services)
 
     def _call(self, client: Client, request: Any, remote: str, timeout: float) -> Any:
-        deadline = time.monotonic() + timeout
-        pending = PendingRequest(client, request, repeated=True)
-        try:
-            while (answer := pending.answer()) is None:
-                if time.monotonic() > deadline:
-                    raise ParameterError(
-                        f"node {remote} did not tell its parameters within {timeout:g} s; is it running?"
-                    )
-                time.sleep(POLL_PERIOD)
-        finally:
-            pending.forget()
+        answer = ask(client, request, timeout)
+        if answer is None:
+            raise ParameterError(f"node {remote} did not tell its parameters within {timeout:g} s; is it running?")
         return answer

@@ -9,6 +9,7 @@ from typing import Any
 from rclpy.client import Client
 from rclpy.task import Future
 
+POLL_PERIOD = 0.005  # s; `Client.wait_for_service` looks only four times a second
 REPEAT_PERIOD = 0.5  # s; answers of nodes of others may get lost, see `middleware`
 
 
@@ -47,3 +48,18 @@ class PendingRequest:
         """Expect no answer any more."""
         for future in self._futures:
             self._client.remove_pending_request(future)
+
+
+def ask(client: Client, request: Any, timeout: float) -> Any:
+    """Ask a service from another thread than the one that spins its node; None if no answer comes in time (s).
+
+    The request may go out more than once.
+    """
+    deadline = time.monotonic() + timeout
+    pending = PendingRequest(client, request, repeated=True)
+    try:
+        while (answer := pending.answer()) is None and time.monotonic() < deadline:
+            time.sleep(POLL_PERIOD)
+    finally:
+        pending.forget()
+    return answer

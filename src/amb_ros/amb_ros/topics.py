@@ -10,5 +10,6 @@ REGION = "region"
 REGION_MAP = "region_map"
 PLANT_STATE = "plant_state"
 SIMULATOR_STATE = "simulator/state"
+CLOCK = "/clock"
 
 NAMESPACE = "amb"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -75,7 +75,9 @@ class BagWriter:
         """Number of messages written."""
         return sum(topic.messages for topic in self._topics.values())
 
-    def add_topic(self, name: str, message_type: str, definition: str, latched: bool = False) -> None:
+    def add_topic(
+        self, name: str, message_type: str, definition: str, offered_qos: Sequence[Mapping[str, Any]] = ()
+    ) -> None:
         """Add a topic before its first message.
 
         Parameters
@@ -87,8 +89,9 @@ class BagWriter:
         definition : str
             Text of the `.msg` file, followed by those of the types it uses, each after a line of 80 `=` and a line
             `MSG: package/Name`.
-        latched : bool, optional
-            Whether late listeners get the last message (durability transient local), told to whoever plays the bag.
+        offered_qos : sequence of mapping, optional
+            Quality of service that its publishers offer, in the words of rosbag2's metadata; whoever plays the bag
+            offers the same. Reliable and volatile by default.
         """
         if message_type not in self._schemas:
             try:
@@ -97,7 +100,7 @@ class BagWriter:
                 raise BagError(f"bag {self.folder}: definition of {message_type} is wrong: {problem}") from None
             self._schemas[message_type] = self._writer.register_schema(message_type, "ros2msg", definition.encode())
         type_hash = self._types.hash_rihs01(message_type)
-        profiles = [_offered_profile(latched)]
+        profiles = [dict(profile) for profile in offered_qos] or [_reliable_profile()]
         channel = self._writer.register_channel(
             name,
             "cdr",
@@ -213,14 +216,14 @@ class BagWriter:
         }
 
 
-def _offered_profile(latched: bool) -> dict[str, Any]:
-    """A reliable quality-of-service profile in the words of rosbag2; times without limit are its largest ones."""
+def _reliable_profile() -> dict[str, Any]:
+    """A reliable, volatile quality-of-service profile in the words of rosbag2; its largest times mean without limit."""
     unlimited = {"sec": 9223372036, "nsec": 854775807}
     return {
         "history": "keep_last",
-        "depth": 1 if latched else 2000,
+        "depth": 2000,
         "reliability": "reliable",
-        "durability": "transient_local" if latched else "volatile",
+        "durability": "volatile",
         "deadline": dict(unlimited),
         "lifespan": dict(unlimited),
         "liveliness": "automatic",

@@ -1,0 +1,218 @@
+"""Which messages a recording lacks, topic by topic. Free of ROS.
+
+Steps show what is missing on telemetry, on the states of the plant and on the clock; elsewhere messages are counted by
+their publisher. Whatever was published from the start of the recording up to an awaited step must have arrived.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from amb_core.records import LoopRecord
+from amb_core.telemetry import RepeatedSteps, StepCoverage, describe_gaps
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place in a run: everything before this step.
+
+    Attributes
+    ----------
+    run : int
+        The run.
+    step : int
+        The step.
+    """
+
+    run: int
+    step: int
+
+
+class TelemetryAccount:
+    """Blocks of telemetry, by their steps.
+
+    As long as the beginning of the recording is not known, that of the first run may start anywhere.
+    """
+
+    def __init__(self) -> None:
+        self._origin: Mark | None = None
+        self._coverage: dict[int, StepCoverage] = {}
+        self._repeated = RepeatedSteps()
+
+    @property
+    def runs(self) -> list[int]:
+        """Runs with telemetry, in the order in which they came."""
+        return list(self._coverage)
+
+    @property
+    def conflict(self) -> str:
+        """What is wrong where steps came more than once; empty if nothing."""
+        return self._repeated.conflict
+
+    def begin(self, origin: Mark | None) -> None:
+        """The recording begins there: that run must be there from that step onwards, later ones from step 0."""
+        self._origin = origin
+        if origin is not None:
+            self._coverage = {run: coverage for run, coverage in self._coverage.items() if run >= origin.run}
+
+    def note(self, run: int, block: LoopRecord) -> None:
+        """A block has arrived."""
+        if self._origin is not None and run < self._origin.run:
+            return
+        self._coverage.setdefault(run, StepCoverage()).add(block.first_step, block.steps)
+        self._repeated.add(run, block)
+
+    def stop(self, run: int) -> int:
+        """Step after the last one known of a run; 0 if none is."""
+        return self._coverage[run].stop if run in self._coverage else 0
+
+    def first_step(self, run: int) -> int:
+        """First step of a run that belongs into the recording."""
+        if self._origin is not None and run == self._origin.run:
+            return self._origin.step
+        if self._origin is None and run == next(iter(self._coverage), None):
+            return self._coverage[run].first
+        return 0
+
+    def first_due(self, run: int) -> int:
+        """First step of a run whose other messages belong into the recording: those of its beginning came before."""
+        return self.first_step(run) + 1 if self._origin is None or run == self._origin.run else 0
+
+    def reached(self, awaited: Mark) -> bool:
+        """Whether telemetry up to there has arrived."""
+        return self.stop(awaited.run) >= awaited.step
+
+    def lacks(self, awaited: Mark | None = None) -> list[str]:
+        """What is missing, one text a run."""
+        stops = {run: coverage.stop for run, coverage in self._coverage.items()}
+        if awaited is not None:
+            stops[awaited.run] = max(stops.get(awaited.run, 0), awaited.step)
+        texts = []
+        for run, stop in stops.items():
+            missing = self._coverage.get(run, StepCoverage()).missing(self.first_step(run), stop)
+            if missing:
+                texts.append(f"telemetry of run {run} lacks {describe_gaps(missing)} ({_count(missing)} steps)")
+        return texts
+
+
+class PeriodicAccount:
+    """Messages that come every so many steps of a run.
+
+    Parameters
+    ----------
+    topic : str
+        Its name, for texts.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self._topic = topic
+        self._every: dict[int, int] = {}
+        self._seen: dict[int, StepCoverage] = {}
+
+    def expect(self, run: int, every: int) -> None:
+        """In this run a message comes at every multiple of `every` steps; 0: none comes."""
+        self._every[run] = every
+
+    def note(self, run: int, step: int) -> None:
+        """The message of a step has arrived."""
+        every = self._every.get(run, 0)
+        if every and step % every == 0:
+            self._seen.setdefault(run, StepCoverage()).add(step // every, 1)
+
+    def reached(self, awaited: Mark) -> bool:
+        """Whether the last message due up to and including that step has arrived."""
+        every = self._every.get(awaited.run, 0)
+        return not every or self._coverage(awaited.run).stop > awaited.step // every
+
+    def lacks(self, run: int, first: int, stop: int) -> list[str]:
+        """What is missing of the messages due at the steps from `first` up to, not including, `stop`."""
+        every = self._every.get(run, 0)
+        if not every:
+            return []
+        missing = self._coverage(run).missing(-(-first // every), -(-stop // every))
+        if not missing:
+            return []
+        spans = [(every * start, every * (end - 1) + 1) for start, end in missing]
+        return [f"{self._topic} of run {run} lacks {describe_gaps(spans)} ({_count(missing)} messages)"]
+
+    def _coverage(self, run: int) -> StepCoverage:
+        return self._seen.get(run, StepCoverage())
+
+
+class SequenceAccount:
+    """Messages that their publisher counts; listens before a recording starts, so that its beginning is known.
+
+    Parameters
+    ----------
+    topic : str
+        Its name, for texts.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self._topic = topic
+        self._gaps: list[tuple[int, int]] = []
+        self.last = 0
+
+    def start(self) -> None:
+        """A recording starts here: forget what was missing before."""
+        self._gaps.clear()
+
+    def note(self, sequence: int) -> None:
+        """A message has arrived. A lower number than before is that of a publisher that was started again."""
+        if sequence in (0, self.last):  # of a publisher that does not count; the same message again
+            return
+        if self.last and sequence > self.last + 1:
+            self._gaps.append((self.last + 1, sequence))
+        elif 1 < sequence < self.last:
+            self._gaps.append((1, sequence))
+        self.last = sequence
+
+    def lacks(self) -> list[str]:
+        """What is missing between messages that have arrived."""
+        if not self._gaps:
+            return []
+        spans = describe_gaps(self._gaps, noun="messages")
+        return [f"{self._topic} lacks {spans} ({_count(self._gaps)} messages)"]
+
+
+class AnswerAccount:
+    """The controller's answers to excitations: each excitation of a recording needs one."""
+
+    KEPT = 1000  # answers that came before their excitation, or before the recording
+
+    def __init__(self) -> None:
+        self._unanswered: dict[tuple[int, int], None] = {}
+        self._answers: dict[tuple[int, int], None] = {}
+
+    def start(self) -> None:
+        """A recording starts here: what was not answered before is not awaited."""
+        self._unanswered.clear()
+
+    def note_excitation(self, run: int, number: int) -> None:
+        """An excitation has arrived."""
+        if (run, number) not in self._answers:
+            self._unanswered[run, number] = None
+
+    def note_answer(self, run: int, number: int) -> None:
+        """An answer has arrived."""
+        self._unanswered.pop((run, number), None)
+        self._answers[run, number] = None
+        if len(self._answers) > self.KEPT:
+            del self._answers[next(iter(self._answers))]
+
+    def reached(self) -> bool:
+        """Whether each excitation has its answer."""
+        return not self._unanswered
+
+    def lacks(self) -> list[str]:
+        """What is missing."""
+        if not self._unanswered:
+            return []
+        numbers = [str(number) for _, number in self._unanswered]
+        ends = numbers[0] if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"
+        return [f"excitation_status lacks the answers to excitations {ends} ({len(numbers)} messages)"]
+
+
+def _count(gaps: Iterable[tuple[int, int]]) -> int:
+    return sum(stop - start for start, stop in gaps)

@@ -1,0 +1,215 @@
+"""What a recorder has heard: each message is noted in the account of its topic. For several threads, free of ROS.
+
+The ledger outlives a recording, since what comes next on a topic shows only against what came before.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection
+from typing import Any
+
+from amb_core.errors import BagError
+from amb_core.messages import block_from_message
+from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount, TelemetryAccount
+from amb_ros import topics
+
+SECOND = 1_000_000_000  # ns
+COUNTED = {
+    topics.REGION: "sequence",
+    topics.SIMULATOR_STATE: "sequence",
+    topics.REGION_MAP: "sequence",
+    topics.MODEL: "sequence",
+    topics.EXCITATION: "id",
+}
+"""Topics whose messages their publisher counts, and in which field."""
+
+
+class Ledger:
+    """Accounts of the recorded topics, by their relative names.
+
+    Attributes
+    ----------
+    state : SimulatorState or None
+        The last one heard.
+    """
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._counted = {name: SequenceAccount(name) for name in COUNTED}
+        self._answers = AnswerAccount()
+        self._notes: dict[str, Callable[[Any], None]] = {
+            topics.TELEMETRY: self._note_telemetry,
+            topics.PLANT_STATE: lambda message: self._plant_states.note(message.run, message.step),
+            topics.CLOCK: self._note_clock,
+            topics.REGION: self._note_region,
+            topics.SIMULATOR_STATE: self._note_state,
+            topics.EXCITATION: self._note_excitation,
+            topics.EXCITATION_STATUS: lambda message: self._answers.note_answer(message.run, message.id),
+        }
+        self.state: Any = None
+        self._monitor = (0, 0, 0)  # run, next step and messages of the region monitor, as it reports them
+        self._malformed = 0
+        self._last_clock = 0, 0  # run and step
+        self._early_clocks: list[int] = []  # steps of a run whose state has not been heard yet
+        self.start()
+
+    def start(self) -> None:
+        """A recording starts: what comes from now on belongs to it."""
+        with self._changed:
+            self._ended = False
+            self._telemetry = TelemetryAccount()
+            self._plant_states = PeriodicAccount(topics.PLANT_STATE)
+            self._clocks = PeriodicAccount(topics.CLOCK)
+            self._answers.start()
+            self._regions: dict[int, int] = {}  # step up to which the regions of a run are known
+            for account in self._counted.values():
+                account.start()
+            if self.state is not None:
+                self._expect(self.state)
+
+    def begin(self, origin: Mark | None) -> None:
+        """The recording that has started begins at this place in a run; None if it is not known."""
+        with self._changed:
+            self._telemetry.begin(origin)
+
+    def note(self, topic: str, message: Any) -> None:
+        """A message has arrived on a topic."""
+        with self._changed:
+            if topic in self._counted:
+                self._counted[topic].note(getattr(message, COUNTED[topic]))
+            if topic in self._notes:
+                self._notes[topic](message)
+            self._changed.notify_all()
+
+    def note_monitor(self, run: int, next_step: int, messages: int) -> None:
+        """The region monitor reports how far it is, and how many messages it has published."""
+        with self._changed:
+            self._monitor = run, next_step, messages
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """Whoever waits need not wait any more."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    @property
+    def last_run(self) -> int:
+        """Run of the last telemetry in this recording; 0 before the first."""
+        with self._changed:
+            return next(reversed(self._telemetry.runs), 0)
+
+    @property
+    def has_regions(self) -> bool:
+        """Whether a region was heard in this recording."""
+        with self._changed:
+            return bool(self._regions)
+
+    def wait_for(self, awaited: Mark, published: Collection[str], timeout: float) -> None:
+        """Wait until everything up to a place in a run has arrived on the topics published, or the time (s) is over."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._ended or not self._late(awaited, published), timeout)
+
+    def lacks(self, awaited: Mark | None = None, published: Collection[str] = ()) -> list[str]:
+        """What is missing, one text a topic and run; up to a place in a run where one is given."""
+        with self._changed:
+            texts = self._telemetry.lacks(awaited)
+            runs = {run: self._telemetry.stop(run) for run in self._telemetry.runs}
+            if awaited is not None:
+                # The state of the plant at the awaited step itself comes before the simulator stops there.
+                runs[awaited.run] = max(runs.get(awaited.run, 0), awaited.step)
+            for run, stop in runs.items():
+                first = self._telemetry.first_due(run)
+                closed = stop + 1 if self._simulator_reached(Mark(run, stop)) else stop
+                texts += self._plant_states.lacks(run, first, closed)
+                texts += self._clocks.lacks(run, max(first, 1), stop)  # that of step 0 comes before the run is known
+            for account in self._counted.values():
+                texts += account.lacks()
+            if awaited is not None:
+                texts += self._answers.lacks()
+                if topics.REGION in published and not self._regions_reached(awaited):
+                    known = self._regions.get(awaited.run, self._telemetry.first_step(awaited.run))
+                    texts.append(
+                        f"region of run {awaited.run} lacks steps {known} to {awaited.step - 1} "
+                        f"({awaited.step - known} steps)"
+                    )
+                if self._state_awaited(published) and not self._simulator_reached(awaited):
+                    texts.append(f"simulator/state lacks that of step {awaited.step} of run {awaited.run}")
+            if self._malformed:
+                texts.append(f"{self._malformed} malformed blocks of telemetry")
+            return texts
+
+    @property
+    def conflict(self) -> str:
+        """Steps that came twice with different samples, as text; empty if none did."""
+        with self._changed:
+            return self._telemetry.conflict
+
+    # -- what a message says; called with the lock held
+
+    def _note_telemetry(self, message: Any) -> None:
+        try:
+            self._telemetry.note(message.run, block_from_message(message))
+        except BagError:
+            self._malformed += 1
+
+    def _note_excitation(self, message: Any) -> None:
+        self._answers.note_excitation(message.run, message.id)
+
+    def _note_state(self, message: Any) -> None:
+        new_run = self.state is None or message.run != self.state.run
+        self.state = message
+        self._expect(message)
+        if new_run:
+            for step in self._early_clocks:
+                self._clocks.note(message.run, step)
+                self._last_clock = message.run, step
+            self._early_clocks.clear()
+
+    def _expect(self, state: Any) -> None:
+        self._plant_states.expect(state.run, state.plant_state_steps)
+        self._clocks.expect(state.run, state.clock_steps)
+
+    def _note_clock(self, message: Any) -> None:
+        """Note a clock, which does not carry its run: where time goes back, that of a run not heard of yet."""
+        if self.state is None:
+            return
+        time = (message.clock.sec * SECOND + message.clock.nanosec) / SECOND
+        run, step = self.state.run, round(time / self.state.sample_time)
+        last_run, last_step = self._last_clock
+        if self._early_clocks or (run == last_run and step < last_step):
+            self._early_clocks.append(step)
+            return
+        self._last_clock = run, step
+        self._clocks.note(run, step)
+
+    def _note_region(self, message: Any) -> None:
+        self._regions[message.run] = max(self._regions.get(message.run, 0), message.next_step)
+
+    # -- how far it has come; called with the lock held
+
+    def _late(self, awaited: Mark, published: Collection[str]) -> bool:
+        last_clock = Mark(awaited.run, max(awaited.step - 1, 0))
+        return not (
+            self._telemetry.reached(awaited)
+            and (not self._state_awaited(published) or self._simulator_reached(awaited))
+            and (topics.PLANT_STATE not in published or self._plant_states.reached(awaited))
+            and (topics.CLOCK not in published or self._clocks.reached(last_clock))
+            and (topics.REGION not in published or self._regions_reached(awaited))
+            and self._answers.reached()
+        )
+
+    def _simulator_reached(self, place: Mark) -> bool:
+        state = self.state
+        return state is not None and (state.run, state.step) >= (place.run, place.step)
+
+    def _state_awaited(self, published: Collection[str]) -> bool:
+        """Whether a simulator reports where it stands; a rig on the same topics need not."""
+        return self.state is not None and topics.SIMULATOR_STATE in published
+
+    def _regions_reached(self, awaited: Mark) -> bool:
+        if self._regions.get(awaited.run, 0) >= awaited.step:
+            return True
+        run, next_step, messages = self._monitor  # of a run too short for a region, it has nothing to publish
+        return run == awaited.run and next_step >= awaited.step and messages <= self._counted[topics.REGION].last

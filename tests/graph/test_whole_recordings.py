@@ -1,0 +1,237 @@
+"""A recording of the real graph holds what another listener has heard, or its end names what is missing."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rosgraph_msgs.msg import Clock
+
+from amb_core.bags import read_bag
+from amb_core.excitation import Sweep
+from amb_msgs.msg import LoopSamples, PlantState, RegionState, SimulatorState
+from amb_msgs.srv import StartRecording, StopRecording
+from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
+
+if TYPE_CHECKING:
+    from tests.graph.conftest import Bearing, Graph
+
+NODES = (
+    "amb_sim_node.simulator",
+    "amb_controller_node.pd_controller",
+    "amb_controller_node.excitation_generator",
+    "amb_ident_node.region_monitor",
+    "amb_ident_node.recorder",
+)
+NUMBERS = itertools.count()
+EVERY = 50  # steps between states of the plant
+
+
+class Witness:
+    """Hears what the recorder should, and waits for as much of it as the recorder does."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.heard: dict[str, list[Any]] = {}
+        for topic, kind, qos in (
+            ("/amb/telemetry", LoopSamples, HISTORY),
+            ("/amb/plant_state", PlantState, HISTORY),
+            ("/amb/region", RegionState, HISTORY),
+            ("/amb/simulator/state", SimulatorState, EVERY_STATE),
+            ("/clock", Clock, STREAM),
+        ):
+            graph.node.create_subscription(kind, topic, self.heard.setdefault(topic, []).append, qos)
+
+    def of(self, topic: str, run: int) -> list[Any]:
+        return [message for message in self.heard[topic] if message.run == run]
+
+
+@pytest.fixture(scope="module")
+def recorded(
+    open_graph: Callable[[Path], Any], watch_bearing: Callable[[Graph], Bearing], tmp_path_factory: Any
+) -> Iterator[Bearing]:
+    """A loop with all nodes that publish, and its witness."""
+    with open_graph(tmp_path_factory.mktemp("whole")) as graph:
+        loop = watch_bearing(graph)
+        for module in NODES:
+            graph.start(module, parameters={"plant_state_steps": EVERY} if module == NODES[0] else None)
+        loop.witness = Witness(graph)
+        yield loop
+
+
+def start_bag(loop: Bearing) -> str:
+    answer = loop.graph.call(StartRecording, "/amb/recorder/start", uri=f"bag_{next(NUMBERS)}")
+    assert answer.success, answer.message
+    return answer.uri
+
+
+def stop_bag(loop: Bearing, **fields: Any) -> Any:
+    return loop.graph.call(StopRecording, "/amb/recorder/stop", **fields)
+
+
+def messages(uri: str, topic: str) -> list[Any]:
+    return list(read_bag(uri).messages_of(topic))
+
+
+def assert_holds_what_was_heard(loop: Bearing, uri: str, run: int, steps: int) -> None:
+    """The bag and the witness have the same messages of a run, in the same order, up to its end."""
+    witness: Witness = loop.witness
+    graph = loop.graph
+    graph.wait_until(lambda: any(item.next_step >= steps for item in witness.of("/amb/region", run)), "the region")
+    assert sum(len(block.position_x) for block in messages(uri, "/amb/telemetry")) == steps
+    assert [item.step for item in messages(uri, "/amb/plant_state")] == list(range(0, steps + 1, EVERY))
+    heard = [(item.sequence, item.step, item.region) for item in witness.of("/amb/region", run)]
+    assert [(item.sequence, item.step, item.region) for item in messages(uri, "/amb/region")] == heard
+    heard = [item.sequence for item in witness.of("/amb/simulator/state", run)]
+    recorded = [item.sequence for item in messages(uri, "/amb/simulator/state") if item.run == run]
+    assert recorded == heard[-len(recorded) :]
+    assert recorded[-1] - recorded[0] + 1 == len(recorded)
+    times = [item.clock.sec + 1e-9 * item.clock.nanosec for item in messages(uri, "/clock")]
+    assert {round(1e4 * time) for time in times} >= set(range(0, steps, 100)) - {0}
+
+
+def test_a_run_is_whole_without_a_word_about_its_end(recorded: Bearing) -> None:
+    """Stopped at once after the last step, whose block of telemetry is not full yet."""
+    for _ in range(3):
+        run = recorded.reset()
+        uri = start_bag(recorded)
+        recorded.run(475)
+        recorded.wait_for_step(run, 475)
+        stopped = stop_bag(recorded)
+        assert stopped.success, stopped.message
+        assert_holds_what_was_heard(recorded, uri, run, 475)
+
+
+def test_the_region_that_reports_the_delevitation_is_in_the_bag(recorded: Bearing) -> None:
+    run = recorded.reset()
+    uri = start_bag(recorded)
+    recorded.excite(Sweep(amplitude=100e-6, duration=1.0, frequency_start=20.0, frequency_end=200.0), run, 100)
+    recorded.run(0)
+    end = recorded.wait_for_mode(SimulatorState.DELEVITATED)
+    stopped = stop_bag(recorded)
+    assert stopped.success, stopped.message
+    assert messages(uri, "/amb/region")[-1].region == RegionState.D
+    assert_holds_what_was_heard(recorded, uri, run, end.step)
+
+
+def test_a_recorder_that_was_held_up_still_gets_everything_or_names_it(recorded: Bearing) -> None:
+    run = recorded.reset()
+    uri = start_bag(recorded)
+    process = recorded.graph.process_of("amb_ident_node.recorder")
+    process.send_signal(signal.SIGSTOP)
+    recorded.run(20_000)
+    recorded.wait_for_step(run, 20_000)
+    process.send_signal(signal.SIGCONT)
+    stopped = stop_bag(recorded, wait_for_run=run, wait_for_step=20_000, timeout=30.0)
+    assert stopped.success, stopped.message
+    assert_holds_what_was_heard(recorded, uri, run, 20_000)
+
+
+def test_nothing_of_older_runs_is_in_a_bag_but_the_latched_messages(recorded: Bearing) -> None:
+    for _ in range(2):
+        run = recorded.reset()
+        recorded.run(3000)
+        recorded.wait_for_step(run, 3000)
+    recorded.graph.stop(recorded.graph.process_of("amb_ident_node.recorder"))
+    recorded.graph.start("amb_ident_node.recorder")  # gets all that the publishers keep, when discovery brings it
+    run = recorded.reset()
+    uri = start_bag(recorded)
+    recorded.run(500)
+    recorded.wait_for_step(run, 500)
+    stopped = stop_bag(recorded, wait_for_step=500)  # of the current run
+    assert stopped.success, stopped.message
+    for topic in ("/amb/telemetry", "/amb/plant_state", "/amb/region"):
+        assert {item.run for item in messages(uri, topic)} == {run}, topic
+    assert [item.step for item in messages(uri, "/amb/plant_state")] == list(range(0, 501, EVERY))
+
+
+def test_a_recording_in_the_middle_of_a_run_is_whole_from_its_start(recorded: Bearing) -> None:
+    run = recorded.reset()
+    recorded.run(0)
+    recorded.wait_for_step(run, 500)
+    uri = start_bag(recorded)
+    began = recorded.states[-1].step
+    recorded.wait_for_step(run, began + 3000)
+    stopped = stop_bag(recorded)
+    assert stopped.success, stopped.message
+    record = read_bag(uri).telemetry(run)
+    assert record.steps == record.position.shape[0] > 0
+    states = [item.step for item in messages(uri, "/amb/plant_state")]
+    assert states == list(range(states[0], states[-1] + 1, EVERY))
+    assert record.first_step <= states[0] <= record.first_step + 100 + EVERY
+    recorded.reset()
+
+
+def test_bags_carry_the_quality_of_service_that_is_offered(recorded: Bearing) -> None:
+    recorded.reset()
+    uri = start_bag(recorded)
+    assert stop_bag(recorded).success
+    described = yaml.safe_load((Path(uri) / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    offered = {
+        item["topic_metadata"]["name"]: item["topic_metadata"]["offered_qos_profiles"]
+        for item in described["topics_with_message_count"]
+    }
+    for topic in ("telemetry", "plant_state", "excitation", "excitation_status", "region", "simulator/state", "model"):
+        assert {profile["durability"] for profile in offered[f"/amb/{topic}"]} == {"transient_local"}, topic
+    assert {profile["durability"] for profile in offered["/clock"]} == {"volatile"}
+    assert {profile["reliability"] for profiles in offered.values() for profile in profiles} == {"reliable"}
+
+
+def test_a_bag_holds_the_diagnostics_of_its_graph_only(recorded: Bearing) -> None:
+    stranger = recorded.graph.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    recorded.graph.wait_until(lambda: stranger.get_subscription_count() > len(NODES), "the recorder")
+    uri = start_bag(recorded)
+    stranger.publish(DiagnosticArray(status=[DiagnosticStatus(name="other_rig/pump")]))
+    run = recorded.reset()
+    recorded.run(3000)
+    recorded.wait_for_step(run, 3000)
+    assert stop_bag(recorded).success
+    names = {status.name for item in messages(uri, "/diagnostics") for status in item.status}
+    assert names
+    assert all(name.startswith("amb/") for name in names)
+
+
+@pytest.mark.parametrize("name", ["pd_controller", "another_controller"])
+def test_two_controllers_are_an_error_of_all_concerned_and_named_at_the_end(recorded: Bearing, name: str) -> None:
+    run = recorded.reset()
+    start_bag(recorded)
+    gain = {"derivative_gain": 40.0}
+    rival = recorded.graph.start("amb_controller_node.pd_controller", "-r", f"__node:={name}", parameters=gain)
+
+    def errors() -> set[str]:
+        return {
+            status.name
+            for _, status in recorded.diagnostics
+            if status.level == DiagnosticStatus.ERROR and "2 nodes publish /amb/telemetry" in status.message
+        }
+
+    concerned = {"amb/pd_controller", f"amb/{name}", "amb/region_monitor", "amb/recorder"}
+    recorded.graph.wait_until(lambda: errors() >= concerned, "the error of all concerned")
+    recorded.run(1000)
+    recorded.wait_for_step(run, 1000)
+    stopped = stop_bag(recorded)
+    assert not stopped.success
+    names = ", ".join(sorted(["/amb/pd_controller", f"/amb/{name}"]))
+    assert f"nodes publish /amb/telemetry: {names}" in stopped.message
+    recorded.graph.stop(rival)
+
+
+def test_two_simulators_are_an_error_of_all_concerned_and_named_at_the_end(recorded: Bearing) -> None:
+    recorded.reset()
+    start_bag(recorded)
+    rival = recorded.graph.start("amb_sim_node.simulator")
+
+    def errors() -> set[str]:
+        return {status.name for _, status in recorded.diagnostics if "2 nodes publish" in status.message}
+
+    concerned = {"amb/simulator", "amb/pd_controller", "amb/region_monitor", "amb/recorder"}
+    recorded.graph.wait_until(lambda: errors() >= concerned, "the error of all concerned")
+    stopped = stop_bag(recorded, timeout=0.2)
+    assert not stopped.success
+    assert "2 nodes publish /amb/simulator/state: /amb/simulator, /amb/simulator" in stopped.message
+    recorded.graph.stop(rival)

@@ -1,0 +1,198 @@
+"""Which messages a recording lacks, topic by topic."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from amb_core.records import LoopRecord
+from amb_core.telemetry import RepeatedSteps
+from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount
+from amb_ident_node.ledger import Ledger
+from amb_ros.namesakes import Namesakes
+
+TOPICS = {"telemetry", "plant_state", "region", "simulator/state", "/clock"}
+
+
+def block(run: int, first: int, steps: int) -> Any:
+    samples = np.arange(first, first + steps, dtype=float)
+    names = [f"{signal}_{axis}" for signal in ("reference", "position", "current") for axis in "xy"]
+    return SimpleNamespace(run=run, first_step=first, sample_time=1e-4, **dict.fromkeys(names, samples))
+
+
+def state(run: int, step: int, sequence: int, plant_state_steps: int = 50) -> Any:
+    return SimpleNamespace(
+        run=run,
+        step=step,
+        sequence=sequence,
+        plant_state_steps=plant_state_steps,
+        clock_steps=100,
+        sample_time=1e-4,
+    )
+
+
+def clock(step: int) -> Any:
+    return SimpleNamespace(clock=SimpleNamespace(sec=0, nanosec=100_000 * step))
+
+
+def region(run: int, next_step: int, sequence: int) -> Any:
+    return SimpleNamespace(run=run, next_step=next_step, sequence=sequence)
+
+
+@pytest.fixture
+def ledger() -> Ledger:
+    """Of a recording that begins at step 0 of run 5."""
+    ledger = Ledger()
+    ledger.note("simulator/state", state(5, 0, 1))
+    ledger.start()
+    ledger.begin(Mark(5, 0))
+    return ledger
+
+
+def fill(ledger: Ledger) -> None:
+    """All that comes up to step 200, but for the topics that a test leaves out."""
+    ledger.note("/clock", clock(0))
+    ledger.note("/clock", clock(100))
+    ledger.note("telemetry", block(5, 0, 100))
+    ledger.note("telemetry", block(5, 100, 100))
+    for step in range(0, 201, 50):
+        ledger.note("plant_state", SimpleNamespace(run=5, step=step))
+    ledger.note("region", region(5, 100, 1))
+    ledger.note("region", region(5, 200, 2))
+    ledger.note("simulator/state", state(5, 200, 2))
+
+
+def test_a_recording_that_holds_everything_lacks_nothing(ledger):
+    fill(ledger)
+    assert ledger.lacks(Mark(5, 200), TOPICS) == []
+
+
+def test_each_topic_is_named_with_first_last_and_count_of_what_is_missing(ledger):
+    ledger.note("/clock", clock(0))
+    ledger.note("telemetry", block(5, 0, 100))
+    ledger.note("plant_state", SimpleNamespace(run=5, step=0))
+    ledger.note("plant_state", SimpleNamespace(run=5, step=150))
+    ledger.note("region", region(5, 100, 1))
+    ledger.note("simulator/state", state(5, 200, 4))
+    assert ledger.lacks(Mark(5, 200), TOPICS) == [
+        "telemetry of run 5 lacks steps 100 to 199 (100 steps)",
+        "plant_state of run 5 lacks steps 50 to 100 and 200 (3 messages)",
+        "/clock of run 5 lacks steps 100 (1 messages)",
+        "simulator/state lacks messages 2 to 3 (2 messages)",
+        "region of run 5 lacks steps 100 to 199 (100 steps)",
+    ]
+
+
+def test_topics_that_nobody_publishes_are_not_awaited(ledger):
+    ledger.note("telemetry", block(5, 0, 200))
+    assert ledger.lacks(Mark(5, 200), {"telemetry"}) == [
+        "plant_state of run 5 lacks steps 50 to 150 (3 messages)",
+        "/clock of run 5 lacks steps 100 (1 messages)",
+    ]
+    quiet = Ledger()
+    quiet.note("telemetry", block(5, 0, 200))
+    assert quiet.lacks(Mark(5, 200), {"telemetry"}) == []
+
+
+def test_what_was_counted_before_the_recording_shows_a_loss_at_its_beginning():
+    ledger = Ledger()
+    ledger.note("region", region(5, 100, 7))
+    ledger.start()
+    ledger.note("region", region(5, 300, 9))
+    assert ledger.lacks() == ["region lacks messages 8 (1 messages)"]
+
+
+def test_what_was_missing_before_the_recording_does_not_count():
+    account = SequenceAccount("region")
+    account.note(1)
+    account.note(5)
+    account.start()
+    account.note(6)
+    assert account.lacks() == []
+
+
+def test_a_publisher_that_starts_again_counts_from_one():
+    account = SequenceAccount("region")
+    for sequence in (7, 1, 2):
+        account.note(sequence)
+    assert account.lacks() == []
+
+
+def test_a_run_too_short_for_a_region_is_complete_once_the_monitor_has_taken_it_in(ledger):
+    ledger.note("telemetry", block(5, 0, 5))
+    assert "region of run 5 lacks steps 0 to 4 (5 steps)" in ledger.lacks(Mark(5, 5), TOPICS)
+    ledger.note_monitor(5, 5, 0)
+    assert not [text for text in ledger.lacks(Mark(5, 5), TOPICS) if text.startswith("region")]
+
+
+def test_blocks_of_an_older_run_that_come_late_are_no_part_of_the_recording(ledger):
+    fill(ledger)
+    ledger.note("telemetry", block(4, 900, 100))
+    assert ledger.lacks(Mark(5, 200), TOPICS) == []
+
+
+def test_clocks_of_a_run_that_is_heard_of_later_belong_to_it(ledger):
+    ledger.note("/clock", clock(0))
+    ledger.note("/clock", clock(100))
+    for step in (0, 100, 200):
+        ledger.note("/clock", clock(step))
+    ledger.note("simulator/state", state(6, 0, 2, plant_state_steps=0))
+    ledger.note("telemetry", block(6, 0, 400))
+    assert ledger.lacks() == ["/clock of run 6 lacks steps 300 (1 messages)"]
+
+
+def test_an_excitation_needs_an_answer():
+    account = AnswerAccount()
+    account.note_excitation(5, 1)
+    account.start()
+    account.note_answer(5, 3)  # overtakes its excitation
+    account.note_excitation(5, 3)
+    assert account.reached()
+    account.note_excitation(5, 4)
+    account.note_excitation(5, 5)
+    assert not account.reached()
+    assert account.lacks() == ["excitation_status lacks the answers to excitations 4 to 5 (2 messages)"]
+
+
+def test_an_excitation_that_is_published_again_with_its_step_is_no_loss():
+    account = SequenceAccount("excitation")
+    for number in (1, 2, 2, 3):
+        account.note(number)
+    assert account.lacks() == []
+
+
+def test_messages_at_other_steps_than_those_due_fill_no_gap():
+    account = PeriodicAccount("plant_state")
+    account.expect(1, 50)
+    account.note(1, 49)
+    assert account.lacks(1, 0, 100) == ["plant_state of run 1 lacks steps 0 to 50 (2 messages)"]
+
+
+def record(first: int, steps: int, value: float = 0.0) -> LoopRecord:
+    samples = np.full((steps, 2), value)
+    return LoopRecord(first, 1e-4, samples, samples, samples)
+
+
+def test_steps_that_come_twice_with_other_samples_are_a_conflict():
+    repeated = RepeatedSteps()
+    repeated.add(1, record(0, 100))
+    repeated.add(1, record(100, 100))
+    repeated.add(1, record(50, 100))
+    assert repeated.conflict == ""
+    repeated.add(1, record(150, 100, 1.0))
+    assert repeated.conflict.startswith("telemetry of run 1: steps 150 to 249 came twice with different samples")
+
+
+def test_two_instances_that_report_in_turn_are_two_nodes_and_a_restarted_one_is_not():
+    now = 0.0
+    namesakes = Namesakes(1.5, lambda: now)
+    for instance in ("killed", "killed", "started again", "started again"):
+        namesakes.note("amb/simulator", instance)
+    assert not namesakes.lives_twice("amb/simulator")
+    namesakes.note("amb/simulator", "killed")
+    assert namesakes.lives_twice("amb/simulator")
+    now = 2.0
+    assert not namesakes.lives_twice("amb/simulator")
