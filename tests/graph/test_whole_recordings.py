@@ -61,6 +61,7 @@ def recorded(
         for module in NODES:
             graph.start(module, parameters={"plant_state_steps": EVERY} if module == NODES[0] else None)
         loop.witness = Witness(graph)
+        graph.wait_until(lambda: graph.node.count_publishers("/amb/region"), "the region monitor")
         yield loop
 
 
@@ -196,28 +197,31 @@ def test_a_bag_holds_the_diagnostics_of_its_graph_only(recorded: Bearing) -> Non
     assert all(name.startswith("amb/") for name in names)
 
 
+def wait_for_errors(loop: Bearing, text: str, nodes: set[str]) -> None:
+    """Wait until these nodes report an error with this text, from now on."""
+    loop.diagnostics.clear()
+
+    def reporting() -> set[str]:
+        found = [status for _, status in list(loop.diagnostics) if text in status.message]
+        return {status.name for status in found if status.level == DiagnosticStatus.ERROR}
+
+    loop.graph.wait_until(lambda: reporting() >= nodes, f"'{text}' from {nodes}")
+
+
 @pytest.mark.parametrize("name", ["pd_controller", "another_controller"])
 def test_two_controllers_are_an_error_of_all_concerned_and_named_at_the_end(recorded: Bearing, name: str) -> None:
     run = recorded.reset()
     start_bag(recorded)
     gain = {"derivative_gain": 40.0}
     rival = recorded.graph.start("amb_controller_node.pd_controller", "-r", f"__node:={name}", parameters=gain)
-
-    def errors() -> set[str]:
-        return {
-            status.name
-            for _, status in recorded.diagnostics
-            if status.level == DiagnosticStatus.ERROR and "2 nodes publish /amb/telemetry" in status.message
-        }
-
-    concerned = {"amb/pd_controller", f"amb/{name}", "amb/region_monitor", "amb/recorder"}
-    recorded.graph.wait_until(lambda: errors() >= concerned, "the error of all concerned")
+    names = ", ".join(sorted(["/amb/pd_controller", f"/amb/{name}"]))
+    text = f"2 nodes publish /amb/telemetry: {names}"
+    wait_for_errors(recorded, text, {"amb/pd_controller", f"amb/{name}", "amb/region_monitor", "amb/recorder"})
     recorded.run(1000)
     recorded.wait_for_step(run, 1000)
     stopped = stop_bag(recorded)
     assert not stopped.success
-    names = ", ".join(sorted(["/amb/pd_controller", f"/amb/{name}"]))
-    assert f"nodes publish /amb/telemetry: {names}" in stopped.message
+    assert text in stopped.message
     recorded.graph.stop(rival)
 
 
@@ -225,13 +229,9 @@ def test_two_simulators_are_an_error_of_all_concerned_and_named_at_the_end(recor
     recorded.reset()
     start_bag(recorded)
     rival = recorded.graph.start("amb_sim_node.simulator")
-
-    def errors() -> set[str]:
-        return {status.name for _, status in recorded.diagnostics if "2 nodes publish" in status.message}
-
-    concerned = {"amb/simulator", "amb/pd_controller", "amb/region_monitor", "amb/recorder"}
-    recorded.graph.wait_until(lambda: errors() >= concerned, "the error of all concerned")
+    text = "2 nodes publish /amb/simulator/state: /amb/simulator, /amb/simulator"
+    wait_for_errors(recorded, text, {"amb/simulator", "amb/region_monitor", "amb/recorder"})
     stopped = stop_bag(recorded, timeout=0.2)
     assert not stopped.success
-    assert "2 nodes publish /amb/simulator/state: /amb/simulator, /amb/simulator" in stopped.message
+    assert text in stopped.message
     recorded.graph.stop(rival)
