@@ -24,7 +24,8 @@ from amb_bringup.launch_file import NodeProcess, read_launch_file
 from amb_bringup.packages import LaunchError, share_folder
 
 POLL_PERIOD = 0.05  # s
-STOP_STAGES = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))  # signal, patience (s)
+# Signal, patience (s). On a busy machine a bag takes a while to close; SIGUSR1 makes a node show where it hangs.
+STOP_STAGES = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGUSR1, 0.5), (signal.SIGKILL, 5.0))
 KEPT_LINES = 50  # of each node's output, for error messages
 
 Output = Callable[[str, str], None]
@@ -139,7 +140,10 @@ class Graph:
         return ended
 
     def stop(self) -> dict[str, int]:
-        """End all nodes: SIGINT, and for those that do not follow SIGTERM, at last SIGKILL. Returns the exit codes."""
+        """End all nodes: SIGINT, and for those that do not follow SIGTERM, at last SIGKILL. Returns the exit codes.
+
+        Before a node is killed, it writes the stacks of its threads to its output.
+        """
         for number, patience in STOP_STAGES:
             running = [process for process in self.processes.values() if process.poll() is None]
             for process in running:
