@@ -6,18 +6,16 @@ import contextlib
 import itertools
 import os
 import signal
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import pytest
 import rclpy
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from domain_coordinator import domain_id
 from rclpy.client import Client
 from rclpy.context import Context
@@ -25,20 +23,34 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
-from amb_core.excitation import Excitation
-from amb_core.messages import block_from_message
-from amb_core.records import LoopRecord
-from amb_core.telemetry import merge_blocks
-from amb_msgs.msg import LoopSamples, PlantState, SimulatorState
-from amb_msgs.srv import Reset, RunSteps, StartExcitation
 from amb_ros import middleware
-from amb_ros.qos import HISTORY, LATCHED
+from tests.graph.bearing import Bearing
+from tests.graph.limits import TEST_TIMEOUT, TIMEOUT
+from tests.graph.processes import NodeProcess, remove_shared_memory
+
+T = TypeVar("T")
+Opened = contextlib.AbstractContextManager
 
 # Here, since both hold for the first participant of the process and all after it.
 middleware.configure()
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # tests on two machines of one network do not meet
 
-TIMEOUT = 40.0  # s; for whatever takes a moment: start of a process, discovery, an answer, on a busy machine too
+FAILED = pytest.StashKey[bool]()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give tests of graphs their own limit."""
+    for item in items:
+        if item.path.parent == Path(__file__).parent and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(TEST_TIMEOUT))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
+    """Note at the test that it failed, for the fixtures that it used."""
+    report = yield
+    item.stash[FAILED] = item.stash.get(FAILED, False) or report.failed
+    return report
 
 
 class Graph:
@@ -48,14 +60,15 @@ class Graph:
     """
 
     def __init__(self, domain: int, folder: Path) -> None:
+        self.domain = domain
         self.folder = folder
         self.environment = os.environ | {
             "ROS_DOMAIN_ID": str(domain),
             "ROS_LOG_DIR": str(folder / "log"),
             "ROS_PYTHON_CHECK_FIELDS": "1",
         }
-        self._processes: list[subprocess.Popen[str]] = []
-        self._modules: dict[str, subprocess.Popen[str]] = {}
+        self._processes: list[NodeProcess] = []
+        self._modules: dict[str, NodeProcess] = {}  # those that are meant to run
         self._nodes: list[Node] = []
         self._clients: dict[str, Client] = {}
         self._context = Context()
@@ -67,7 +80,7 @@ class Graph:
 
     def start(
         self, module: str, *arguments: str, parameters: Mapping[str, Any] | None = None, **options: Any
-    ) -> subprocess.Popen[str]:
+    ) -> NodeProcess:
         """Start the node of a module, such as `amb_ident_node.recorder`, as a process.
 
         `arguments` follow `--ros-args`; `options` go to Popen.
@@ -80,23 +93,27 @@ class Graph:
         self._modules[module] = self.start_command(command, **options)
         return self._modules[module]
 
-    def start_command(self, command: list[str], **options: Any) -> subprocess.Popen[str]:
+    def start_command(self, command: list[str], **options: Any) -> NodeProcess:
         """Start any program as a process of the graph; `options` go to Popen."""
-        process = subprocess.Popen(
-            command, env=self.environment, cwd=self.folder, stderr=subprocess.PIPE, text=True, **options
-        )
+        errors = self.folder / f"stderr_{len(self._processes)}.txt"
+        process = NodeProcess(command, errors, env=self.environment, cwd=self.folder, **options)
         self._processes.append(process)
         return process
 
-    def process_of(self, module: str) -> subprocess.Popen[str]:
+    def process_of(self, module: str) -> NodeProcess:
         """The process in which a module was started last."""
         return self._modules[module]
 
-    def stop(self, process: subprocess.Popen[str], by: signal.Signals = signal.SIGINT) -> tuple[int, str]:
+    def stop(self, process: NodeProcess, by: signal.Signals = signal.SIGINT) -> tuple[int, str]:
         """End a process by a signal; its exit code and what it wrote to stderr."""
+        self._modules = {module: other for module, other in self._modules.items() if other is not process}
         process.send_signal(by)
-        _, errors = process.communicate(timeout=TIMEOUT)
-        return process.returncode, errors
+        process.wait_for_end(TIMEOUT)
+        return process.returncode, process.said
+
+    def is_whole(self) -> bool:
+        """Whether all modules that were started and not stopped still run."""
+        return all(process.poll() is None for process in self._modules.values())
 
     def add_node(self, name: str, namespace: str = "", **options: Any) -> Node:
         """A node of the test itself."""
@@ -125,21 +142,26 @@ class Graph:
             time.sleep(0.005)
 
     def close(self) -> None:
-        """End all processes and nodes."""
-        for process in self._processes:
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
+        """End all processes and nodes, and fail if a process does not end."""
+        ended = [process for process in self._processes if process.poll() is None]
+        for process in ended:
+            process.send_signal(signal.SIGINT)
+        problems = []
         for process in self._processes:
             try:
-                process.communicate(timeout=TIMEOUT)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.communicate()
+                process.wait_for_end(TIMEOUT)
+            except AssertionError as problem:
+                problems.append(str(problem))
+        for module, process in self._modules.items():
+            if process in ended and process.returncode not in (0, -signal.SIGINT):  # by SIGINT while it was imported
+                problems.append(f"{module} ended with exit code {process.returncode}\n{process.said}")
         self._context.try_shutdown()
         self._thread.join()
         self._executor.shutdown()  # lets go of the nodes, or those with an open request would outlive their end
         for node in self._nodes:  # or it would live on in the domain, and with it what it has published
             node.destroy_node()
+        remove_shared_memory(self._processes, self.domain)
+        assert not problems, "\n".join(problems)
 
     def _spin(self) -> None:
         with contextlib.suppress(ExternalShutdownException):
@@ -147,67 +169,8 @@ class Graph:
                 self._executor.spin_once(timeout_sec=0.1)
 
 
-class Bearing:
-    """What a user of the loop sees: services, state, telemetry, states of the plant and diagnostics."""
-
-    def __init__(self, graph: Graph) -> None:
-        self.graph = graph
-        self.states: list[SimulatorState] = []
-        self.blocks: list[LoopSamples] = []
-        self.plant_states: list[PlantState] = []
-        self.diagnostics: list[tuple[float, DiagnosticStatus]] = []
-        node = graph.node
-        node.create_subscription(SimulatorState, "/amb/simulator/state", self.states.append, LATCHED)
-        self.telemetry = node.create_subscription(LoopSamples, "/amb/telemetry", self.blocks.append, HISTORY)
-        self.plant_state_subscription = node.create_subscription(
-            PlantState, "/amb/plant_state", self.plant_states.append, HISTORY
-        )
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
-
-    def reset(self, parameter_file: str | Path = "") -> int:
-        answer = self.graph.call(Reset, "/amb/simulator/reset", parameter_file=str(parameter_file))
-        assert answer.success, answer.message
-        return answer.run
-
-    def run(self, steps: int) -> Any:
-        self.graph.wait_until(self.telemetry.get_publisher_count, "the controller")
-        answer = self.graph.call(RunSteps, "/amb/simulator/run", steps=steps)
-        assert answer.success, answer.message
-        return answer
-
-    def excite(self, excitation: Excitation, run: int, first_step: int) -> None:
-        answer = self.graph.call(
-            StartExcitation,
-            "/amb/excitation_generator/start",
-            kind=excitation.kind,
-            run=run,
-            first_step=first_step,
-            **excitation.model_dump(),
-        )
-        assert answer.success, answer.message
-        assert (answer.run, answer.first_step) == (run, first_step)
-
-    def wait_for_step(self, run: int, step: int) -> None:
-        self.graph.wait_until(
-            lambda: any(state.run == run and state.step >= step for state in self.states), f"step {step} of run {run}"
-        )
-
-    def wait_for_mode(self, mode: int) -> SimulatorState:
-        self.graph.wait_until(lambda: self.states and self.states[-1].mode == mode, f"mode {mode}")
-        return self.states[-1]
-
-    def record(self, run: int, steps: int) -> LoopRecord:
-        def mine() -> list[LoopSamples]:
-            return [block for block in self.blocks if block.run == run]
-
-        self.graph.wait_until(lambda: sum(len(block.position_x) for block in mine()) >= steps, "all telemetry")
-        return merge_blocks([block_from_message(block) for block in mine()], 0, steps)
-
-    def _on_diagnostics(self, array: DiagnosticArray) -> None:
-        self.diagnostics += [(time.monotonic(), status) for status in array.status]
-
-
-_next_domain = itertools.cycle(range(1, 101)).__next__  # going on, so that no graph meets what one before it left
+# Going on, so that no graph meets what one before it left; two runs at the same time start at different ones.
+_next_domain = itertools.islice(itertools.cycle(range(1, 101)), 37 * os.getpid() % 100, None).__next__
 
 
 @contextlib.contextmanager
@@ -252,10 +215,64 @@ def graph(tmp_path: Path) -> Iterator[Graph]:
         yield graph
 
 
+class Shelf:
+    """Keeps one thing open for the tests that can share it, and closes it before it opens another."""
+
+    def __init__(self) -> None:
+        self._stack = contextlib.ExitStack()
+        self._key: object = None
+        self._kept: Any = None
+
+    def take(self, key: object, opened: Callable[[], Opened[T]], works: Callable[[T], bool]) -> T:
+        """What is kept under this key, if it still works; otherwise a new one."""
+        if key != self._key or not works(self._kept):
+            self.clear()
+            self._kept = self._stack.enter_context(opened())
+            self._key = key
+        kept: T = self._kept
+        return kept
+
+    def clear(self) -> None:
+        """Close what is kept."""
+        self._key = self._kept = None
+        self._stack.close()
+
+
 @pytest.fixture(scope="session")
-def watch_bearing() -> Callable[[Graph], Bearing]:
-    """Makes the view of a user on the loop of a graph."""
-    return Bearing
+def _shelf() -> Iterator[Shelf]:
+    shelf = Shelf()
+    yield shelf
+    shelf.clear()
+
+
+@pytest.fixture
+def keep(_shelf: Shelf, request: pytest.FixtureRequest) -> Iterator[Callable[..., Any]]:
+    """Shares what takes long to open: `keep(key, opened, works)` as in `Shelf.take`.
+
+    After a failed test it is closed, so that no failure is passed on to the next one.
+    """
+    yield _shelf.take
+    if request.node.stash.get(FAILED, False):
+        _shelf.clear()
+
+
+@pytest.fixture
+def share(keep: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
+    """Shares a graph: `share(make)` returns what `make(graph)` returned, for this test or for one before it.
+
+    When a process of the graph has died or `works(made)` is False, it is made anew.
+    """
+
+    def take(make: Callable[[Graph], T], works: Callable[[T], bool] = lambda _: True) -> T:
+        @contextlib.contextmanager
+        def opened() -> Iterator[tuple[Graph, T]]:
+            with _open_graph(tmp_path_factory.mktemp("shared")) as graph:
+                yield graph, make(graph)
+
+        _, made = keep(make, opened, lambda kept: kept[0].is_whole() and works(kept[1]))
+        return cast(T, made)
+
+    return take
 
 
 @pytest.fixture

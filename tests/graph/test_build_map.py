@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +19,12 @@ from amb_msgs.action import BuildMap
 from amb_msgs.msg import RegionMap, RegionState
 from amb_msgs.srv import PreviewExcitation
 from amb_ros.qos import LATCHED
+from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Graph
 
 MONITOR = "amb_ident_node.region_monitor"
-MAP_TIMEOUT = 60.0  # s; on a busy machine the processes of the cluster take their time
 PAPER_MAP = Path(__file__).parents[1] / "unit" / "data" / "paper_map.json"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus
 SMALL_MAP = {
@@ -50,7 +50,7 @@ class MapBuilder:
         self.process = graph.start(MONITOR, parameters={"parameter_timeout": 0.1})
         graph.start("amb_controller_node.excitation_generator", parameters={"parameter_timeout": 0.1})
         self.action = ActionClient(graph.node, BuildMap, "/amb/region_monitor/build_map")
-        graph.wait_until(self.action.server_is_ready, "the monitor", MAP_TIMEOUT)
+        graph.wait_until(self.action.server_is_ready, "the monitor")
         self.parameter_file = graph.folder / "heavy.yaml"
         self.parameter_file.write_text(
             "/amb/simulator: {ros__parameters: {rotor.mass: 6.5, autostart: true}}\n"
@@ -69,23 +69,26 @@ class MapBuilder:
 
     def result(self, handle: Any) -> tuple[int, Any]:
         ended = handle.get_result_async()
-        self.graph.wait_until(ended.done, "the result", MAP_TIMEOUT)
+        self.graph.wait_until(ended.done, "the result")
         return ended.result().status, ended.result().result
 
     def preview(self, **request: Any) -> Any:
         return self.graph.call(PreviewExcitation, "/amb/excitation_generator/preview", **request)
 
 
-@pytest.fixture(scope="module")
-def builder(open_graph: Callable[[Path], Any], tmp_path_factory: pytest.TempPathFactory) -> Iterator[MapBuilder]:
-    with open_graph(tmp_path_factory.mktemp("map")) as graph:
-        yield MapBuilder(graph)
+@pytest.fixture
+def builder(share: Callable[..., Any]) -> MapBuilder:
+    return share(MapBuilder, lambda made: made.process.poll() is None)
+
+
+def test_without_a_map_the_preview_names_who_builds_one(graph: Graph) -> None:
+    graph.start("amb_controller_node.excitation_generator")
+    request = {"kind": "square", "amplitude": 1e-6, "duration": 1.0}
+    refused = graph.call(PreviewExcitation, "/amb/excitation_generator/preview", **request)
+    assert "no region map heard on /amb/region_map; call region_monitor/build_map first" in refused.message
 
 
 def test_a_map_is_built_with_feedback_and_serves_the_preview(builder: MapBuilder) -> None:
-    refused = builder.preview(kind="square", amplitude=1e-6, duration=1.0)
-    assert "no region map heard on /amb/region_map; call region_monitor/build_map first" in refused.message
-
     file = builder.graph.folder / "map.json"
     handle, feedback = builder.send(path=str(file), **SMALL_MAP)
     status, result = builder.result(handle)
@@ -129,7 +132,7 @@ def test_the_preview_takes_the_phases_of_a_multisine(builder: MapBuilder) -> Non
 
 def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
     handle, feedback = builder.send(**SMALL_MAP | {"amplitude_low": 30e-6, "initial_sweeps": 40, "max_sweeps": 40})
-    builder.graph.wait_until(lambda: feedback and feedback[-1].done, "the first sweep", MAP_TIMEOUT)
+    builder.graph.wait_until(lambda: feedback and feedback[-1].done, "the first sweep")
     handle.cancel_goal_async()
     status, result = builder.result(handle)
     assert (status, result.success) == (CANCELED, False)
@@ -139,7 +142,7 @@ def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
     assert not result.map.complete
 
     seen: list[MapProgress] = []
-    with AmbClient(domain_id=int(builder.graph.environment["ROS_DOMAIN_ID"])) as amb:
+    with AmbClient(domain_id=builder.graph.domain, timeout=TIMEOUT) as amb:
         again = amb.build_map(
             builder.parameter_file,
             progress=seen.append,
@@ -179,7 +182,7 @@ def test_a_map_of_a_loop_that_does_not_run_is_refused(builder: MapBuilder) -> No
 
 def test_a_signal_ends_the_node_in_the_middle_of_a_map(builder: MapBuilder) -> None:
     _, feedback = builder.send(**SMALL_MAP | {"amplitude_low": 20e-6, "initial_sweeps": 40, "max_sweeps": 40})
-    builder.graph.wait_until(lambda: feedback, "the start of the map", MAP_TIMEOUT)
+    builder.graph.wait_until(lambda: feedback, "the start of the map")
     code, errors = builder.graph.stop(builder.process, signal.SIGINT)
     assert code == 0, errors
     assert "Traceback" not in errors

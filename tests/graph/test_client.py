@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from amb_core.bags import read_bag
 from amb_core.parameters import load_parameters
 from amb_core.regions import Region
 from amb_sim_node.parameters import SimulatorParameters
+from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -36,18 +38,36 @@ def test_parameter_file_of_the_paper_holds_the_defaults(node, parameters):
     assert load_parameters(parameters, share_folder("amb_bringup") / "config" / "paper.yaml", node) == parameters()
 
 
-@pytest.fixture(scope="module", params=["bearing", "composed"])
-def amb(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, own_domain: Callable[[], Any]
-) -> Iterator[AmbClient]:
-    log = tmp_path_factory.mktemp("log")
+@contextlib.contextmanager
+def launched(name: str, log: Path, own_domain: Callable[[], Any]) -> Iterator[tuple[Graph, AmbClient]]:
     with own_domain() as domain:
         environment = {"ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(log)}
         with (
-            Graph.from_launch_file(launch_file(request.param), env=environment),
-            AmbClient(domain_id=domain) as client,
+            Graph.from_launch_file(launch_file(name), env=environment) as graph,
+            AmbClient(domain_id=domain, timeout=TIMEOUT) as client,
         ):
-            yield client
+            yield graph, client
+
+
+@pytest.fixture(scope="module", params=["bearing", "composed"])
+def placement(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def amb(
+    placement: str,
+    keep: Callable[..., Any],
+    tmp_path_factory: pytest.TempPathFactory,
+    own_domain: Callable[[], Any],
+) -> AmbClient:
+    """A client of a graph that runs, shared among the tests."""
+
+    def opened() -> Any:
+        return launched(placement, tmp_path_factory.mktemp("log"), own_domain)
+
+    _, client = keep((launched, placement), opened, lambda kept: not kept[0].ended() and kept[1].reset())
+    return client
 
 
 def test_experiment_is_recorded_and_identified_live_and_from_its_bag(amb: AmbClient, tmp_path: Path):
@@ -80,9 +100,10 @@ def test_reset_takes_a_parameter_file_of_the_caller(amb: AmbClient, tmp_path: Pa
     Path("strong.yaml").write_text(text.replace("bias_current: 3.0 ", "bias_current: 5.0 "))
     Path("wrong.yaml").write_text(text.replace("bias_current: 3.0 ", "bias_current: 30.0 "))
     before = amb.reset()
-    assert amb.reset("strong.yaml") == before + 1
+    run = amb.reset("strong.yaml")
+    assert run > before
     end = amb.run(500)
-    assert (end.run, end.step, end.delevitated) == (before + 1, 500, False)
+    assert (end.run, end.step, end.delevitated) == (run, 500, False)
     with pytest.raises(ClientError) as caught:
         amb.reset("wrong.yaml")
     assert f"parameter file {tmp_path / 'wrong.yaml'}" in str(caught.value)

@@ -15,7 +15,8 @@ from amb_msgs.srv import RunSteps
 from amb_ros.qos import STREAM
 
 if TYPE_CHECKING:
-    from tests.graph.conftest import Bearing, Graph
+    from tests.graph.bearing import Bearing
+    from tests.graph.conftest import Graph
 
 PAGE = Path(__file__).parents[2] / "docs" / "identify-from-a-node.md"
 SHAKEN_FROM = 1_000

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from amb_bringup.client import AmbClient, ClientError
@@ -18,7 +19,7 @@ from amb_msgs.srv import GetModel, StartRecording, StopRecording
 from amb_ros import middleware
 from amb_ros.qos import HISTORY
 from amb_ros.remote_parameters import RemoteParameters
-from amb_ros.requests import REPEAT_PERIOD
+from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
     from tests.graph.conftest import Graph
 
 
-def forgetful_node(graph: Graph, lost: int) -> Node:
-    """A node whose first answers about its parameters get lost, each as often."""
+def forgetful_node(graph: Graph, lost: int) -> tuple[Node, list[list[Any]]]:
+    """A node whose first answers about its parameters get lost, each as often; and what it answers by service."""
     node = graph.add_node("forgetful", "/amb", start_parameter_services=False)
 
     def names(_: Any, response: Any) -> Any:
@@ -38,12 +39,14 @@ def forgetful_node(graph: Graph, lost: int) -> Node:
         response.values = [graph.node.get_parameter("use_sim_time").get_parameter_value()]
         return response
 
-    for kind, name, callback in ((ListParameters, "list", names), (GetParameters, "get", values)):
+    answers = [
         _lose_answers(node.create_service(kind, f"~/{name}_parameters", callback), lost)
-    return node
+        for kind, name, callback in ((ListParameters, "list", names), (GetParameters, "get", values))
+    ]
+    return node, answers
 
 
-def _lose_answers(service: Any, count: int) -> None:
+def _lose_answers(service: Any, count: int) -> list[Any]:
     send, sent = service.send_response, []
 
     def send_later_ones(response: Any, header: Any) -> None:
@@ -52,15 +55,15 @@ def _lose_answers(service: Any, count: int) -> None:
             send(response, header)
 
     service.send_response = send_later_ones
+    return sent
 
 
 def test_parameters_are_asked_for_again(graph: Graph) -> None:
-    forgetful_node(graph, lost=1)
+    _, answers = forgetful_node(graph, lost=1)
     remote = RemoteParameters(graph.node)
-    began = time.monotonic()
-    assert remote.read("/amb/forgetful", 10.0) == {"gain": False}
-    assert time.monotonic() - began >= 2 * REPEAT_PERIOD, "neither answer came at once"
-    assert remote.read("/amb/forgetful", 10.0) == {"gain": False}
+    assert remote.read("/amb/forgetful", TIMEOUT) == {"gain": False}
+    assert min(map(len, answers)) >= 2, "neither answer came at once"
+    assert remote.read("/amb/forgetful", TIMEOUT) == {"gain": False}
 
 
 def test_a_node_that_never_tells_its_parameters_is_named(graph: Graph) -> None:
@@ -79,7 +82,7 @@ def test_only_nodes_that_tell_their_parameters_are_asked(graph: Graph) -> None:
 
 
 def test_the_recorder_asks_until_the_bag_is_closed_and_says_which_parameters_are_missing(graph: Graph) -> None:
-    node = forgetful_node(graph, lost=1_000)
+    node, _ = forgetful_node(graph, lost=1_000)
     for kind, topic in ((LoopSamples, "telemetry"), (SimulatorState, "simulator/state")):  # what a recorder waits for
         graph.node.create_publisher(kind, f"/amb/{topic}", HISTORY)
     graph.start("amb_ident_node.recorder", parameters={"parameter_timeout": 0.2})
@@ -104,10 +107,10 @@ def test_a_client_leaves_the_graph_though_a_request_is_open(graph: Graph) -> Non
     _lose_answers(graph.node.create_service(GetModel, "/amb/identifier/get_model", lambda _, response: response), 1_000)
     for _ in range(3):
         with (
-            AmbClient(domain_id=int(graph.environment["ROS_DOMAIN_ID"]), timeout=0.6) as client,
+            AmbClient(domain_id=int(graph.environment["ROS_DOMAIN_ID"]), timeout=2.0) as client,
             pytest.raises(ClientError, match="no answer"),
         ):
-            client.wait_until(lambda: client.node.count_services("/amb/identifier/get_model") > 0, timeout=40.0)
+            client.wait_until(lambda: client.node.count_services("/amb/identifier/get_model") > 0, timeout=TIMEOUT)
             client.get_model()
     graph.wait_until(lambda: "amb_client" not in graph.node.get_node_names(), "the end of the last client")
 
@@ -115,15 +118,16 @@ def test_a_client_leaves_the_graph_though_a_request_is_open(graph: Graph) -> Non
 @pytest.mark.slow
 def test_a_service_waits_for_a_client_that_is_not_matched_yet(graph: Graph) -> None:
     """By its quality of service this client is never matched, so the service waits as long as it is told to."""
+    clock = Clock(clock_type=ClockType.STEADY_TIME)
     waited: list[float] = []
     service = graph.node.create_service(GetModel, "/half", lambda _, response: response)
     send = service.send_response
 
     def send_timed(response: Any, header: Any) -> None:
-        began = time.monotonic()
+        began = clock.now()
         with pytest.warns(RuntimeWarning, match="client will not receive response"):
             send(response, header)
-        waited.append(time.monotonic() - began)
+        waited.append(1e-9 * (clock.now() - began).nanoseconds)
 
     service.send_response = send_timed
     client = graph.node.create_client(
@@ -136,7 +140,7 @@ def test_a_service_waits_for_a_client_that_is_not_matched_yet(graph: Graph) -> N
         return bool(waited)
 
     graph.wait_until(asked, "the end of the wait")
-    assert waited[0] == pytest.approx(3.0, abs=0.5)
+    assert waited[0] >= 2.9, "at least as long as the profile says"
 
 
 def test_settings_of_the_user_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:

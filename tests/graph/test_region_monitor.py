@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-import signal
-import subprocess
 import sys
 from array import array
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,12 +19,13 @@ from amb_core.regions import Classification, Region, classify
 from amb_msgs.msg import LoopSamples, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import HISTORY
+from tests.graph.bearing import Bearing
+from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Graph
 
 MONITOR = "amb_ident_node.region_monitor"
-START_TIMEOUT = 60.0  # s; several processes compile and import at once
 REST = 10_000  # steps
 SWEEP = Sweep(amplitude=50e-6, duration=20.0, frequency_start=10.0, frequency_end=5000.0, axes="y")
 PERIOD = 500  # steps; the default of publish_period
@@ -102,7 +100,7 @@ class LiveSweep:
         graph.start("amb_controller_node.excitation_generator")
         graph.start("amb_ident_node.recorder")
         graph.start(MONITOR)
-        graph.wait_until(self.listener.subscription.get_publisher_count, "the monitor", START_TIMEOUT)
+        graph.wait_until(self.listener.subscription.get_publisher_count, "the monitor")
         self.run = bearing.reset()
         self.bag = graph.call(StartRecording, "/amb/recorder/start", uri="sweep").uri
         bearing.excite(SWEEP, self.run, REST)
@@ -115,12 +113,13 @@ class LiveSweep:
         self.expected = told(classify(self.record, delevitated=True))
 
 
-@pytest.fixture(scope="module")
-def sweep(
-    open_graph: Callable[[Path], Any], watch_bearing: Callable[[Any], Any], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[LiveSweep]:
-    with open_graph(tmp_path_factory.mktemp("sweep")) as graph:
-        yield LiveSweep(graph, watch_bearing(graph))
+def live_sweep(graph: Graph) -> LiveSweep:
+    return LiveSweep(graph, Bearing(graph))
+
+
+@pytest.fixture
+def sweep(share: Any) -> LiveSweep:
+    return share(live_sweep)
 
 
 def test_a_live_sweep_drifts_and_then_delevitates(sweep: LiveSweep) -> None:
@@ -156,20 +155,21 @@ def test_health_names_the_region(sweep: LiveSweep) -> None:
     def named() -> bool:
         return any(
             status.name == "amb/region_monitor" and status.message == "region D, delevitated"
-            for _, status in sweep.bearing.diagnostics
+            for status in sweep.bearing.diagnostics
         )
 
     sweep.graph.wait_until(named, "the region on /diagnostics")
 
 
 def test_a_played_bag_gives_the_same_states(sweep: LiveSweep, graph: Graph) -> None:
+    recorded = [message.mode for message in read_bag(sweep.bag).messages_of("/amb/simulator/state")]
+    assert recorded[-1] == SimulatorState.DELEVITATED
     listener = Listener(graph)
     graph.start(MONITOR)
-    graph.wait_until(listener.subscription.get_publisher_count, "the monitor", START_TIMEOUT)
     amb = "from amb_bringup.cli import main; raise SystemExit(main())"
-    command = [sys.executable, "-c", amb, "bag", "play", sweep.bag, "--rate", "20"]
-    played = subprocess.run(command, env=graph.environment, capture_output=True, text=True, timeout=START_TIMEOUT)
-    assert played.returncode == 0, played.stderr
+    player = graph.start_command([sys.executable, "-c", amb, "bag", "play", sweep.bag, "--rate", "20"])
+    player.wait_for_end(TIMEOUT)
+    assert player.returncode == 0, player.said
     messages = listener.wait_for_region(sweep.run, Region.D)
     assert len(messages) == len(sweep.expected)
     assert all(map(same, messages, sweep.expected))
@@ -188,67 +188,67 @@ def drifting() -> LoopRecord:
     return LoopRecord(0, 1e-4, np.zeros((steps, 2)), position, np.zeros((steps, 2)))
 
 
-@pytest.fixture(scope="module")
-def played(
-    open_graph: Callable[[Path], Any], watch_bearing: Callable[[Any], Any], tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[tuple[Loop, Listener, Any]]:
-    """A monitor, and a loop that publishes what a test wants."""
-    with open_graph(tmp_path_factory.mktemp("played")) as graph:
-        loop, listener = Loop(graph), Listener(graph)
-        bearing = watch_bearing(graph)
-        process = graph.start(MONITOR)
-        graph.wait_until(listener.subscription.get_publisher_count, "the monitor", START_TIMEOUT)
-        yield loop, listener, bearing
-        code, errors = graph.stop(process, signal.SIGTERM)
-        assert code == 0, errors
+class Monitored:
+    """A monitor, and a loop that publishes what a test wants, each time as a run of its own."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.loop, self.listener, self.bearing = Loop(graph), Listener(graph), Bearing(graph)
+        self._runs = itertools.count(1)
+        graph.start(MONITOR)
+        graph.wait_until(self.listener.subscription.get_publisher_count, "the monitor")
+
+    def play(self, *records: LoopRecord, block: int = 100) -> int:
+        """Publish a run; returns its number."""
+        run = next(self._runs)
+        for record in records:
+            self.loop.publish(run, record, block)
+        return run
+
+    def wait_for_report(self, text: str) -> None:
+        """Wait until the monitor reports this on /diagnostics."""
+        self.bearing.graph.wait_until(
+            lambda: any(text in status.message for status in self.bearing.diagnostics), f"'{text}' on /diagnostics"
+        )
 
 
-def test_states_do_not_depend_on_the_blocks(played: tuple[Loop, Listener, Any], drifting: LoopRecord) -> None:
-    loop, listener, _ = played
-    runs = {10: 100, 11: 37, 12: 5_000}
-    for run, block in runs.items():
-        loop.publish(run, drifting, block)
+@pytest.fixture
+def monitored(share: Any) -> Monitored:
+    return share(Monitored)
+
+
+def test_states_do_not_depend_on_the_blocks(monitored: Monitored, drifting: LoopRecord) -> None:
+    runs = {monitored.play(drifting, block=block): block for block in (100, 37, 5_000)}
     expected = told(classify(drifting))
     assert expected[-1].region == Region.B
-    for run in runs:
-        messages = listener.wait_for(run, drifting.steps - 1)
+    for run, block in runs.items():
+        messages = monitored.listener.wait_for(run, drifting.steps - 1)
         assert len(messages) == len(expected)
-        assert all(map(same, messages, expected)), f"blocks of {runs[run]}"
+        assert all(map(same, messages, expected)), f"blocks of {block}"
 
 
-def test_a_gap_is_reported_and_classification_restarts(
-    played: tuple[Loop, Listener, Any], drifting: LoopRecord
-) -> None:
-    loop, listener, bearing = played
-    loop.publish(20, drifting.window(0, 5_000))
-    loop.publish(20, drifting.window(6_000, 9_000))
-    messages = listener.wait_for(20, drifting.steps - 1)
-    expected = told(classify(drifting.window(0, 5_000))) + told(classify(drifting.window(6_000, 9_000)))
+def test_a_gap_is_reported_and_classification_restarts(monitored: Monitored, drifting: LoopRecord) -> None:
+    parts = drifting.window(0, 5_000), drifting.window(6_000, 9_000)
+    run = monitored.play(*parts)
+    messages = monitored.listener.wait_for(run, drifting.steps - 1)
+    expected = [state for part in parts for state in told(classify(part))]
     assert len(messages) == len(expected)
     assert all(map(same, messages, expected))
     assert messages[-1].region == Region.B
-    complaint = "telemetry lacks steps 5000 to 5999 of run 20; the classification restarted"
-    bearing.graph.wait_until(
-        lambda: any(complaint in status.message for _, status in bearing.diagnostics), "the gap on /diagnostics"
-    )
+    monitored.wait_for_report(f"telemetry lacks steps 5000 to 5999 of run {run}; the classification restarted")
 
 
-def test_samples_that_are_not_finite_are_reported_and_left_out(
-    played: tuple[Loop, Listener, Any], drifting: LoopRecord
-) -> None:
-    loop, listener, bearing = played
+def test_samples_that_are_not_finite_are_reported_and_left_out(monitored: Monitored, drifting: LoopRecord) -> None:
     position = drifting.position.copy()
     position[3_050, 1] = math.nan
-    loop.publish(30, LoopRecord(0, 1e-4, drifting.reference, position, drifting.current))
-    messages = listener.wait_for(30, drifting.steps - 1)
-    assert messages[-1].region == Region.B
-    bearing.graph.wait_until(
-        lambda: any(
-            any(value.key == "refused blocks" and value.value == "1" for value in status.values)
-            for _, status in bearing.diagnostics
-        ),
-        "the refused block on /diagnostics",
-    )
-    loop.publish(31, drifting)
-    assert listener.wait_for(31, drifting.steps - 1)[-1].region == Region.B
-    assert all(map(same, listener.of(31), told(classify(drifting)))), "the next run is not touched"
+    run = monitored.play(LoopRecord(0, 1e-4, drifting.reference, position, drifting.current))
+    assert monitored.listener.wait_for(run, drifting.steps - 1)[-1].region == Region.B
+    monitored.wait_for_report(f"telemetry lacks steps 3000 to 3099 of run {run}; the classification restarted")
+
+    def refused() -> bool:
+        values = [value for status in monitored.bearing.diagnostics for value in status.values]
+        return any(value.key == "refused blocks" and value.value != "0" for value in values)
+
+    monitored.bearing.graph.wait_until(refused, "the refused block on /diagnostics")
+    run = monitored.play(drifting)
+    assert monitored.listener.wait_for(run, drifting.steps - 1)[-1].region == Region.B
+    assert all(map(same, monitored.listener.of(run), told(classify(drifting)))), "the next run is not touched"

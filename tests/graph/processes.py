@@ -1,0 +1,97 @@
+"""Processes under test: what they wrote, where they hang if they do not end, and what they leave in shared memory."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+SHARED_MEMORY = Path("/dev/shm")
+SEGMENT = re.compile(r"/dev/shm/(fastrtps_\w+)")
+DUMP_TIME = 10.0  # s; longest wait for the stacks of a process
+
+
+class NodeProcess(subprocess.Popen[str]):
+    """A process whose errors go to a file: a pipe that nobody reads would stop it when it is full.
+
+    Parameters
+    ----------
+    command : sequence of str
+        What to run.
+    errors : Path
+        The file.
+    **options
+        Go to Popen.
+    """
+
+    def __init__(self, command: Sequence[str], errors: Path, **options: Any) -> None:
+        self._errors = errors
+        self.segments: set[str] = set()
+        with errors.open("w") as file:
+            super().__init__(command, stderr=file, text=True, **options)
+
+    @property
+    def said(self) -> str:
+        """What the process wrote to stderr so far."""
+        return self._errors.read_text(errors="replace")
+
+    def communicate(self, input: str | None = None, timeout: float | None = None) -> tuple[Any, Any]:
+        """As that of Popen, with the errors from the file."""
+        output, _ = super().communicate(input, timeout)
+        return output, self.said
+
+    def send_signal(self, sig: int) -> None:
+        """As that of Popen; keeps in mind what SIGKILL gives the process no time to remove."""
+        if sig == signal.SIGKILL:
+            with contextlib.suppress(OSError):
+                self.segments |= set(SEGMENT.findall(Path(f"/proc/{self.pid}/maps").read_text()))
+        super().send_signal(sig)
+
+    def wait_for_end(self, timeout: float) -> None:
+        """Wait for the end.
+
+        Raises
+        ------
+        AssertionError
+            If it does not come; with the stacks of all threads. The process is killed.
+        """
+        try:
+            self.wait(timeout)
+        except subprocess.TimeoutExpired:
+            problem = f"process {self.pid} did not end within {timeout:g} s: {self.args}"
+            stacks = self._stacks()
+            self.kill()
+            self.wait()
+            raise AssertionError(f"{problem}\n{stacks}") from None
+
+    def _stacks(self) -> str:
+        """The errors of the process with the stacks of its threads, which it writes on SIGUSR1."""
+        before = len(self.said)
+        self.send_signal(signal.SIGUSR1)
+        deadline = time.monotonic() + DUMP_TIME
+        while self.poll() is None and len(self.said) == before and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(0.2)  # for the rest of the lines
+        return self.said
+
+
+def remove_shared_memory(processes: Sequence[NodeProcess], domain: int) -> None:
+    """Remove the segments of Fast DDS that killed processes have left.
+
+    Call it when all processes of the domain have ended. The ports of a domain carry its number, and the other segments
+    were seen in the killed processes themselves, so nobody else's are touched.
+    """
+    killed = [process for process in processes if process.returncode == -signal.SIGKILL]
+    if not killed:
+        return
+    first = 7400 + 250 * domain  # RTPS: port base and domain gain
+    ports = {f"fastrtps_port{port}" for port in range(first, first + 250)}
+    segments = set().union(*(process.segments for process in killed))
+    own = {name for name in segments if "port" not in name} | ports
+    for name in own | {f"{name}_el" for name in own} | {f"sem.{name}_mutex" for name in ports}:
+        (SHARED_MEMORY / name).unlink(missing_ok=True)
