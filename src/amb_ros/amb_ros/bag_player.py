@@ -20,7 +20,8 @@ from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, PlantState, 
 from amb_ros.definitions import message_definition
 from amb_ros.qos import HISTORY, LATCHED
 
-DISCOVERY_TIMEOUT = 2.0  # s
+DISCOVERY_TIMEOUT = 10.0  # s; longest wait for the first listener
+SETTLING_TIME = 1.0  # s without a new listener: those of one node are not matched all at once
 DELIVERY_TIMEOUT = 10.0  # s
 SLOWEST, FASTEST = 1e-3, 1e6
 
@@ -62,6 +63,7 @@ class BagPlayer:
     """
 
     def __init__(self, node: Node, path: str | Path) -> None:
+        self._node = node
         self._path = Path(path)
         topics = [topic for topic in read_bag(path).topics if topic.type in PLAYED]
         self._storage = open_storage(self._path)
@@ -77,7 +79,9 @@ class BagPlayer:
             self._publishers[topic.name] = node.create_publisher(played.type, topic.name, played.qos)
 
     def play(self, rate: float = 1.0, progress: Callable[[int], None] | None = None) -> None:
-        """Publish all messages, once somebody listens to the telemetry, and wait until they have arrived.
+        """Publish all messages, once somebody listens to them, and wait until they have arrived.
+
+        Without a listener they are published all the same, with a warning.
 
         Parameters
         ----------
@@ -89,7 +93,7 @@ class BagPlayer:
         Raises
         ------
         BagError
-            If the rate is not allowed.
+            If the rate is not allowed, or a listener has not received everything.
         """
         if not SLOWEST <= rate <= FASTEST:
             raise BagError(f"rate = {rate:g} is not allowed; allowed: {SLOWEST:g} to {FASTEST:g}")
@@ -104,13 +108,26 @@ class BagPlayer:
             played += 1
             if progress is not None:
                 progress(played)
-        for publisher in self._publishers.values():
-            publisher.wait_for_all_acked(Duration(seconds=DELIVERY_TIMEOUT))
+        for topic, publisher in self._publishers.items():
+            if not publisher.wait_for_all_acked(Duration(seconds=DELIVERY_TIMEOUT)):
+                raise BagError(f"bag {self._path}: a listener to {topic} has not received everything; play it slower")
 
     def _wait_for_listeners(self) -> None:
-        deadline = time.monotonic() + DISCOVERY_TIMEOUT
-        publishers = self._publishers.values()
-        while not all(publisher.get_subscription_count() for publisher in publishers) and time.monotonic() < deadline:
+        """Wait until a node listens and no further listener turns up, or until it is clear that nobody does."""
+        start = time.monotonic()
+        last, since = 0, start
+        while True:
+            now = time.monotonic()
+            listeners = sum(publisher.get_subscription_count() for publisher in self._publishers.values())
+            if listeners != last:
+                last, since = listeners, now
+            if listeners and now - since >= SETTLING_TIME:
+                return
+            if not listeners and now - start >= DISCOVERY_TIMEOUT:
+                self._node.get_logger().warning(
+                    f"nobody listens to {', '.join(self._publishers)} after {DISCOVERY_TIMEOUT:g} s; played anyway"
+                )
+                return
             time.sleep(0.01)
 
     def _check_layout(self, message_type: str) -> None:
