@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo reproduce test test-slow validate bench bench-ident lint clean
+.PHONY: help setup demo reproduce test test-slow test-graph stress validate bench bench-ident lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -22,6 +22,13 @@ test: setup  ## all tests but the slow ones
 
 test-slow: setup  ## the slow tests
 	@$(RUN) python -m pytest -m slow
+
+COUNT ?= 10
+test-graph: setup  ## the graph tests COUNT=10 times, with a summary of the failures; leaves results/stress
+	@$(RUN) python tests/stress.py --idle $(COUNT)
+
+stress: setup  ## the graph tests idle, under load and with low priority (two hours); writes results/stress.json
+	@$(RUN) python tests/stress.py --idle 10 --loaded 5 --nice 3
 
 validate: setup  ## the plant against independent solutions; writes results/validation.json
 	@$(RUN) python tests/validation/run.py

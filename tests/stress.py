@@ -1,0 +1,101 @@
+"""Runs the graph tests again and again: alone, beside four busy loops, and with the lowest priority.
+
+`make stress` repeats the claim that they pass on any machine, `make test-graph COUNT=10` runs them alone. Each run is a
+process of its own. Its output goes to results/stress, and after every run results/stress.json holds
+
+    {"failures": 0, "runs": [{"kind": "idle", "passed": 129, "failed": [], "skipped": 0, "seconds": 210.0}, ...]}
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "results"
+BUSY_LOOPS = 4
+KINDS = ("idle", "loaded", "nice")
+
+
+@contextlib.contextmanager
+def load(loops: int) -> Iterator[None]:
+    """Programs that take all the time of as many cores."""
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(loops)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def run_once(kind: str, name: str, selection: list[str]) -> dict[str, object]:
+    """One run of the tests; what came out of it."""
+    report = RESULTS / "stress" / f"{name}.xml"
+    report.unlink(missing_ok=True)
+    priority = ["nice", "-n", "19"] if kind == "nice" else []
+    tests = [sys.executable, "-m", "pytest", "-m", "not slow", "-p", "no:cacheprovider", f"--junit-xml={report}"]
+    began = time.monotonic()
+    with report.with_suffix(".txt").open("w") as output, load(BUSY_LOOPS if kind == "loaded" else 0):
+        code = subprocess.call([*priority, *tests, *selection], cwd=ROOT, stdout=output, stderr=subprocess.STDOUT)
+    outcome = read_report(report)
+    if code and not outcome["failed"]:
+        outcome["failed"] = [f"pytest ended with exit code {code}, see {report.with_suffix('.txt').relative_to(ROOT)}"]
+    return {"kind": kind, **outcome, "seconds": round(time.monotonic() - began, 1)}
+
+
+def read_report(path: Path) -> dict[str, object]:
+    """How many tests passed and were skipped, and which failed, from a JUnit file."""
+    cases = ElementTree.parse(path).getroot().iter("testcase") if path.is_file() else ()
+    passed, skipped, failed = 0, 0, set()
+    for case in cases:
+        if case.find("failure") is not None or case.find("error") is not None:
+            failed.add(f"{case.get('classname')}::{case.get('name')}")
+        elif case.find("skipped") is not None:
+            skipped += 1
+        else:
+            passed += 1
+    return {"passed": passed, "failed": sorted(failed), "skipped": skipped}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--idle", type=int, default=0, help="runs alone on the machine")
+    parser.add_argument("--loaded", type=int, default=0, help=f"runs beside {BUSY_LOOPS} busy loops")
+    parser.add_argument("--nice", type=int, default=0, help="runs with the lowest priority")
+    parser.add_argument("tests", nargs="*", default=["tests/graph"], help="what to run, as pytest takes it")
+    settings = parser.parse_args()
+    plan = [kind for kind in KINDS for _ in range(getattr(settings, kind))]
+    (RESULTS / "stress").mkdir(parents=True, exist_ok=True)
+    runs: list[dict[str, object]] = []
+    failures: Counter[str] = Counter()
+    for number, kind in enumerate(plan, 1):
+        print(f"run {number} of {len(plan)}, {kind}: ", end="", flush=True)
+        run = run_once(kind, f"{number:02d}_{kind}", settings.tests)
+        failed = run["failed"]
+        assert isinstance(failed, list)
+        print(
+            f"{run['passed']} passed, {len(failed)} failed, {run['skipped']} skipped in {run['seconds']} s", flush=True
+        )
+        for test in failed:
+            print(f"  {test}", flush=True)
+        runs.append(run)
+        failures.update(failed)
+        summary = {"failures": failures.total(), "runs": runs}
+        (RESULTS / "stress.json").write_text(json.dumps(summary, indent=2) + "\n")
+    print(f"{len(runs)} runs, {failures.total()} failures; see {RESULTS.relative_to(ROOT)}/stress.json")
+    for test, count in failures.most_common():
+        print(f"  {count} times {test}")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
