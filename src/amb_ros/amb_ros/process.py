@@ -14,13 +14,14 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from threadpoolctl import threadpool_limits
 
 from amb_core.errors import AmbError
 from amb_ros import middleware
 
-SPIN_TIMEOUT = 0.5  # s
+SPIN_TIMEOUT = 0.1  # s
 
 
 def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -31,37 +32,63 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
     """
     threadpool_limits(1)  # small matrices: more BLAS threads only take the cores from the other nodes
     faulthandler.register(signal.SIGUSR1, all_threads=True)
-    received: list[int] = []
+    end = _End()
     for number in (signal.SIGINT, signal.SIGTERM):
-        # Without a KeyboardInterrupt that could break off a callback anywhere: rclpy shuts its context down instead.
-        signal.signal(number, lambda number, _frame: received.append(number))
+        signal.signal(number, lambda _number, _frame: end.ask_for())
     middleware.configure()
-    rclpy.init(args=args)
-    code = _run(factories, lambda: bool(received) or not rclpy.ok())
+    # rclpy would shut the context down from a thread of its own. While a node is being made that can fail, without a
+    # word, and rclpy then knows nothing any more to shut down: no signal would end the process.
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    code = _run(factories, end)
     _leave_threads_behind(code)
     return code
 
 
-def _run(factories: Sequence[Callable[[], Node]], told_to_end: Callable[[], bool]) -> int:
+class _End:
+    """The end of the process, for which signals ask; a KeyboardInterrupt would break off a callback anywhere."""
+
+    def __init__(self) -> None:
+        self._asked_for = False
+        self._reached: Future = Future()
+        self.executor: Executor | None = None
+
+    def __bool__(self) -> bool:
+        return self._asked_for or not rclpy.ok()
+
+    def ask_for(self) -> None:
+        """Let `wait` return, also amid events that never cease."""
+        if not self._asked_for:
+            self._asked_for = True
+            if self.executor is not None:
+                self.executor.create_task(self._reached.set_result, None)
+
+    def wait(self) -> None:
+        """Spin until the end.
+
+        EventsExecutor hangs in `spin` and in waits without a time-out. Waiting for a future keeps the loop over the
+        events inside the executor, which is faster than one `spin_once` an event. The time-out lets Python see signals.
+        """
+        while not self:
+            assert self.executor is not None
+            self.executor.spin_until_future_complete(self._reached, timeout_sec=SPIN_TIMEOUT)
+
+
+def _run(factories: Sequence[Callable[[], Node]], end: _End) -> int:
     nodes: list[Node] = []
     try:
-        executor = EventsExecutor()
+        executor = end.executor = EventsExecutor()
         for factory in factories:
-            if told_to_end():
+            if end:
                 return 0
             nodes.append(factory())
             executor.add_node(nodes[-1])
         gc.freeze()  # what was made so far stays: the collector need not walk it in the middle of the loop
-        spin(executor, told_to_end)
+        end.wait()
     except AmbError as problem:
         print(f"[amb] {problem}", file=sys.stderr)
         return 1
     except ExternalShutdownException:
         pass
-    except Exception:
-        if not told_to_end():
-            raise
-        # While starting: whatever was being made then fails without a context, in one way or another.
     finally:
         rclpy.try_shutdown()  # first: workers of the nodes then see that nobody waits for them any more
         for node in reversed(nodes):
@@ -83,16 +110,3 @@ def _leave_threads_behind(code: int) -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
-
-
-def spin(executor: Executor, told_to_end: Callable[[], bool]) -> None:
-    """Spin until the process is told to end.
-
-    The context alone does not show that. On a signal rclpy shuts down the contexts it knows from a thread of its own,
-    and forgets them even where that fails, as it can while a node is being made: that context would live for ever.
-
-    EventsExecutor hangs in `spin` and in waits without a time-out. Waiting for a future that never completes keeps the
-    loop over the events inside the executor, which is faster than one `spin_once` an event.
-    """
-    while not told_to_end():
-        executor.spin_until_future_complete(Future(), timeout_sec=SPIN_TIMEOUT)

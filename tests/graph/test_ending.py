@@ -1,0 +1,79 @@
+"""The end of a node: by a signal at any moment, also while it starts, and with its stacks where it hangs."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.graph.limits import TIMEOUT
+
+if TYPE_CHECKING:
+    from tests.graph.conftest import Graph
+    from tests.graph.processes import NodeProcess
+
+NODES = (
+    "amb_sim_node.simulator",
+    "amb_controller_node.pd_controller",
+    "amb_controller_node.excitation_generator",
+    "amb_ident_node.identifier",
+    "amb_ident_node.recorder",
+    "amb_ident_node.region_monitor",
+)
+HANGING = """
+import faulthandler, signal, time
+faulthandler.register(signal.SIGUSR1)
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+def wait_for_ever():
+    print("ready", flush=True)
+    time.sleep(1e6)
+wait_for_ever()
+"""
+
+
+def handles_signals(process: NodeProcess) -> bool:
+    """Whether it has got as far as to end by itself on SIGTERM."""
+    (caught,) = (line for line in Path(f"/proc/{process.pid}/status").read_text().splitlines() if "SigCgt" in line)
+    return bool(int(caught.split()[1], 16) & 1 << (signal.SIGTERM - 1))
+
+
+def makes_its_node(process: NodeProcess) -> bool:
+    """Whether it has a participant, the first part of a node: its threads have names."""
+    names = (task.read_text() for task in Path(f"/proc/{process.pid}/task").glob("*/comm"))
+    return any(name.startswith("dds.") for name in names)
+
+
+@pytest.mark.parametrize("reached", [handles_signals, makes_its_node])
+def test_a_signal_while_a_node_starts_ends_it(graph: Graph, reached: Callable[[NodeProcess], bool]) -> None:
+    processes = {module: graph.start(module) for module in NODES}
+    waiting = list(zip(processes.values(), itertools.cycle([signal.SIGINT, signal.SIGTERM]), strict=False))
+
+    def all_signalled() -> bool:
+        for process, by in list(waiting):
+            if reached(process):
+                process.send_signal(by)
+                waiting.remove((process, by))
+        return not waiting
+
+    graph.wait_until(all_signalled, "the start of all nodes")
+    for process in processes.values():
+        process.wait_for_end(TIMEOUT)
+    ends = {module: (process.returncode, process.said) for module, process in processes.items()}
+    assert ends == dict.fromkeys(processes, (0, ""))
+
+
+def test_a_process_that_does_not_end_shows_where_it_hangs(graph: Graph) -> None:
+    process = graph.start_command([sys.executable, "-c", HANGING], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGINT)
+    with pytest.raises(AssertionError, match="did not end within") as caught:
+        process.wait_for_end(0.2)
+    assert "wait_for_ever" in str(caught.value)
+    assert process.returncode == -signal.SIGKILL
