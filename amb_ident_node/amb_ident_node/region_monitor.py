@@ -188,7 +188,8 @@ class RegionMonitorNode(Node):
         """The loop that a map is asked for: of a parameter file, or the one that runs."""
         names = self._settings.simulator, self._settings.controller
         if path:
-            plant_node, controller_node = (name.rsplit("/", 1)[-1] for name in names)
+            namespace = self.get_namespace().rstrip("/")
+            plant_node, controller_node = (name if name.startswith("/") else f"{namespace}/{name}" for name in names)
             return (
                 load_parameters(PlantParameters, path, plant_node, part=True),
                 load_parameters(ControllerParameters, path, controller_node, part=True),

@@ -201,7 +201,7 @@ class SimulatorNode(Node):
         AmbError
             If the file, a parameter or the plant is wrong; the message names the file.
         """
-        settings = load_parameters(SimulatorParameters, path, self.get_name())
+        settings = load_parameters(SimulatorParameters, path, self.get_fully_qualified_name())
         rate = settings.integration.sample_rate
         where = f"parameter file {path}, node {self.get_name()}"
         if rate != self._sample_rate:

@@ -86,7 +86,7 @@ def test_parameter_file_of_the_nodes_serves_scripts_too(tmp_path: Path):
     path = tmp_path / "parameters.yaml"
     path.write_text(
         "/amb/simulator:\n  ros__parameters:\n    rotor:\n      mass: 5.0\n"
-        "/amb/other:\n  ros__parameters:\n    rotor:\n      mass: 7.0\n"
+        "/amb/pd_controller:\n  ros__parameters:\n    rotor:\n      mass: 7.0\n"
     )
     assert load_parameters(PlantParameters, path, "simulator").rotor.mass == 5.0
 

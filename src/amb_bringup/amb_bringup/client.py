@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from amb_bringup.connection import ClientError, GraphConnection
 from amb_core.identification import IdentificationProgress, StateSpaceModel
 from amb_core.messages import model_from_message, region_map_from_message, region_state_from_message
+from amb_core.parameter_files import NODES
 from amb_msgs.action import BuildMap, Identify
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_msgs.msg import SimulatorState
@@ -42,8 +43,6 @@ if TYPE_CHECKING:
     from amb_core.regions import Region, RegionState
 
 __all__ = ["NODES", "AmbClient", "ClientError", "RunEnd", "StartedExcitation"]
-
-NODES = ("simulator", "pd_controller", "excitation_generator", "recorder", "region_monitor", "identifier")
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from typing import Any
 import yaml
 
 from amb_bringup.packages import LaunchError, find_executable, share_folder
+from amb_core.regular_files import read_text, shown
 
 NODE_KEYS = ("pkg", "exec", "name", "namespace", "output", "args", "param", "remap", "env")
 ARGUMENT_KEYS = ("name", "default", "description")
@@ -63,8 +64,10 @@ def read_launch_file(path: str | Path, arguments: Mapping[str, str] | None = Non
         missing, or if an argument is unknown or lacks a value. The message names the file and the place in it.
     """
     try:
-        content = yaml.safe_load(Path(path).read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as problem:
+        content = yaml.safe_load(read_text(path))
+    except OSError as problem:
+        raise LaunchError(f"launch file {shown(path)}: cannot be read: {problem.strerror}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as problem:
         raise LaunchError(f"launch file {path}: cannot be read: {' '.join(str(problem).split())}") from None
     try:
         return _Reader(arguments or {}).read(content)

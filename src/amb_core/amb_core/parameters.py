@@ -7,15 +7,17 @@ declaration come the validation, the ROS parameter descriptors, the parameter fi
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from amb_core.errors import ParameterError
+from amb_core.parameter_files import NODES, ParameterFile, full_name
+
+CLOSE = 0.85  # likeness, 0 to 1, from which a name is taken for another one misspelt
 
 
 class Parameters(BaseModel):
@@ -123,9 +125,7 @@ def validate(model: type[P], values: Mapping[str, Any], error: type[Exception] =
     declared = {declaration.name: declaration for declaration in declarations(model)}
     for name in flat:
         if name not in declared:
-            close = difflib.get_close_matches(name, declared, n=1)
-            hint = f"did you mean '{close[0]}'?" if close else "known: " + ", ".join(declared)
-            raise error(f"unknown parameter '{name}' = {flat[name]!r}; {hint}")
+            raise error(_unknown(name, flat[name], declared))
     try:
         return model.model_validate(_nest(flat))
     except ValidationError as problem:
@@ -154,31 +154,50 @@ def part_of(model: type[P], values: Mapping[str, Any]) -> P:
 def load_parameters(model: type[P], path: str | Path, node: str, *, part: bool = False) -> P:
     """Parameters of one node from a ROS parameter file, so that scripts without ROS use the same files as the nodes.
 
-    Sections count whose node name (last part of the key) is `node`, or `**`; a later section overrides an earlier one.
-    With `part` the set is only a part of the node's parameters: others in the file are left to the node.
+    Parameters
+    ----------
+    model : type[Parameters]
+        The set.
+    path : str or Path
+        The file.
+    node : str
+        Full name of the node, or its name in the namespace of the graph.
+    part : bool, optional
+        Whether the set is only a part of the node's parameters: others in the file are left to the node.
 
     Raises
     ------
     ParameterError
-        If the file cannot be read, is no parameter file, or holds a wrong parameter; the message names the file.
+        If the file cannot be read, is no parameter file, has a key that names no node of the graph, or holds a wrong
+        parameter; the message names the file.
     """
+    name = full_name(node)
+    namespace = name.rsplit("/", 1)[0]
+    own = [name, *(f"{namespace}/{other}" for other in NODES)]  # in the namespace of this node, whichever it is
+    file = ParameterFile(path, dict.fromkeys([*own, *(full_name(other) for other in NODES)]))
+    values = file.values(name)
     try:
-        content = yaml.safe_load(Path(path).read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as problem:
-        raise ParameterError(f"parameter file {path}: cannot be read: {' '.join(str(problem).split())}") from None
-    if not isinstance(content, Mapping) or not all(
-        isinstance(section, Mapping) and isinstance(section.get("ros__parameters"), Mapping)
-        for section in content.values()
-    ):
-        raise ParameterError(f"parameter file {path}: each entry must be a node name with a mapping 'ros__parameters'")
-    values: dict[str, Any] = {}
-    for key, section in content.items():
-        if str(key).rsplit("/", 1)[-1] in (node, "**"):
-            values.update(flatten(section["ros__parameters"]))
-    try:
-        return part_of(model, values) if part else validate(model, values)
+        if not part:
+            return validate(model, values)
+        _refuse_misspelt(model, values)
+        return part_of(model, values)
     except ParameterError as problem:
-        raise ParameterError(f"parameter file {path}, node {node}: {problem}") from None
+        raise file.error(node, problem) from None
+
+
+def _refuse_misspelt(model: type[P], values: Mapping[str, Any]) -> None:
+    """Refuse what is meant for the set but not one of its names: it would be taken for another part's parameter."""
+    names = [declaration.name for declaration in declarations(model)]
+    groups = {name.rpartition(".")[0] for name in names} - {""}
+    for name in values:
+        if name not in names and (name.split(".")[0] in groups or difflib.get_close_matches(name, names, 1, CLOSE)):
+            raise ParameterError(_unknown(name, values[name], names))
+
+
+def _unknown(name: str, value: Any, known: Collection[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean '{close[0]}'?" if close else "known: " + ", ".join(known)
+    return f"unknown parameter '{name}' = {value!r}; {hint}"
 
 
 def _nest(flat: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,11 +10,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from amb_core.errors import ParameterError
+from amb_core.parameter_files import of_rclpy
 from amb_core.parameters import Declaration, Parameters, declarations, flatten, validate
 
 P = TypeVar("P", bound=Parameters)
-
-DECLARED_BY_RCLPY = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
 def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | None = None) -> P:
@@ -38,9 +37,7 @@ def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | No
         One line naming the node, the parameter, its value and what is allowed.
     """
     given = {
-        name: parameter.value
-        for name, parameter in node.get_parameters_by_prefix("").items()
-        if not name.startswith(DECLARED_BY_RCLPY)
+        name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items() if not of_rclpy(name)
     }
     try:
         values = validate(parameters, given)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from amb_bringup.commands.inputs import ParamsOption
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -15,9 +17,7 @@ if TYPE_CHECKING:
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for bag, model, figures and summary.")] = Path("results/demo"),
-    params: Annotated[
-        Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
-    ] = None,
+    params: ParamsOption = None,
 ) -> None:
     """Levitate the bearing over ROS 2 topics, shake it with square waves, record, identify, validate.
 
@@ -26,12 +26,15 @@ def demo(
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    from amb_bringup.commands.inputs import load_loop, parameter_file
+    from amb_bringup.commands.inputs import parameter_file
+    from amb_bringup.commands.results import make_folder
     from amb_bringup.demo import run_demo
     from amb_bringup.launcher import own_domain
+    from amb_bringup.node_parameters import check_parameter_file
 
     console = Console()
-    load_loop(params)  # a wrong file must not cost the results of an earlier demo
+    check_parameter_file(parameter_file(params))  # a wrong file must not cost the results of an earlier demo
+    make_folder(out)
     _clear(out)
     with Progress(
         TextColumn("{task.description:20}"),

@@ -36,7 +36,7 @@ Seed = Annotated[int, typer.Option(help="Seed of multisine, PRBS and white noise
 MapFile = Annotated[Path, typer.Option("--map", help="Region map, as `amb map` writes it.")]
 Params = Annotated[
     Path | None,
-    typer.Option(help="Parameter file of all nodes, instead of the loop the map was made with.", dir_okay=False),
+    typer.Option(help="Parameter file of all nodes, instead of the loop the map was made with."),
 ]
 Out = Annotated[Path, typer.Option(help="Folder for summary.json and figures.", file_okay=False)]
 
@@ -190,7 +190,7 @@ def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:
     from amb_core.region_map import RegionMap
     from amb_core.regions import RegionParameters
 
-    if not map_file.exists():
+    if not _exists(map_file):
         raise RegionError(f"region map {map_file}: there is no such file; `amb map` makes one (results/map/map.json)")
     region_map = RegionMap.load(map_file)
     if params is None:
@@ -199,6 +199,13 @@ def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:
         return region_map, (controller, made_with(region_map, "plant", PlantParameters), regions)
     plant, controller = load_loop(params)
     return region_map, (controller, plant, load_regions(params))
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # what is wrong with the path the reader of the file says
+        return True
 
 
 def _print_check(console: Console, found: ExcitationCheck) -> None:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import signal
-from pathlib import Path
 from types import FrameType
 from typing import Annotated
 
 import typer
+
+from amb_bringup.commands.inputs import ParamsOption
 
 
 def up(
     composed: Annotated[
         bool, typer.Option("--composed", help="Simulator and controller in one process, for a faster loop.")
     ] = False,
-    params: Annotated[
-        Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
-    ] = None,
+    params: ParamsOption = None,
     keep_going: Annotated[
         bool, typer.Option("--keep-going", help="Leave the other nodes running when one has ended.")
     ] = False,
@@ -30,7 +29,12 @@ def up(
     def show(name: str, text: str) -> None:
         typer.echo(f"{typer.style(f'[{name}]', fg='cyan')} {text}")
 
-    arguments = {} if params is None else {"params": str(params.absolute())}
+    arguments = {}
+    if params is not None:
+        from amb_bringup.node_parameters import check_parameter_file
+
+        check_parameter_file(params)  # here it is one line; from the nodes it would be six, and from rcl a traceback
+        arguments["params"] = str(params.absolute())
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)
     reported: dict[str, int] = {}

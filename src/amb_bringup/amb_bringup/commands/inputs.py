@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+
+import typer
 
 if TYPE_CHECKING:
     from amb_core.control import ControllerParameters
@@ -12,6 +14,8 @@ if TYPE_CHECKING:
     from amb_core.regions import RegionParameters
 
 P = TypeVar("P", bound="Parameters")
+
+ParamsOption = Annotated[Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.")]
 
 
 def parameter_file(params: Path | None) -> Path:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from amb_bringup.commands.inputs import ParamsOption
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -18,9 +20,7 @@ if TYPE_CHECKING:
 
 
 def region_map(
-    params: Annotated[
-        Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
-    ] = None,
+    params: ParamsOption = None,
     amplitude_low: Annotated[float, typer.Option(help="Smallest amplitude (m).")] = 5e-6,
     amplitude_high: Annotated[float, typer.Option(help="Largest amplitude (m).")] = 100e-6,
     frequency_start: Annotated[float, typer.Option(help="Frequency at which every sweep starts (Hz).")] = 10.0,

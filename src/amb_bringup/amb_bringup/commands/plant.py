@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from amb_bringup.commands.inputs import ParamsOption
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -23,9 +25,7 @@ def plant() -> None:
 
 @app.command()
 def describe(
-    params: Annotated[
-        Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
-    ] = None,
+    params: ParamsOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, values in SI units, instead of tables.")] = False,
 ) -> None:
     """Print the derived constants of bearing and loop, and which effects the plant has."""
@@ -52,9 +52,7 @@ def describe(
 
 @app.command()
 def figures(
-    params: Annotated[
-        Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
-    ] = None,
+    params: ParamsOption = None,
     out: Annotated[Path, typer.Option(help="Folder to write to.", file_okay=False)] = Path("results/plant"),
 ) -> None:
     """Draw the iron's magnetisation, the static force, and the force over frequency."""

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from amb_bringup.commands.inputs import ParamsOption
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
@@ -43,9 +45,7 @@ def subharmonics(
     axis: Annotated[str, typer.Option(help="Axis that is excited and analysed: x or y.")] = "y",
     block_duration: Annotated[float, typer.Option(help="Length of a block, whole periods of all tones (s).")] = 1.0,
     longest_run: Annotated[float, typer.Option(help="Deadline by which the response must be steady (s).")] = 12.0,
-    params: Annotated[
-        Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.", dir_okay=False)
-    ] = None,
+    params: ParamsOption = None,
     change: Annotated[
         list[str] | None,
         typer.Option(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import stat
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +19,7 @@ from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader, ReaderError
 
 from amb_core.errors import BagError
+from amb_core.regular_files import MIB, open_regular, read_text, shown
 
 
 class StoredMessage(NamedTuple):
@@ -57,9 +59,17 @@ def open_storage(path: Path) -> Storage:
     BagError
         If there is nothing, or no bag.
     """
-    if not path.exists():
-        raise BagError(f"bag {path}: there is no such file or folder")
-    if path.is_file():
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        raise BagError(f"bag {shown(path)}: there is no such file or folder") from None
+    except OSError as problem:
+        raise BagError(f"bag {shown(path)}: cannot be read: {problem.strerror}") from None
+    except ValueError as problem:  # a NUL in the path
+        raise BagError(f"bag {shown(path)}: the path is not allowed: {problem}") from None
+    if not stat.S_ISDIR(mode) and not stat.S_ISREG(mode):
+        raise BagError(f"bag {path}: not a bag; a bag is a folder, an .mcap or a .db3 file")
+    if stat.S_ISREG(mode):
         if path.suffix == ".mcap":
             return McapStorage([path])
         if path.suffix == ".db3":
@@ -95,7 +105,7 @@ class McapStorage:
 
     def _messages_of(self, file: Path) -> Iterator[StoredMessage]:
         try:
-            with file.open("rb") as stream:
+            with open_regular(file) as stream:
                 magic = stream.read(len(MCAP0_MAGIC))
                 if not MCAP0_MAGIC.startswith(magic):
                     raise BagError(f"bag {file}: not an MCAP file")
@@ -149,9 +159,9 @@ class RosbagsStorage:
 def _description(folder: Path) -> dict[str, Any]:
     """What `metadata.yaml` says; nothing when it is missing or broken, as a killed recorder leaves it."""
     try:
-        content = yaml.safe_load((folder / "metadata.yaml").read_text())
+        content = yaml.safe_load(read_text(folder / "metadata.yaml", 16 * MIB))
         description = content["rosbag2_bagfile_information"]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
+    except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError, RecursionError):
         return {}
     return description if isinstance(description, dict) else {}
 

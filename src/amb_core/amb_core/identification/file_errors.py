@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from amb_core.errors import IdentificationError
+from amb_core.regular_files import shown
 
 
 @contextmanager
@@ -15,12 +16,13 @@ def reading(what: str, path: Path) -> Iterator[None]:
 
     Parsers of zip, JSON, text, NumPy and MATLAB files each have errors of their own for a damaged file.
     """
+    name = shown(path)
     try:
         yield
     except IdentificationError as problem:
-        raise IdentificationError(f"{what} {path}: {problem}") from None
+        raise IdentificationError(f"{what} {name}: {problem}") from None
     except OSError as problem:
-        raise IdentificationError(f"{what} {path}: cannot be read: {problem.strerror or problem}") from None
+        raise IdentificationError(f"{what} {name}: cannot be read: {problem.strerror or problem}") from None
     except Exception as problem:
         reason = " ".join(str(problem).split()) or type(problem).__name__
-        raise IdentificationError(f"{what} {path}: is damaged or of another kind: {reason}") from None
+        raise IdentificationError(f"{what} {name}: is damaged or of another kind: {reason}") from None

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.regular_files import open_regular
 
 
 def cell(items: Sequence[Any]) -> NDArray[Any]:
@@ -45,7 +46,7 @@ def load_variables(path: str | Path) -> dict[str, Any]:
     from scipy import io
 
     try:
-        with Path(path).open("rb") as file:
+        with open_regular(path) as file:
             content = io.loadmat(file)
     except NotImplementedError:
         raise IdentificationError("is a MATLAB file of version 7.3; write it with save(..., '-v7')") from None

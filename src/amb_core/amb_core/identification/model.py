@@ -22,11 +22,14 @@ from amb_core.errors import IdentificationError
 from amb_core.identification.file_errors import reading
 from amb_core.identification.matlab import load_variables, save_variables
 from amb_core.identification.model_mat import fields_of, variables_of
+from amb_core.regular_files import MIB, open_regular, read_text
 
 if TYPE_CHECKING:
     import control
 
 _UNITS = {"input_units": "A", "output_units": "m"}  # where a model or an old file names none
+LARGEST = 64 * MIB
+"""Largest model in JSON that is read; one of order 100 takes some 0.5 MiB."""
 _ARRAYS = (
     "a", "b", "c", "d", "k", "innovation_covariance", "input_offset", "output_offset", "initial_state", "fit",
 )  # fmt: skip
@@ -162,12 +165,12 @@ class StateSpaceModel:
         ending = _ending(path)
         with reading("model", path):
             if ending == ".npz":
-                with np.load(path, allow_pickle=False) as archive:
+                with open_regular(path) as file, np.load(file, allow_pickle=False) as archive:
                     content: dict[str, Any] = {name: archive[name].tolist() for name in archive.files}
             elif ending == ".mat":
                 content = fields_of(load_variables(path))
             else:
-                content = json.loads(path.read_text())
+                content = json.loads(read_text(path, LARGEST))
         names = {item.name for item in fields(cls)}
         if not isinstance(content, dict) or set(content) | set(_UNITS) != names:
             found = ", ".join(sorted(content)) if isinstance(content, dict) else type(content).__name__

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.constants import mu_0
 
 from amb_core.errors import PlantError
+from amb_core.regular_files import read_text, shown
 
 _LARGEST = 5.0  # T
 
@@ -35,10 +36,11 @@ def read_bh_table(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.flo
         If the file cannot be read, is not such a table, or the curve is not physical; names the file and the line.
     """
     try:
-        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not text in UTF-8"
-        raise PlantError(f"bh_table {path} cannot be read: {reason}; allowed: a CSV file of H (A/m), B (T)") from None
+        lines = read_text(path).splitlines()
+    except OSError as problem:
+        raise PlantError(
+            f"bh_table {shown(path)} cannot be read: {problem.strerror}; allowed: a CSV file of H (A/m), B (T)"
+        ) from None
     numbers: list[int] = []
     points: list[tuple[float, float]] = []
     for number, cells in enumerate(csv.reader(lines), start=1):

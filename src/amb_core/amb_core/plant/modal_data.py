@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
+from amb_core.regular_files import open_regular, shown
 
 _SKEW_TOLERANCE = 1e-6
 """Largest symmetric part of the gyroscopic matrix, relative to its largest element: room for files in single."""
@@ -187,7 +188,7 @@ _ARRAYS = tuple(item.name for item in fields(ModalData) if item.name != "descrip
 def _read(path: Path) -> dict[str, NDArray[np.float64]]:
     """All arrays of an .npz file."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             archive = np.load(file, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise PlantError(
@@ -195,7 +196,7 @@ def _read(path: Path) -> dict[str, NDArray[np.float64]]:
                 )
             return {name: archive[name] for name in archive.files}
     except OSError as problem:
-        raise PlantError(f"modal data {path}: cannot be read: {problem.strerror}") from None
+        raise PlantError(f"modal data {shown(path)}: cannot be read: {problem.strerror}") from None
     except PlantError:
         raise
     except Exception as problem:  # zip and NumPy each have their own for a file of another kind or a damaged one

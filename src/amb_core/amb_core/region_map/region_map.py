@@ -16,9 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from amb_core.errors import RegionError
 from amb_core.region_map.settings import MapSettings
 from amb_core.regions import Region
+from amb_core.regular_files import MIB, read_text, shown
 
 BOUNDARIES = (Region.B, Region.C, Region.D)
 FORMAT = 1  # of the file; raised when older files can no longer be read
+LARGEST = 64 * MIB  # of a file that is read; a map of 24 sweeps takes some 10 KiB
 
 
 @dataclass(frozen=True)
@@ -186,7 +188,7 @@ class RegionMap:
             If there is no such file, or it is no region map.
         """
         try:
-            content = json.loads(Path(path).read_text())
+            content = json.loads(read_text(path, LARGEST))
             if content["format"] != FORMAT:
                 raise RegionError(f"has format {content['format']}, this version reads {FORMAT}")
             return cls(
@@ -196,10 +198,10 @@ class RegionMap:
                 content["complete"],
             )
         except OSError as problem:
-            raise RegionError(f"region map {path}: cannot be read: {problem.strerror}") from None
+            raise RegionError(f"region map {shown(path)}: cannot be read: {problem.strerror}") from None
         except RegionError as problem:
             raise RegionError(f"region map {path}: {problem}") from None
-        except (ValueError, KeyError, TypeError, AttributeError) as problem:
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
             raise RegionError(
                 f"region map {path}: is no region map as `amb map` or region_monitor/build_map writes it ({problem!r})"
             ) from None

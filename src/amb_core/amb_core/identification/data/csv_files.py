@@ -7,6 +7,7 @@ Other files need the names of the columns that are inputs and outputs, and a col
 from __future__ import annotations
 
 import csv
+import io
 import itertools
 import json
 import math
@@ -23,6 +24,7 @@ from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.matrix_data import needed_sample_time
 from amb_core.identification.file_errors import reading
+from amb_core.regular_files import open_regular
 
 _COMMENT = "# amb_core "
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*$")
@@ -103,7 +105,8 @@ def read_csv(
 
 def _read_table(path: Path) -> tuple[dict[str, Any] | None, list[tuple[str, str]], NDArray[np.float64]]:
     """What the comment tells, names and units of the columns, and the numbers, shape (rows, columns)."""
-    with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets begin with a byte order mark
+    # Spreadsheets begin with a byte order mark.
+    with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as file:
         line = file.readline()
         about = json.loads(line.removeprefix(_COMMENT)) if line.startswith(_COMMENT) else None
         while line.startswith("#"):

@@ -13,6 +13,7 @@ from amb_core.identification.data.csv_files import read_csv, write_csv
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.mat_files import read_mat, write_mat
 from amb_core.identification.data.npz_files import read_npz, write_npz
+from amb_core.regular_files import is_folder
 
 _READERS: dict[str, Callable[..., IdentificationData]] = {".csv": read_csv, ".npz": read_npz, ".mat": read_mat}
 _WRITERS: dict[str, Callable[[IdentificationData, Path], None]] = {
@@ -40,7 +41,7 @@ def read_data(path: str | Path, **options: Any) -> IdentificationData:
         If it is neither such a file nor a bag, or the bag does not hold what is needed.
     """
     path = Path(path)
-    reader = read_bag_data if path.is_dir() else _READERS.get(path.suffix.lower(), read_bag_data)
+    reader = read_bag_data if is_folder(path) else _READERS.get(path.suffix.lower(), read_bag_data)
     allowed = list(inspect.signature(reader).parameters)[1:]
     if unknown := [name for name in options if name not in allowed]:
         raise IdentificationError(f"data {path}: option {unknown[0]} is not allowed; allowed: {', '.join(allowed)}")

@@ -16,6 +16,7 @@ from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.matrix_data import data_of_matrix, only_matrix
 from amb_core.identification.file_errors import reading
+from amb_core.regular_files import open_regular
 
 _DATA_FIELDS = ("sample_time", "input_names", "output_names", "input_units", "output_units")
 _EXPERIMENT_FIELDS = tuple(item.name for item in fields(Experiment))
@@ -60,7 +61,7 @@ def read_npz(
     """
     path = Path(path)
     with reading("data", path):
-        with np.load(path, allow_pickle=False) as archive:
+        with open_regular(path) as file, np.load(file, allow_pickle=False) as archive:
             content: dict[str, Any] = {name: archive[name] for name in archive.files}
         if inputs is None and outputs is None and "inputs_0" in content:
             return _own(content)

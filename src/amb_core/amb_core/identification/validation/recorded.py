@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from amb_core.identification.data import IdentificationData, read_data
+from amb_core.regular_files import is_folder
 
 if TYPE_CHECKING:
     from amb_core.control import ControllerParameters
@@ -57,7 +58,7 @@ def read_loop(path: str | Path, **options: Any) -> RecordedLoop:
     """
     path = Path(path)
     data = read_data(path, **options)
-    if path.suffix.lower() in _FILES and not path.is_dir():
+    if path.suffix.lower() in _FILES and not is_folder(path):
         return RecordedLoop(data, None, None)
     from amb_core.bags import read_bag
 

@@ -1,0 +1,34 @@
+"""The nodes of the graph with their parameter sets, and the check of a parameter file for all of them at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
+from amb_core.parameters import Parameters, load_parameters
+from amb_ident_node.identifier import IdentifierParameters
+from amb_ident_node.recorder import RecorderParameters
+from amb_ident_node.region_monitor import RegionMonitorParameters
+from amb_sim_node.parameters import SimulatorParameters
+
+PARAMETERS: dict[str, type[Parameters]] = {
+    "simulator": SimulatorParameters,
+    "pd_controller": PdControllerParameters,
+    "excitation_generator": GeneratorParameters,
+    "recorder": RecorderParameters,
+    "region_monitor": RegionMonitorParameters,
+    "identifier": IdentifierParameters,
+}
+"""Every node of `amb_core.parameter_files.NODES`, and what it takes from a parameter file."""
+
+
+def check_parameter_file(path: str | Path) -> None:
+    """Check a parameter file as the nodes will, before any of them is started.
+
+    Raises
+    ------
+    ParameterError
+        If the file, a key or a parameter is wrong; one line that names file, node and parameter.
+    """
+    for node, model in PARAMETERS.items():
+        load_parameters(model, path, node)
