@@ -21,8 +21,8 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "pd_controller=amb_controller_node.pd_controller:main",
-            "excitation_generator=amb_controller_node.excitation_generator:main",
+            "pd_controller=amb_controller_node.executables:pd_controller",
+            "excitation_generator=amb_controller_node.executables:excitation_generator",
         ]
     },
 )

@@ -21,9 +21,9 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "recorder=amb_ident_node.recorder:main",
-            "identifier=amb_ident_node.identifier:main",
-            "region_monitor=amb_ident_node.region_monitor:main",
+            "recorder=amb_ident_node.executables:recorder",
+            "identifier=amb_ident_node.executables:identifier",
+            "region_monitor=amb_ident_node.executables:region_monitor",
         ]
     },
 )

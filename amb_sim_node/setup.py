@@ -21,7 +21,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "simulator=amb_sim_node.simulator:main",
+            "simulator=amb_sim_node.executables:simulator",
         ]
     },
 )

@@ -26,8 +26,8 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "amb=amb_bringup.cli:main",
-            "composed_loop=amb_bringup.composed_loop:main",
+            "amb=amb_bringup.command_line:main",
+            "composed_loop=amb_bringup.executables:composed_loop",
         ]
     },
 )

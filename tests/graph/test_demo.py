@@ -37,4 +37,4 @@ def test_demo_reaches_its_numbers_and_leaves_its_results(tmp_path, domain):
     np.testing.assert_array_equal(recorded.a, StateSpaceModel.load(tmp_path / "model.json").a)
     assert (tmp_path / "orbit.png").stat().st_size > 10_000
     assert (tmp_path / "response.png").stat().st_size > 10_000
-    assert {"small step", "square waves", "identification"} <= told
+    assert {"small step", "square waves", "identification, pem", "figures"} <= told

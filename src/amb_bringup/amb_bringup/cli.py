@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
+from amb_bringup.command_line import INTERRUPTED
 from amb_bringup.commands import (
     bag,
     compare,
@@ -23,13 +26,45 @@ from amb_bringup.commands import (
 )
 from amb_core.errors import AmbError
 
+
+class Commands(TyperGroup):
+    """The commands, any of which ends on Ctrl-C with one line and the exit code that shells expect."""
+
+    def invoke(self, ctx: Any) -> Any:  # typer has a copy of click's types of its own
+        """Run the command that was asked for."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            typer.echo("amb: interrupted", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+
+
 app = typer.Typer(
     name="amb",
-    help="Workbench for active magnetic bearings on ROS 2: levitate, excite, record, identify.",
+    cls=Commands,
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
 )
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"amb {version('amb_bringup')}")
+        raise typer.Exit
+
+
+@app.callback()
+def amb(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version and exit.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Workbench for active magnetic bearings on ROS 2: levitate, excite, record, identify."""
+
+
 app.command()(demo.demo)
 app.command()(graph.up)
 app.command(context_settings={"allow_extra_args": True, "allow_interspersed_args": False})(graph.run)

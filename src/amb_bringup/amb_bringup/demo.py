@@ -90,9 +90,9 @@ def run_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progr
         first, wall = _experiment(amb, SQUARES, "square waves", progress)
         second, _ = _experiment(amb, SQUARES, "square waves again", progress)
         steps = SETTLING_STEPS + generate(SQUARES, _controller(parameter_file).sample_rate).steps
-        progress("identification", 0, 1)
-        model = amb.identify(order=ORDER)
-        progress("identification", 1, 1)
+        model = amb.identify(
+            order=ORDER, progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total)
+        )
         amb.stop_recording(second, steps)
         graph.check()
         processes = len(graph.processes)
@@ -103,7 +103,9 @@ def run_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progr
     identical = record.identical_to(reference) and content.telemetry(second).identical_to(reference)
     poles = fit_step_response(_after_settling(content.telemetry(small)).position[:, 0], record.sample_time)
     experiment = _after_settling(record)
+    progress("figures", 0, 1)
     _write_results(folder, model, experiment, _controller(parameter_file))
+    progress("figures", 1, 1)
     summary = DemoSummary(
         steps=steps,
         wall_s=wall,

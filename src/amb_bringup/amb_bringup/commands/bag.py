@@ -57,17 +57,17 @@ def play(
     import rclpy
     from rclpy.node import Node
     from rclpy.signals import SignalHandlerOptions
-    from rich.progress import Progress
+    from rich.console import Console
 
+    from amb_bringup.commands.progress import Stages
     from amb_ros.bag_player import BagPlayer
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C is for Python, not for the context
     try:
         node = Node("bag_player", start_parameter_services=False)
         player = BagPlayer(node, bag)
-        with Progress() as bar:
-            task = bar.add_task("playing", total=player.messages)
-            player.play(rate, lambda played: bar.update(task, completed=played))
+        with Stages(Console(), "messages") as stages:
+            player.play(rate, lambda played: stages.update("playing", played, player.messages))
         node.destroy_node()
     finally:
         rclpy.try_shutdown()

@@ -31,6 +31,7 @@ def compare(
     """Put models side by side, judged by the same data, the best closed loop first."""
     from rich.console import Console
 
+    from amb_bringup.commands.progress import working
     from amb_bringup.commands.results import make_folder, make_place, write_json
 
     console = Console()
@@ -43,7 +44,7 @@ def compare(
     from amb_core.errors import IdentificationError
     from amb_core.identification import StateSpaceModel, validate
 
-    with console.status("validating"):
+    with working(console, "validating"):
         for name, path in zip(_names(models), models, strict=True):
             try:
                 found[name] = validate(StateSpaceModel.load(path), loop.data, loop.controller, plant=loop.plant)
@@ -61,7 +62,7 @@ def compare(
     if figures is not None:
         from amb_core.figures import save_validation_figures
 
-        with console.status("drawing"):
+        with working(console, "drawing"):
             names = save_validation_figures(figures, found)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
 

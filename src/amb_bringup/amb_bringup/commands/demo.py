@@ -24,9 +24,9 @@ def demo(
     What an earlier demo left in the folder is replaced. The graph gets a DDS domain of its own, or ROS_DOMAIN_ID.
     """
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     from amb_bringup.commands.inputs import parameter_file
+    from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder
     from amb_bringup.demo import run_demo
     from amb_bringup.launcher import own_domain
@@ -36,22 +36,8 @@ def demo(
     check_parameter_file(parameter_file(params))  # a wrong file must not cost the results of an earlier demo
     make_folder(out)
     _clear(out)
-    with Progress(
-        TextColumn("{task.description:20}"),
-        BarColumn(),
-        TextColumn("{task.completed:>6,.0f} / {task.total:,.0f}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=console,
-    ) as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def show(name: str, done: int, total: int) -> None:
-            if name not in tasks:
-                tasks[name] = bars.add_task(name, total=total)
-            bars.update(tasks[name], completed=done)
-
-        summary = run_demo(out, parameter_file(params).absolute(), own_domain(), show)
+    with Stages(console) as stages:
+        summary = run_demo(out, parameter_file(params).absolute(), own_domain(), stages.update)
     console.print(_table(summary))
     console.print(f"bag, model.json, summary.json, orbit and response as .png and .html: {out}")
 

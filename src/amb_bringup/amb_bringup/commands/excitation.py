@@ -70,6 +70,7 @@ def check(
     """Superimpose an excitation on a region map: which share of its power lies in A, B, C and D, and what to do."""
     from rich.console import Console
 
+    from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder
     from amb_core.excitation import excitation_from_request, generate
     from amb_core.excitation_design import TrialBench, check_excitation
@@ -85,9 +86,9 @@ def check(
     summary["check"] = check_summary(found)
     _print_check(console, found)
     if simulate:
-        with _Progress(console) as shown:
+        with Stages(console, "steps") as stages:
             bench = TrialBench(loop[1], loop[0], loop[2])
-            trial = bench.run(signal, lambda done, total: shown.update("simulated", done, total))
+            trial = bench.run(signal, lambda done, total: stages.update("simulated", done, total))
         summary["trial"] = trial_summary(trial)
         console.print(_trial_line(trial))
     _write(out, summary, found, region_map, console)
@@ -116,6 +117,7 @@ def design(
     """Find the largest amplitude that stays in region A, from the map and confirmed by simulation of the full plant."""
     from rich.console import Console
 
+    from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder
     from amb_core.excitation_design import design_excitation
     from amb_core.excitation_design.summary import design_summary
@@ -124,7 +126,7 @@ def design(
     region_map, loop = _load(map_file, params)
     console = Console()
     make_folder(out)
-    with _Progress(console) as shown:
+    with Stages(console, "steps") as stages:
         designed = design_excitation(
             kind,
             values,
@@ -133,42 +135,12 @@ def design(
             model_order=model_order,
             margin=margin,
             tolerance=tolerance,
-            progress=lambda amplitude, done, total: shown.update(f"{UM * amplitude:8.3f} um", done, total),
+            progress=lambda amplitude, done, total: stages.update(f"{UM * amplitude:8.3f} um", done, total),
         )
     _print_check(console, designed.check)
     console.print(_trial_line(designed.trial))
     console.print(_design_table(designed))
     _write(out, {"map": str(map_file), **design_summary(designed)}, designed.check, region_map, console)
-
-
-class _Progress:
-    """A bar for the simulation under way; a new description starts a new one."""
-
-    def __init__(self, console: Console) -> None:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        self._bars = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(20),
-            TextColumn("{task.completed:>9,.0f} / {task.total:,.0f} steps"),
-            TimeElapsedColumn(),
-            console=console,
-        )
-        self._task: Any = None
-        self._shown = ""
-
-    def __enter__(self) -> _Progress:
-        self._bars.start()
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        self._bars.stop()
-
-    def update(self, description: str, done: int, total: int) -> None:
-        """Show how far a simulation is."""
-        if description != self._shown:
-            self._task, self._shown = self._bars.add_task(description, total=total), description
-        self._bars.update(self._task, completed=done)
 
 
 def _given(options: dict[str, Any]) -> dict[str, Any]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -51,6 +49,7 @@ def identify(
     from rich.console import Console
 
     from amb_bringup.commands.inputs import model_order
+    from amb_bringup.commands.progress import Stages, working
     from amb_bringup.commands.results import make_folder, make_place, write_json
     from amb_core import identification
     from amb_core.errors import IdentificationError
@@ -66,10 +65,10 @@ def identify(
     if figures is not None:
         make_folder(figures)
     data, controller = _load(console, bag, first_step, steps)
-    with _progress(console) as show:
+    with Stages(console) as stages:
         result = identification.identify(
             data, wanted, method, controller, ", ".join(map(str, bag)), orders=tried, focus=cast("Focus", focus),
-            progress=show,
+            progress=lambda now: stages.update(now.stage, now.done, now.total, _cost(now)),
         )  # fmt: skip
     for finding in result.report.warnings:
         where = f"{finding.where}: " if finding.where else ""
@@ -82,7 +81,7 @@ def identify(
         write_json(results, summary_of(result))
         console.print(f"numbers: {results}")
     if figures is not None:
-        with console.status("drawing"):
+        with working(console, "drawing"):
             names = _save_figures(figures, result)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
 
@@ -119,35 +118,8 @@ def _load(
     return merge(loop.data for loop in loops), next(iter(controllers.values()), None)
 
 
-def _progress(console: Console) -> AbstractContextManager[Callable[[IdentificationProgress], None]]:
-    """Bars of the stages; gives the function to call with the progress."""
-    from contextlib import contextmanager
-
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-
-    @contextmanager
-    def bars() -> Any:
-        columns = (
-            TextColumn("{task.description:16}"),
-            BarColumn(),
-            TextColumn("{task.completed:>3,.0f} / {task.total:,.0f}"),
-            TimeElapsedColumn(),
-            TextColumn("{task.fields[cost]}"),
-        )
-        with Progress(*columns, console=console) as progress:
-            tasks: dict[str, TaskID] = {}
-
-            def show(now: IdentificationProgress) -> None:
-                if now.stage not in tasks:
-                    for earlier in tasks.values():  # an iteration may have ended before the most it may take
-                        progress.update(earlier, total=progress.tasks[earlier].completed)
-                    tasks[now.stage] = progress.add_task(now.stage, total=now.total, cost="")
-                cost = "" if now.cost is None else f"cost {now.cost:.6g}"
-                progress.update(tasks[now.stage], completed=now.done, total=now.total, cost=cost)
-
-            yield show
-
-    return bars()
+def _cost(now: IdentificationProgress) -> str:
+    return "" if now.cost is None else f"cost {now.cost:.6g}"
 
 
 def summary_of(result: Identification) -> dict[str, Any]:

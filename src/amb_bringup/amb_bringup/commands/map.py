@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from amb_bringup.command_line import INTERRUPTED
 from amb_bringup.commands.inputs import ParamsOption
 
 if TYPE_CHECKING:
@@ -31,7 +32,12 @@ def region_map(
     duration: Annotated[float, typer.Option(help="Duration of a sweep (s).")] = 20.0,
     rest: Annotated[float, typer.Option(help="Time at rest before it, in which the rotor settles (s).")] = 1.0,
     axes: Annotated[str, typer.Option(help="Axes that are excited: x, y or both.")] = "y",
-    initial_sweeps: Annotated[int, typer.Option(help="Sweeps at amplitudes with equal ratios, then refined.")] = 8,
+    initial_sweeps: Annotated[
+        int | None,
+        typer.Option(
+            help="Sweeps at amplitudes with equal ratios, then refined; by default 8, or --max-sweeps if less."
+        ),
+    ] = None,
     max_sweeps: Annotated[int, typer.Option(help="Largest number of sweeps, refinement included.")] = 24,
     resolution: Annotated[
         float, typer.Option(help="Relative error in frequency, or in amplitude where a boundary ends (-).")
@@ -65,22 +71,30 @@ def region_map(
     from rich.console import Console
 
     from amb_bringup.commands.inputs import load_loop, load_regions
+    from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder
     from amb_core.errors import RegionError
     from amb_core.parameters import validate
     from amb_core.region_map import MapSettings, build_grid, build_map
 
     names = MapSettings.model_fields
-    settings = validate(MapSettings, {name: value for name, value in locals().items() if name in names}, RegionError)
+    given = {name: value for name, value in locals().items() if name in names and value is not None}
+    settings = validate(MapSettings, given, RegionError)
     design = _design(grid or [])
     plant, controller = load_loop(params)
     regions = load_regions(params)
     make_folder(out)
     console = Console()
-    with _Progress(console) as shown:
+    with _Interrupt() as interrupt, Stages(console) as stages:
+
+        def show(progress: MapProgress) -> None:
+            boundaries = "" if progress.map is None else _ranges(progress.map)
+            stages.update("sweeps", progress.done, progress.total, boundaries)
+
+        stages.update("sweeps")
         options: dict[str, Any] = {
             "cache": cache, "scheduler": scheduler, "workers": workers,
-            "progress": shown.update, "cancelled": shown.cancelled,
+            "progress": show, "cancelled": interrupt.asked,
         }  # fmt: skip
         if design:
             cells = build_grid(settings, plant, controller, design, regions, **options)
@@ -90,52 +104,34 @@ def region_map(
         _write_grid(out, cells, console)
     else:
         _write_map(out, found, plant, controller, console)
-    if shown.cancelled():
-        console.print("[yellow]stopped; the finished sweeps are kept: run the same command to go on[/yellow]")
-        raise typer.Exit(130)
+    if interrupt.asked():
+        typer.echo("amb: interrupted; the finished sweeps are kept: run the same command to go on", err=True)
+        raise typer.Exit(INTERRUPTED)
 
 
-class _Progress:
-    """A progress bar with the boundaries so far; while it is shown, Ctrl-C asks for the end instead of forcing it."""
+class _Interrupt:
+    """While it is entered, Ctrl-C asks for the end instead of forcing it: finished sweeps are kept."""
 
-    def __init__(self, console: Console) -> None:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(20),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TextColumn("{task.fields[boundaries]}"),
-            console=console,
-        )
-        self._task = self._bar.add_task("sweeps", total=None, boundaries="")
+    def __init__(self) -> None:
         self._asked_to_end = False
 
-    def __enter__(self) -> _Progress:
+    def __enter__(self) -> _Interrupt:
         import signal
 
         self._handler = signal.signal(signal.SIGINT, self._on_interrupt)
-        self._bar.start()
         return self
 
     def __exit__(self, *problem: object) -> None:
         import signal
 
-        self._bar.stop()
         signal.signal(signal.SIGINT, self._handler)
 
     def _on_interrupt(self, *_: object) -> None:
         self._asked_to_end = True
 
-    def cancelled(self) -> bool:
+    def asked(self) -> bool:
         """Whether Ctrl-C was pressed."""
         return self._asked_to_end
-
-    def update(self, progress: MapProgress) -> None:
-        """Show how far the map is."""
-        boundaries = "" if progress.map is None else _ranges(progress.map)
-        self._bar.update(self._task, completed=progress.done, total=progress.total, boundaries=boundaries)
 
 
 def _ranges(found: RegionMap) -> str:

@@ -26,6 +26,7 @@ def regions(
     """Tell where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions."""
     from rich.console import Console
 
+    from amb_bringup.commands.progress import working
     from amb_bringup.commands.results import make_folder
     from amb_core.bags import read_bag
     from amb_core.errors import RegionError
@@ -38,7 +39,7 @@ def regions(
     content = read_bag(bag)
     if content.truncated:
         console.print(f"[yellow]bag {bag} is incomplete: {content.truncated}[/yellow]")
-    with console.status("classifying"):
+    with working(console, "classifying"):
         found = classify_run(content, run)
     summary = _summary(found, bag)
     _print(console, found, summary)

@@ -18,6 +18,7 @@ def report(
     from rich.console import Console
 
     from amb_bringup.commands.inputs import model_order
+    from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder
     from amb_core.bags import read_bag
     from amb_core.report import write_report
@@ -29,8 +30,8 @@ def report(
     content = read_bag(bag)
     if content.truncated:
         console.print(f"[yellow]bag {bag} is incomplete: {content.truncated}[/yellow]")
-    with console.status("reading") as status:
-        made = recording_report(content, run, wanted, status.update)
+    with Stages(console) as stages:
+        made = recording_report(content, run, wanted, stages.update)
     write_report(made, out)
     console.print(f"{made.title}. {made.lead}", highlight=False)
     console.print(f"report: {out}")

@@ -28,8 +28,8 @@ def reproduce(
 ) -> None:
     """Redo every figure and claim of the paper on the simulator; finished studies are kept and not run again."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+    from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder
     from amb_bringup.paper.campaign import run_campaign
     from amb_bringup.paper.output import write_figures, write_paper
@@ -39,17 +39,16 @@ def reproduce(
     console = Console()
     studies = studies_named(only) if only else STUDIES
     make_folder(out)
-    bar = Progress(
-        TextColumn("{task.description:24}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
-    )
-    with bar:
-        task = bar.add_task("studies", total=len(studies))
+    done = 0
+    with Stages(console) as stages:
 
         def show(progress: CampaignProgress) -> None:
-            bar.update(task, completed=progress.done, description=f"studies: {progress.last or 'starting'}")
+            nonlocal done
+            done = progress.done
+            stages.update("studies", done, progress.total, progress.last or "starting")
 
         def tell(doing: str) -> None:
-            bar.update(task, description=f"studies: {doing}")
+            stages.update("studies", done, len(studies), doing)
 
         workplace = Workplace(folder=out, scheduler=scheduler, workers=workers, tell=tell)
         results = run_campaign(studies, workplace, progress=show)

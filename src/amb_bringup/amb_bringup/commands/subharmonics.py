@@ -10,10 +10,9 @@ import typer
 from amb_bringup.commands.inputs import ParamsOption
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.progress import Progress
     from rich.table import Table
 
+    from amb_bringup.commands.progress import Stages
     from amb_core.control import ControllerParameters
     from amb_core.plant import PlantParameters
     from amb_core.subharmonics import (
@@ -91,6 +90,7 @@ def subharmonics(
     """
     from rich.console import Console
 
+    from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder
     from amb_core.errors import ParameterError
     from amb_core.parameters import validate
@@ -109,8 +109,8 @@ def subharmonics(
         results = {"bag": {"measured": _analyse_bag(bag, settings)}}
     else:
         loop = _load(params, change or [])
-        with _progress(console) as bars:
-            results = _simulate(bars, *loop, settings, causes)
+        with Stages(console) as stages:
+            results = _simulate(stages, *loop, settings, causes)
     for name, tests in results.items():
         for test, spectrum in tests.items():
             console.print(_table(f"{name}, {test}", spectrum))
@@ -118,8 +118,8 @@ def subharmonics(
         console.print(_cause_table(results))
     _write_spectra(out, results)
     if surface:  # after the spectra are written: it takes minutes, and may need a scheduler that is not there
-        with _progress(console) as bars:
-            surfaces = _surfaces(bars, *loop, settings, grid, cache=cache, scheduler=scheduler, workers=workers)
+        with Stages(console) as stages:
+            surfaces = _surfaces(stages, *loop, settings, grid, cache=cache, scheduler=scheduler, workers=workers)
         for name, found in surfaces.items():
             console.print(_surface_line(name, found))
         _write_surfaces(out, results, surfaces)
@@ -138,14 +138,6 @@ def _load(params: Path | None, change: list[str]) -> tuple[PlantParameters, Cont
             raise ParameterError(f"--set {text}: must be a name and its value, as controller.current_limit=10")
         values[name] = typed_value(value)
     return with_values(*load_loop(params), values)
-
-
-def _progress(console: Console) -> Progress:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    return Progress(
-        TextColumn("{task.description:24}"), BarColumn(20), MofNCompleteColumn(), TimeElapsedColumn(), console=console
-    )
 
 
 def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectrum:
@@ -171,7 +163,7 @@ def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectru
 
 
 def _simulate(
-    bars: Progress,
+    stages: Stages,
     plant: PlantParameters,
     controller: ControllerParameters,
     settings: SubharmonicSettings,
@@ -188,18 +180,20 @@ def _simulate(
     for loop in loops.values():
         for test in tests.values():
             check(*loop, test)  # before the first is run, not after the last but one
-    task = bars.add_task("spectra", total=len(loops) * len(tests))
+    done, total = 0, len(loops) * len(tests)
     results: dict[str, dict[str, SubharmonicSpectrum]] = {}
     for variant, loop in loops.items():
         results[variant] = {}
         for name, test in tests.items():
+            stages.update("spectra", done, total, f"{variant}, {name}")
             results[variant][name] = run_subharmonics(*loop, test)
-            bars.advance(task)
+            done += 1
+    stages.update("spectra", done, total)
     return results
 
 
 def _surfaces(
-    bars: Progress,
+    stages: Stages,
     plant: PlantParameters,
     controller: ControllerParameters,
     settings: SubharmonicSettings,
@@ -207,18 +201,20 @@ def _surfaces(
     **cluster: Any,
 ) -> dict[str, SubharmonicSurface]:
     """The surface as asked, and shifted."""
+    from functools import partial
+
     from amb_core.subharmonics import subharmonic_surface
 
     surfaces = {}
     for name, shifted in (("surface", False), ("surface_shifted", True)):
-        task = bars.add_task(name, total=None)
+        stages.update(name)
         surfaces[name] = subharmonic_surface(
             plant,
             controller,
             settings,
             grid.model_copy(update={"shifted": shifted}),
             **cluster,
-            progress=lambda done, total, task=task: bars.update(task, completed=done, total=total),  # type: ignore[misc]
+            progress=partial(stages.update, name),
         )
     return surfaces
 

@@ -46,6 +46,7 @@ def validate(
     """
     from rich.console import Console
 
+    from amb_bringup.commands.progress import working
     from amb_bringup.commands.results import make_folder, make_place, write_json
     from amb_core.identification import StateSpaceModel
     from amb_core.identification.validation import HORIZONS
@@ -58,7 +59,7 @@ def validate(
         make_folder(figures)
     known = StateSpaceModel.load(model)
     loop = load_recorded(console, bag, run, first_step, steps)
-    with console.status(f"validating order {known.order} by {loop.data.samples} samples"):
+    with working(console, f"validating order {known.order} by {loop.data.samples} samples"):
         found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or HORIZONS)
     typer.echo(found.report())
     if results is not None:
@@ -66,7 +67,7 @@ def validate(
     if figures is not None:
         from amb_core.figures import save_validation_figures
 
-        with console.status("drawing"):
+        with working(console, "drawing"):
             names = save_validation_figures(figures, {model.stem: found})
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
     if not found.validated:
@@ -85,11 +86,12 @@ def load_recorded(
 
     Where the controller is not known, that and the consequence are told.
     """
+    from amb_bringup.commands.progress import working
     from amb_core.identification.validation import read_loop
 
     chosen = {"run": run, "first_step": first_step, "steps": steps}
     default = {"run": None, "first_step": -1, "steps": 0}
-    with console.status(f"reading {bag}"):
+    with working(console, f"reading {bag}"):
         loop = read_loop(bag, **{name: value for name, value in chosen.items() if value != default[name]})
     if loop.damage:
         console.print(f"[yellow]bag {bag} is incomplete: {loop.damage}[/yellow]")

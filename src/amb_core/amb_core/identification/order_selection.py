@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,7 +127,7 @@ def select_order(
         raise IdentificationError("there are no orders to choose from")
     for order in tried:
         check_order(order)
-    watch.tell("order", 0, len(tried) + 1)
+    watch.tell("order", 0, _total(tried))
     scaled = ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
     # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -161,7 +162,7 @@ def _compare(data: ScaledData, orders: tuple[int, ...], watch: Watch) -> OrderSe
     training, validation = FiniteMemory.of(first, first_steps, p), FiniteMemory.of(second, second_steps, p)
     likelihood, error = np.full(len(orders), np.inf), np.full(len(orders), np.inf)
     for number, order in enumerate(orders):
-        watch.tell("order", number + 1, len(orders) + 1)
+        watch.tell("order", number, _total(orders))
         fit = _fit(regression, maps, whole, order)
         if fit is None:
             continue
@@ -173,9 +174,11 @@ def _compare(data: ScaledData, orders: tuple[int, ...], watch: Watch) -> OrderSe
     if not np.isfinite(likelihood).any():
         raise IdentificationError(f"the data determine no model of the orders {orders[0]} to {orders[-1]}")
     parameters = np.array(orders, dtype=np.float64) * (p + q)  # of A, B, C, K less those of the state's coordinates
+    watch.tell("order", len(orders), _total(orders))
+    done = len(orders)
     if len(data.lengths) <= MOST_EXPERIMENTS:
-        _refine_around_the_best(data, regression, orders, likelihood, math.log(whole.steps) * parameters, watch)
-    watch.tell("order", len(orders) + 1, len(orders) + 1)
+        done = _refine_around_the_best(data, regression, orders, likelihood, math.log(whole.steps) * parameters, watch)
+    watch.tell("order", done, done)
     aic, bic = likelihood + 2.0 * parameters, likelihood + math.log(whole.steps) * parameters
     strengths = linalg.svdvals(regression.columns @ maps[0])
     return OrderSelection(orders, strengths / strengths[0], aic - aic.min(), bic - bic.min(), error)
@@ -188,8 +191,11 @@ def _refine_around_the_best(
     likelihood: NDArray[np.float64],
     penalty: NDArray[np.float64],
     watch: Watch,
-) -> None:
-    """Put in, for the best order and those near it, the likelihood of what `pem` makes of all samples."""
+) -> int:
+    """Put in, for the best order and those near it, the likelihood of what `pem` makes of all samples.
+
+    Returns what is done then, in the steps of the progress.
+    """
 
     def whole(modes: Modes, weight: NDArray[np.float64]) -> Fit:
         return fit_gains(modes, data.inputs, data.outputs, weight, data.lengths)
@@ -198,17 +204,29 @@ def _refine_around_the_best(
     while True:
         best = orders[int(np.argmin(likelihood + penalty))]
         near = [number for number, order in enumerate(orders) if abs(order - best) <= _REACH and number not in refined]
+        done = len(orders) + len(refined)
         if not near:
-            return
-        for number in near:
-            watch.tell("order", len(orders), len(orders) + 1)
+            return done
+        total = max(_total(orders), done + len(near))
+        for step, number in enumerate(near, start=done):
+            watch.tell("order", step, total)
             refined.add(number)
             try:
                 a, c, k = best_predictor(data, regression, orders[number], future_map)
-                fit = minimise(Modes.of(a - k @ c, c), whole, len(c))
+                start = Modes.of(a - k @ c, c)
+                fit = minimise(start, whole, len(c), partial(_tell_cost, watch, step, total))
             except (IdentificationError, linalg.LinAlgError):
                 continue
             likelihood[number] = min(likelihood[number], 2.0 * len(data.inputs) * cost_of(fit))
+
+
+def _total(orders: Sequence[int]) -> int:
+    """Steps of the progress, as far as they can be foreseen: each order, and the best one and its neighbours again."""
+    return len(orders) + min(len(orders), 2 * _REACH + 1)
+
+
+def _tell_cost(watch: Watch, step: int, total: int, _iteration: int, cost: float) -> None:
+    watch.tell("order", step, total, cost)
 
 
 def _fit(regression: PastRegression, maps: list[NDArray[np.float64]], memory: FiniteMemory, order: int) -> Fit | None:

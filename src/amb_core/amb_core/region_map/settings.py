@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import model_validator
 
@@ -30,6 +30,14 @@ class MapSettings(Parameters):
         1e-3,
         1.0,
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _few_sweeps_are_all_initial(cls, given: Any) -> Any:
+        """Fewer sweeps than the default of the initial ones are asked for by their largest number alone."""
+        if not isinstance(given, dict) or "initial_sweeps" in given or not isinstance(given.get("max_sweeps"), int):
+            return given
+        return given | {"initial_sweeps": min(cls.model_fields["initial_sweeps"].default, max(given["max_sweeps"], 2))}
 
     @model_validator(mode="after")
     def _ranges_ascend(self) -> MapSettings:

@@ -1,0 +1,15 @@
+"""Where the executables of the package start: it imports no node, so that Ctrl-C is handled before that is done."""
+
+from __future__ import annotations
+
+from amb_ros.startup import start
+
+
+def pd_controller() -> int:
+    """Run the node `pd_controller` until SIGINT or SIGTERM."""
+    return start("amb_controller_node.pd_controller")
+
+
+def excitation_generator() -> int:
+    """Run the node `excitation_generator` until SIGINT or SIGTERM."""
+    return start("amb_controller_node.excitation_generator")

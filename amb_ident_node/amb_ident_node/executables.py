@@ -1,0 +1,20 @@
+"""Where the executables of the package start: it imports no node, so that Ctrl-C is handled before that is done."""
+
+from __future__ import annotations
+
+from amb_ros.startup import start
+
+
+def recorder() -> int:
+    """Run the node `recorder` until SIGINT or SIGTERM."""
+    return start("amb_ident_node.recorder")
+
+
+def identifier() -> int:
+    """Run the node `identifier` until SIGINT or SIGTERM."""
+    return start("amb_ident_node.identifier")
+
+
+def region_monitor() -> int:
+    """Run the node `region_monitor` until SIGINT or SIGTERM."""
+    return start("amb_ident_node.region_monitor")

@@ -1,0 +1,91 @@
+"""Ctrl-C: one line and exit code 130 from `amb`, silence and exit code 0 from a node, also while they import."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from amb_bringup.packages import find_executable
+
+ROOT = Path(__file__).parents[2]
+SLOW_MODULE = "import sys, time\nprint('importing', flush=True)\ntime.sleep(20)\n"
+
+
+def python(code: str, path: Path, *arguments: str) -> subprocess.Popen[str]:
+    environment = os.environ | {"PYTHONPATH": f"{path}:{os.environ.get('PYTHONPATH', '')}"}
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
+    )  # fmt: skip
+
+
+def interrupted(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> tuple[int, str, str]:
+    """Exit code and the rest of both outputs of a process that is sent a signal as soon as it says something."""
+    assert process.stdout is not None
+    assert process.stdout.readline().strip() == "importing"
+    process.send_signal(number)
+    out, error = process.communicate(timeout=30.0)
+    return process.returncode, out, error
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_node_that_is_interrupted_while_it_imports_ends_in_silence(tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "slow_node.py").write_text(SLOW_MODULE)
+    process = python("from amb_ros.startup import start; start('slow_node')", tmp_path)
+    assert interrupted(process, number) == (0, "", "")
+
+
+def test_amb_that_is_interrupted_while_it_imports_ends_with_one_line(tmp_path: Path) -> None:
+    (tmp_path / "typer.py").write_text(SLOW_MODULE)
+    process = python("import sys; from amb_bringup.command_line import main; sys.exit(main())", tmp_path)
+    assert interrupted(process) == (130, "", "amb: interrupted\n")
+
+
+def test_a_command_that_is_interrupted_ends_with_one_line(tmp_path: Path) -> None:
+    code = (
+        "import sys, time\n"
+        "from amb_bringup import cli, command_line\n"
+        "@cli.app.command()\n"
+        "def wait():\n"
+        "    print('importing', flush=True)\n"
+        "    time.sleep(20)\n"
+        "sys.exit(command_line.main())\n"
+    )
+    assert interrupted(python(code, tmp_path, "wait")) == (130, "", "amb: interrupted\n")
+
+
+@pytest.mark.parametrize(
+    "setup", sorted([*ROOT.glob("amb_*/setup.py"), *ROOT.glob("src/*/setup.py")]), ids=lambda path: path.parent.name
+)
+def test_every_executable_starts_in_a_module_that_imports_no_node(setup: Path) -> None:
+    starts = re.findall(r'"(\w+)=([\w.]+):(\w+)"', setup.read_text())
+    for name, module, function in starts:
+        assert module in (f"{setup.parent.name}.executables", "amb_bringup.command_line"), name
+        assert function in (name, "main")
+    code = (
+        f"import {', '.join({module for _, module, _ in starts} or {'sys'})}; import sys; print('numpy' in sys.modules)"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "False"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0.5, 0.7, 1.0, 1.4, 2.0, 3.0])
+@pytest.mark.parametrize("executable", ["amb", "simulator"])
+def test_no_traceback_whenever_ctrl_c_comes(executable: str, delay: float) -> None:
+    """From where Python itself has started: the delays reach from there into the run."""
+    name = ("amb_bringup", "amb") if executable == "amb" else ("amb_sim_node", "simulator")
+    command = [str(find_executable(*name)), *(["map", "--max-sweeps", "6"] if executable == "amb" else [])]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    time.sleep(delay)
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=60.0)
+    assert "Traceback" not in said
+    assert process.returncode == (130 if executable == "amb" else 0)
