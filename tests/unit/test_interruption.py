@@ -15,6 +15,7 @@ import pytest
 from amb_bringup.packages import find_executable
 
 ROOT = Path(__file__).parents[2]
+SETUPS = sorted([*ROOT.glob("amb_*/setup.py"), *ROOT.glob("src/*/setup.py")])
 SLOW_MODULE = "import sys, time\nprint('importing', flush=True)\ntime.sleep(20)\n"
 
 
@@ -61,9 +62,7 @@ def test_a_command_that_is_interrupted_ends_with_one_line(tmp_path: Path) -> Non
     assert interrupted(python(code, tmp_path, "wait")) == (130, "", "amb: interrupted\n")
 
 
-@pytest.mark.parametrize(
-    "setup", sorted([*ROOT.glob("amb_*/setup.py"), *ROOT.glob("src/*/setup.py")]), ids=lambda path: path.parent.name
-)
+@pytest.mark.parametrize("setup", SETUPS, ids=lambda path: path.parent.name)
 def test_every_executable_starts_in_a_module_that_imports_no_node(setup: Path) -> None:
     starts = re.findall(r'"(\w+)=([\w.]+):(\w+)"', setup.read_text())
     for name, module, function in starts:
@@ -79,11 +78,14 @@ def test_every_executable_starts_in_a_module_that_imports_no_node(setup: Path) -
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.5, 0.7, 1.0, 1.4, 2.0, 3.0])
 @pytest.mark.parametrize("executable", ["amb", "simulator"])
-def test_no_traceback_whenever_ctrl_c_comes(executable: str, delay: float) -> None:
+def test_no_traceback_whenever_ctrl_c_comes(executable: str, delay: float, tmp_path: Path) -> None:
     """From where Python itself has started: the delays reach from there into the run."""
     name = ("amb_bringup", "amb") if executable == "amb" else ("amb_sim_node", "simulator")
-    command = [str(find_executable(*name)), *(["map", "--max-sweeps", "6"] if executable == "amb" else [])]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    command = [
+        str(find_executable(*name)),
+        *(["map", "--max-sweeps", "6", "--cache", "cache"] if executable == "amb" else []),
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=tmp_path)
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
     said, _ = process.communicate(timeout=60.0)

@@ -286,3 +286,30 @@ def test_amb_run_names_the_executables_there_are(amb: StartAmb, add_executable: 
     said, _ = process.communicate(timeout=10.0)
     assert said.strip() == "amb: package 'pkg' has no executable 'typo'; it has: exe"
     assert process.returncode == 1
+
+
+def test_an_impatient_second_ctrl_c_leaves_no_node_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Graph([shell("stubborn", STUBBORN)]) as graph:
+        wait_for_line(graph, "stubborn", "ready")
+        waited = graph.processes["stubborn"].wait
+
+        def wait(timeout: float | None = None) -> int:
+            monkeypatch.setattr(graph.processes["stubborn"], "wait", waited)
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(graph.processes["stubborn"], "wait", wait)
+        assert graph.stop() == {"stubborn": -signal.SIGTERM}
+
+
+def test_amb_up_refuses_a_wrong_parameter_file_before_it_starts_anything(
+    bench: Path, amb: StartAmb, tmp_path: Path
+) -> None:
+    file = tmp_path / "flat.yaml"
+    file.write_text("rotor.mass: 5.0\n")
+    process = amb("up", "--params", str(file))
+    said, _ = process.communicate(timeout=30.0)
+    assert said.strip() == (
+        f"amb: parameter file {file}: each entry must be a node name with a mapping 'ros__parameters'; "
+        "'rotor.mass' is not"
+    )
+    assert process.returncode == 1

@@ -82,6 +82,11 @@ class AmbClient(GraphConnection):
 
     # -- simulator
 
+    @property
+    def simulator_state(self) -> SimulatorState | None:
+        """The state that the simulator published last, None before the first one has come."""
+        return self._state
+
     def reset(self, parameter_file: str | Path | None = None) -> int:
         """Back to step 0 of a new run, paused. Returns the number of the run.
 

@@ -142,20 +142,26 @@ class Graph:
     def stop(self) -> dict[str, int]:
         """End all nodes: SIGINT, and for those that do not follow SIGTERM, at last SIGKILL. Returns the exit codes.
 
-        Before a node is killed, it writes the stacks of its threads to its output.
+        Before a node is killed, it writes the stacks of its threads to its output. Ctrl-C meanwhile does not leave nodes
+        behind: the next signal is sent at once.
         """
         for number, patience in STOP_STAGES:
-            running = [process for process in self.processes.values() if process.poll() is None]
-            for process in running:
-                with contextlib.suppress(ProcessLookupError):
-                    process.send_signal(number)
-            deadline = time.monotonic() + patience
-            for process in running:
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    process.wait(max(0.0, deadline - time.monotonic()))
+            with contextlib.suppress(KeyboardInterrupt):
+                self._end(number, patience)
         for reader in self._readers.values():
             reader.join(timeout=1.0)
         return self.ended()
+
+    def _end(self, number: signal.Signals, patience: float) -> None:
+        """Send a signal to all nodes that still run, and wait for their end, but not for ever (s)."""
+        running = [process for process in self.processes.values() if process.poll() is None]
+        for process in running:
+            with contextlib.suppress(ProcessLookupError):
+                process.send_signal(number)
+        deadline = time.monotonic() + patience
+        for process in running:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, deadline - time.monotonic()))
 
     def lines(self, name: str) -> list[str]:
         """The last lines that a node wrote."""

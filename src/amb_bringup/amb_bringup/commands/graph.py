@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import signal
+import time
+from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from amb_bringup.commands.inputs import ParamsOption
+
+if TYPE_CHECKING:
+    from amb_bringup.launcher import Graph
+    from amb_bringup.readiness import Readiness
+
+READY_WITHIN = 60.0
+"""Wall-clock time after which what is missing is reported (s); on a slow machine the nodes take some ten seconds."""
 
 
 def up(
@@ -22,9 +31,30 @@ def up(
 ) -> None:
     """Start all nodes and show what they say, until Ctrl-C.
 
-    When a node ends on its own, the others are stopped and the exit code is 1.
+    Reports when the graph is ready, and what to call then. Exit code 0 after Ctrl-C if every node ends as it should;
+    when a node ends on its own, the others are stopped and the exit code is 1.
     """
-    from amb_bringup.launcher import Graph, describe_end, launch_file
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupt)
+    reported: dict[str, int] = {}
+    graph: Graph | None = None
+    try:
+        graph = _graph(composed, params)
+        with graph:
+            _watch(graph, reported, keep_going)
+    except KeyboardInterrupt:
+        typer.echo("amb: stopped", err=True)
+    codes = graph.ended() if graph is not None else {}
+    unclean = {name: code for name, code in codes.items() if name not in reported and code not in (0, -2)}
+    for name, code in unclean.items():
+        _report_end(name, code, " when told to stop")
+    if reported or unclean:
+        raise typer.Exit(1)
+
+
+def _graph(composed: bool, params: Path | None) -> Graph:
+    """The graph to start, after a look whether its nodes will take the parameters."""
+    from amb_bringup.launcher import Graph, launch_file
 
     def show(name: str, text: str) -> None:
         typer.echo(f"{typer.style(f'[{name}]', fg='cyan')} {text}")
@@ -35,24 +65,46 @@ def up(
 
         check_parameter_file(params)  # here it is one line; from the nodes it would be six, and from rcl a traceback
         arguments["params"] = str(params.absolute())
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
-    reported: dict[str, int] = {}
-    graph = Graph.from_launch_file(launch_file("composed" if composed else "bearing"), arguments, output=show)
+    return Graph.from_launch_file(launch_file("composed" if composed else "bearing"), arguments, output=show)
+
+
+def _watch(graph: Graph, reported: dict[str, int], keep_going: bool) -> None:
+    """Report when the graph is ready, and every node that ends, until one or (`keep_going`) all have ended."""
+    readiness: Readiness | None = None
     try:
-        with graph:
-            while len(reported) < len(graph.processes) and (keep_going or not reported):
-                for name, code in graph.wait(0.2).items():
-                    if name not in reported:
-                        reported[name] = code
-                        typer.secho(f"amb: {describe_end(name, code)}", fg="red", err=True)
-    except KeyboardInterrupt:
-        typer.echo("amb: stopped", err=True)
-    unclean = {name: code for name, code in graph.ended().items() if name not in reported and code not in (0, -2)}
-    for name, code in unclean.items():
-        typer.secho(f"amb: {describe_end(name, code)} when told to stop", fg="red", err=True)
-    if reported or unclean:
-        raise typer.Exit(1)
+        began, warned, ready = time.monotonic(), False, False
+        while len(reported) < len(graph.processes) and (keep_going or not reported):
+            for name, code in graph.wait(0.2).items():
+                if name not in reported:
+                    reported[name] = code
+                    _report_end(name, code)
+            if ready or reported:
+                continue
+            if readiness is None:
+                readiness = _readiness()
+            missing = readiness.missing(0.1)
+            if not missing:
+                ready = True
+                typer.secho(f"amb: {readiness.message()}", fg="green")
+                readiness.close()
+            elif not warned and time.monotonic() > began + READY_WITHIN:
+                warned = True
+                typer.secho(f"amb: not ready yet, still missing: {missing}", fg="yellow", err=True)
+    finally:
+        if readiness is not None and not ready:
+            readiness.close()
+
+
+def _readiness() -> Readiness:
+    from amb_bringup.readiness import Readiness  # takes seconds to import, in which the nodes start
+
+    return Readiness()
+
+
+def _report_end(name: str, code: int, when: str = "") -> None:
+    from amb_bringup.launcher import describe_end
+
+    typer.secho(f"amb: {describe_end(name, code)}{when}", fg="red", err=True)
 
 
 def run(

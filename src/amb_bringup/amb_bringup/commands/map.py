@@ -96,10 +96,15 @@ def region_map(
             "cache": cache, "scheduler": scheduler, "workers": workers,
             "progress": show, "cancelled": interrupt.asked,
         }  # fmt: skip
-        if design:
-            cells = build_grid(settings, plant, controller, design, regions, **options)
-        else:
-            found = build_map(settings, plant, controller, regions, **options)
+        try:
+            if design:
+                cells = build_grid(settings, plant, controller, design, regions, **options)
+            else:
+                found = build_map(settings, plant, controller, regions, **options)
+        except RegionError:
+            if interrupt.asked():  # before there was anything to keep
+                raise KeyboardInterrupt from None
+            raise
     if design:
         _write_grid(out, cells, console)
     else:
