@@ -12,7 +12,10 @@ from amb_bringup.packages import find_executable
 
 
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("arguments", [[], ["--composed"]], ids=["separate", "composed"])
+@pytest.mark.parametrize(
+    "arguments",
+    [pytest.param([], id="separate", marks=pytest.mark.slow), pytest.param(["--composed"], id="composed")],
+)
 def test_up_says_when_it_is_ready_and_what_to_call_next(domain: int, arguments: list[str]) -> None:
     command = [str(find_executable("amb_bringup", "amb")), "up", *arguments]
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"}

@@ -78,7 +78,7 @@ def test_wrong_options_are_refused(files: list[Path], arguments: list[str], mess
 @pytest.mark.parametrize(
     ("option", "name", "message"),
     [
-        ("--out", "model.txt", "model.txt: the file name must end in .json, .npz, .mat"),
+        ("--out", "model.txt", "model.txt: the name must end in .json, .npz, .mat for a file, or have no ending"),
         ("--results", "summary", "summary: the file name must end in .json"),
         ("--out", "taken/model.json", "taken: cannot be made: "),
     ],

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from amb_bringup.commands.validate import FiguresOption, FirstStepOption, RunOption, StepsOption, load_recorded
+from amb_bringup.commands.validate import (
+    FiguresOption,
+    FirstStepOption,
+    OutOption,
+    RunOption,
+    StepsOption,
+    load_recorded,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,6 +32,7 @@ def compare(
     run: RunOption = None,
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
+    out: OutOption = None,
     figures: FiguresOption = None,
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
@@ -35,6 +43,8 @@ def compare(
     from amb_bringup.commands.results import make_folder, make_place, write_json
 
     console = Console()
+    if out is not None:
+        figures, results = figures or out, results or out / "summary.json"
     if results is not None:
         make_place(results)
     if figures is not None:

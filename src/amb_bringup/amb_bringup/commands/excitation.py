@@ -38,7 +38,7 @@ Params = Annotated[
     Path | None,
     typer.Option(help="Parameter file of all nodes, instead of the loop the map was made with."),
 ]
-Out = Annotated[Path, typer.Option(help="Folder for summary.json and figures.", file_okay=False)]
+Out = Annotated[Path, typer.Option(help="Folder for summary.json and figures.")]
 
 
 @app.callback()

@@ -34,7 +34,8 @@ def identify(
     first_step: Annotated[int, typer.Option(help="First step used; -1 for where the last excitation starts.")] = -1,
     steps: Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="Write the model here, as .json, .npz or .mat.", dir_okay=False)
+        Path | None,
+        typer.Option(help="Folder for model.json, summary.json and figures; or a .json, .npz or .mat file."),
     ] = None,
     figures: Annotated[
         Path | None,
@@ -50,7 +51,7 @@ def identify(
 
     from amb_bringup.commands.inputs import model_order
     from amb_bringup.commands.progress import Stages, working
-    from amb_bringup.commands.results import make_folder, make_place, write_json
+    from amb_bringup.commands.results import make_folder, make_place, names_file, write_json
     from amb_core import identification
     from amb_core.errors import IdentificationError
 
@@ -58,6 +59,8 @@ def identify(
     wanted, tried = model_order(order), _orders(orders)
     if tried is not None and wanted != "auto":
         raise IdentificationError(f"--orders {orders} is not allowed with --order {order}; it is for --order auto")
+    if out is not None and not names_file(out, MODEL_ENDINGS):
+        figures, results, out = figures or out, results or out / "summary.json", out / "model.json"
     if out is not None:
         make_place(out, MODEL_ENDINGS)
     if results is not None:

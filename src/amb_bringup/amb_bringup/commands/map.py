@@ -60,9 +60,7 @@ def region_map(
         Path | None,
         typer.Option(help="Folder of finished sweeps, instead of ~/.cache/amb/region_map.", file_okay=False),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for map.json, summary.json and figures.", file_okay=False)] = Path(
-        "results/map"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder for map.json, summary.json and figures.")] = Path("results/map"),
 ) -> None:
     """Find where regions B, C and D begin, amplitude by amplitude, from simulated sweeps.
 

@@ -53,10 +53,11 @@ def describe(
 @app.command()
 def figures(
     params: ParamsOption = None,
-    out: Annotated[Path, typer.Option(help="Folder to write to.", file_okay=False)] = Path("results/plant"),
+    out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("results/plant"),
 ) -> None:
     """Draw the iron's magnetisation, the static force, and the force over frequency."""
     from amb_bringup.commands.inputs import parameter_file
+    from amb_bringup.commands.results import make_folder
     from amb_core.errors import PlantError
     from amb_core.parameters import load_parameters
     from amb_core.plant import figures as plant_figures
@@ -64,7 +65,7 @@ def figures(
 
     path = parameter_file(params)
     parameters = load_parameters(SimulatorParameters, path, "simulator")
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     for name, draw in (
         ("iron", plant_figures.iron_figure),
         ("force", plant_figures.force_figure),

@@ -19,7 +19,7 @@ def regions(
     bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
     run: Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")] = None,
     axes: Annotated[str, typer.Option(help="Axes to draw, x, y or xy; by default those that are excited.")] = "",
-    out: Annotated[Path, typer.Option(help="Folder for sweep.png, sweep.html and summary.json.", file_okay=False)] = (
+    out: Annotated[Path, typer.Option(help="Folder for sweep.png, sweep.html and summary.json.")] = (
         Path("results/regions")
     ),
 ) -> None:

@@ -12,19 +12,23 @@ def report(
     bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
     run: Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")] = None,
     order: Annotated[str, typer.Option(help="Order of the model, or auto.")] = "10",
-    out: Annotated[Path, typer.Option(help="The page, a single file.", dir_okay=False)] = Path("results/report.html"),
+    out: Annotated[Path, typer.Option(help="The page, an .html file; or a folder for report.html.")] = Path(
+        "results/report.html"
+    ),
 ) -> None:
     """Regions, motion, identified model, frequency response with confidence and validation of a recorded run."""
     from rich.console import Console
 
     from amb_bringup.commands.inputs import model_order
     from amb_bringup.commands.progress import Stages
-    from amb_bringup.commands.results import make_folder
+    from amb_bringup.commands.results import make_folder, names_file
     from amb_core.bags import read_bag
     from amb_core.report import write_report
     from amb_core.report.recording import recording_report
 
     console = Console()
+    if not names_file(out, (".html",)):
+        out = out / "report.html"
     make_folder(out.parent)
     wanted = model_order(order)
     content = read_bag(bag)

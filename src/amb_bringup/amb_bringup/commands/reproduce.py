@@ -18,9 +18,7 @@ def reproduce(
     only: Annotated[
         list[str] | None, typer.Option(help="Only this study, such as fig3, and no report; may be repeated.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for report, figures and claims.", file_okay=False)] = Path(
-        "results/paper"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder for report, figures and claims.")] = Path("results/paper"),
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a running dask scheduler, tcp://host:port; by default, this machine.")
     ] = None,

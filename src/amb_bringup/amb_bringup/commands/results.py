@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from amb_core.errors import AmbError
+from amb_core.regular_files import is_folder, shown
 
 
 class ResultError(AmbError):
@@ -18,8 +19,29 @@ def make_folder(out: Path) -> None:
     """Make the folder of results: before the work, not after; ResultError if that fails."""
     try:
         out.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise ResultError(f"folder {shown(out)}: cannot be made: there is a file of this name") from None
     except OSError as problem:
-        raise ResultError(f"folder {out}: cannot be made: {problem.strerror}") from None
+        raise ResultError(f"folder {shown(out)}: cannot be made: {problem.strerror}") from None
+    except ValueError as problem:  # a NUL in the path
+        raise ResultError(f"folder {shown(out)}: cannot be made: {problem}") from None
+
+
+def names_file(out: Path, endings: Sequence[str]) -> bool:
+    """Whether --out names a file for the main result alone, by its ending, and not a folder for all results.
+
+    Raises
+    ------
+    ResultError
+        If it has the ending of another kind of file.
+    """
+    if is_folder(out) or not out.suffix:
+        return False
+    if out.suffix.lower() not in endings:
+        raise ResultError(
+            f"{shown(out)}: the name must end in {', '.join(endings)} for a file, or have no ending for a folder"
+        )
+    return True
 
 
 def make_place(path: Path, endings: Sequence[str] = (".json",)) -> None:

@@ -78,9 +78,7 @@ def subharmonics(
         Path | None,
         typer.Option(help="Surface: folder of finished runs, instead of ~/.cache/amb/subharmonics.", file_okay=False),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for summary.json and figures.", file_okay=False)] = Path(
-        "results/subharmonics"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder for summary.json and figures.")] = Path("results/subharmonics"),
 ) -> None:
     """Put three tones on the reference and look for their products in the steady state of the position.
 

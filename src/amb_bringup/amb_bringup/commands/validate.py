@@ -20,6 +20,7 @@ FirstStepOption = Annotated[
     int, typer.Option(help="First step used; -1 for where the last excitation starts, or all without one.")
 ]
 StepsOption = Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")]
+OutOption = Annotated[Path | None, typer.Option(help="Folder for summary.json and figures.")]
 FiguresOption = Annotated[
     Path | None,
     typer.Option(help="Folder for response, prediction, bode and residuals (PNG and HTML).", file_okay=False),
@@ -37,6 +38,7 @@ def validate(
     run: RunOption = None,
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
+    out: OutOption = None,
     figures: FiguresOption = None,
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
@@ -53,6 +55,8 @@ def validate(
     from amb_core.identification.validation import validate as judge
 
     console = Console(stderr=True)  # the report alone goes to the standard output
+    if out is not None:
+        figures, results = figures or out, results or out / "summary.json"
     if results is not None:
         make_place(results)
     if figures is not None:
