@@ -6,7 +6,7 @@ import contextlib
 import resource
 import signal
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,13 +63,16 @@ def loop(graph: Graph) -> Loop:
     return Loop(graph)
 
 
-@pytest.fixture(scope="module")
-def recorded(open_graph: Callable[[Path], Any], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop]:
+def loop_with_a_recorder(graph: Graph) -> Loop:
+    loop = Loop(graph)
+    graph.start(RECORDER)
+    return loop
+
+
+@pytest.fixture
+def recorded(share: Callable[..., Loop]) -> Loop:
     """A loop and a recorder, for tests that close the bags that they open."""
-    with open_graph(tmp_path_factory.mktemp("recorder")) as graph:
-        loop = Loop(graph)
-        graph.start(RECORDER)
-        yield loop
+    return share(loop_with_a_recorder)
 
 
 def test_everything_published_after_the_start_is_in_the_bag(loop: Loop, graph: Graph) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +18,10 @@ from amb_core.excitation import Sweep
 from amb_msgs.msg import LoopSamples, PlantState, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
+from tests.graph.bearing import Bearing
 
 if TYPE_CHECKING:
-    from tests.graph.conftest import Bearing, Graph
+    from tests.graph.conftest import Graph
 
 NODES = (
     "amb_sim_node.simulator",
@@ -51,18 +52,19 @@ class Witness:
         return [message for message in self.heard[topic] if message.run == run]
 
 
-@pytest.fixture(scope="module")
-def recorded(
-    open_graph: Callable[[Path], Any], watch_bearing: Callable[[Graph], Bearing], tmp_path_factory: Any
-) -> Iterator[Bearing]:
+def all_publishing_nodes(graph: Graph) -> Bearing:
+    for module in NODES:
+        graph.start(module, parameters={"plant_state_steps": EVERY} if module == NODES[0] else None)
+    loop = Bearing(graph)
+    loop.witness = Witness(graph)
+    graph.wait_until(lambda: graph.node.count_publishers("/amb/region"), "the region monitor")
+    return loop
+
+
+@pytest.fixture
+def recorded(share: Callable[..., Bearing]) -> Bearing:
     """A loop with all nodes that publish, and its witness."""
-    with open_graph(tmp_path_factory.mktemp("whole")) as graph:
-        loop = watch_bearing(graph)
-        for module in NODES:
-            graph.start(module, parameters={"plant_state_steps": EVERY} if module == NODES[0] else None)
-        loop.witness = Witness(graph)
-        graph.wait_until(lambda: graph.node.count_publishers("/amb/region"), "the region monitor")
-        yield loop
+    return share(all_publishing_nodes, Bearing.resets)
 
 
 def start_bag(loop: Bearing) -> str:
@@ -202,7 +204,7 @@ def wait_for_errors(loop: Bearing, text: str, nodes: set[str]) -> None:
     loop.diagnostics.clear()
 
     def reporting() -> set[str]:
-        found = [status for _, status in list(loop.diagnostics) if text in status.message]
+        found = [status for status in list(loop.diagnostics) if text in status.message]
         return {status.name for status in found if status.level == DiagnosticStatus.ERROR}
 
     loop.graph.wait_until(lambda: reporting() >= nodes, f"'{text}' from {nodes}")
