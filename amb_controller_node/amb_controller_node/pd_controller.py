@@ -20,10 +20,11 @@ from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
 from amb_ros.sample_messages import pack_current, unpack_position
-from amb_ros.stamps import set_step_time
+from amb_ros.stamps import last_stamped_step, set_step_time
 
 SIGNALS = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
+LARGEST_POSITION = 1.0  # m; far beyond every clearance, and far below what would overflow in the law
 
 
 class PdControllerNode(Node):
@@ -40,6 +41,9 @@ class PdControllerNode(Node):
         self._step = -1  # last step answered
         self._gaps = 0
         self._rate_error = ""
+        self._last_step = last_stamped_step(self._settings.sample_rate)  # that a message can carry
+        self._refused_positions = 0
+        self._position_error = ""  # of this run
         self._excitation: Excitation | None = None
         self._answer = b""  # to the last step
         self._telemetry = _TelemetryBlock(self._settings.sample_rate)
@@ -65,6 +69,10 @@ class PdControllerNode(Node):
 
     def _on_position(self, data: bytes) -> None:
         run, step, time, x, y = unpack_position(data)
+        # A NaN fails every comparison.
+        if not (abs(x) <= LARGEST_POSITION and abs(y) <= LARGEST_POSITION and step <= self._last_step):
+            self._refuse_position(run, step, x, y)
+            return
         if run != self._run or step != self._step + 1:
             if run == self._run and step == self._step:
                 self._current_publisher.publish(self._answer)
@@ -97,15 +105,28 @@ class PdControllerNode(Node):
         if run == self._run:
             self._gaps += 1
             self.get_logger().warning(f"position of step {step} follows step {self._step} of run {run}: law restarted")
+        else:
+            self._position_error = ""
         self._run = run
         self._rate_error = ""
 
+    def _refuse_position(self, run: int, step: int, x: float, y: float) -> None:
+        """Leave a position unanswered that would spoil the state of the law, and report it until the next run."""
+        self._refused_positions += 1
+        error = (
+            f"position x = {x:g} m, y = {y:g} m at step {step} of run {run} is not answered; allowed: finite values up "
+            f"to {LARGEST_POSITION:g} m and steps up to {self._last_step}"
+        )
+        self.get_logger().error(error, throttle_duration_sec=5.0)
+        if not self._position_error:
+            self._position_error = error
+            self._diagnostics.publish()
+
     def _check_sample_rate(self, period: float) -> None:
-        if abs(period * self._settings.sample_rate - 1.0) > 1e-3:
-            self._rate_error = (
-                f"positions come at {1.0 / period:g} Hz, the controller is set to sample_rate = "
-                f"{self._settings.sample_rate:g} Hz"
-            )
+        rate = self._settings.sample_rate
+        if not abs(period * rate - 1.0) <= 1e-3:  # NaN too
+            found = f"at {1.0 / period:g} Hz" if period > 0.0 else f"with time {period:g} s at step 1"
+            self._rate_error = f"positions come {found}, the controller is set to sample_rate = {rate:g} Hz"
             self.get_logger().error(self._rate_error)
 
     def _on_parameters(self, parameters: PdControllerParameters) -> None:
@@ -158,7 +179,14 @@ class PdControllerNode(Node):
     # -- health
 
     def _report(self) -> diagnostics.Report:
-        values = {"run": self._run, "step": self._step, "gaps in the steps": self._gaps}
+        values = {
+            "run": self._run,
+            "step": self._step,
+            "gaps in the steps": self._gaps,
+            "positions refused": self._refused_positions,
+        }
+        if self._position_error:
+            return diagnostics.ERROR, self._position_error, values
         if self._rate_error:
             return diagnostics.ERROR, self._rate_error, values
         return diagnostics.OK, "answering" if self._step >= 0 else "no position yet", values

@@ -6,17 +6,29 @@ The computations run in workers; meanwhile the node goes on listening and answer
 from __future__ import annotations
 
 import math
+import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from dataclasses import replace
+from typing import Any, Literal, TypeVar
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_core.control import ControllerParameters
 from amb_core.errors import BagError, IdentificationError, ParameterError
-from amb_core.identification import Identification, IdentificationProgress, Method, StateSpaceModel, identify, validate
+from amb_core.identification import (
+    Focus,
+    Identification,
+    IdentificationProgress,
+    Method,
+    StateSpaceModel,
+    identify,
+    validate,
+)
+from amb_core.identification.controller_choice import PAPER, is_named_set, named_controller, needs_controller
+from amb_core.identification.identify import check_arguments
 from amb_core.identification.validation import RecordedLoop, read_loop
 from amb_core.messages import block_from_message, excitation_from_message
 from amb_core.parameters import Parameters, choice, quantity
@@ -32,7 +44,9 @@ from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
 
-ASSUMED_CONTROLLER = "controller parameters unknown, the paper's assumed"
+NAME_A_CONTROLLER = f"name it in `controller`: {PAPER}, a ROS parameter file (.yaml), or a running node"
+
+DEFAULT_FOCUS: Focus = "prediction"
 
 P = TypeVar("P", bound=Parameters)
 
@@ -77,7 +91,9 @@ class IdentifierNode(Node):
         create_service(self, srv.Identify, "~/identify", self._on_identify, self._worker)
         create_service(self, srv.GetModel, "~/get_model", self._on_get_model)
         create_service(self, srv.Validate, "~/validate", self._on_validate, self._validator)
-        self._action = create_action(self, action.Identify, "~/identify", self._on_identify_goal, self._worker)
+        self._action = create_action(
+            self, action.Identify, "~/identify", self._on_identify_goal, self._worker, self._check_request
+        )
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report, exclusive=(topics.TELEMETRY,))
 
     def destroy_node(self) -> None:
@@ -136,9 +152,9 @@ class IdentifierNode(Node):
             model, uncertainty = self._identification.model, self._identification.uncertainty
         else:
             raise IdentificationError("no model has been identified yet; call ~/identify first or name a file")
+        self._check_sources(request)
         loop, remark = self._loop(request, with_plant=True)
-        controller = loop.controller or ControllerParameters()
-        found = validate(model, loop.data, controller, uncertainty=uncertainty, plant=loop.plant)
+        found = validate(model, loop.data, loop.controller, uncertainty=uncertainty, plant=loop.plant)
         response.success = True
         response.message = found.summary + remark
         response.report = found.report()
@@ -162,16 +178,14 @@ class IdentifierNode(Node):
             self._stage = f"{told.stage}, {told.done} of {told.total}"
             progress(told)
 
-        if request.auto_order and request.order:
-            raise IdentificationError(f"order = {request.order} is not allowed with auto_order; allowed: 0")
+        self._check_request(request)
         loop, remark = self._loop(request)
         try:
             result = identify(
                 loop.data,
-                "auto" if request.auto_order else request.order or self._settings.order,
-                request.method or self._settings.method,
+                *self._arguments(request),
                 loop.controller,
-                focus=request.focus or "prediction",
+                focus=request.focus or DEFAULT_FOCUS,
                 progress=tell,
                 cancelled=ended,
             )
@@ -188,21 +202,63 @@ class IdentifierNode(Node):
         answer.model = message
         self.get_logger().info(answer.message)
 
+    def _check_request(self, request: Any) -> None:
+        """Refuse a request of the service or the action that no data can serve, without reading any."""
+        if request.auto_order and request.order:
+            raise IdentificationError(f"order = {request.order} is not allowed with auto_order; allowed: 0")
+        order, method = self._arguments(request)
+        check_arguments(order, method, request.focus or DEFAULT_FOCUS)
+        self._check_sources(request)
+
+    def _check_sources(self, request: Any) -> None:
+        """Refuse steps that no data have, a bag that does not exist, and a parameter file that is none."""
+        if request.first_step < -1:
+            raise IdentificationError(f"first_step = {request.first_step} is not allowed; allowed: -1 or more")
+        if request.bag and not os.path.exists(request.bag):  # noqa: PTH110  # Path.exists raises on long names
+            raise BagError(f"bag {request.bag}: there is no such file or folder")
+        if is_named_set(request.controller):
+            self._named_controller(request.controller)
+
+    def _arguments(self, request: Any) -> tuple[int | Literal["auto"], str]:
+        """Order and method that a request asks for."""
+        order: int | Literal["auto"] = "auto" if request.auto_order else request.order or self._settings.order
+        return order, request.method or self._settings.method
+
     def _loop(self, request: Any, with_plant: bool = False) -> tuple[RecordedLoop, str]:
-        """What a request is about, from its bag or from the current run, and what to remark on it."""
+        """What a request is about, from its bag or from the current run, and what to remark on it.
+
+        Raises
+        ------
+        BagError, IdentificationError
+            If there are no such data, or their controller is not known.
+        ParameterError
+            If the controller that the request names does not give its parameters.
+        """
         if request.bag:
             loop = read_loop(request.bag, first_step=request.first_step, steps=request.steps)
         else:
             loop = RecordedLoop(
                 self._live.data(request.first_step, request.steps),
-                self._read(ControllerParameters, self._settings.controller),
+                None if request.controller else self._read(ControllerParameters, self._settings.controller),
                 self._read(PlantParameters, self._settings.simulator) if with_plant else None,
             )
         remark = f"; bag is truncated: {loop.damage}" if loop.damage else ""
-        return loop, remark + ("" if loop.controller else f"; {ASSUMED_CONTROLLER}")
+        if request.controller:
+            loop = replace(loop, controller=self._named_controller(request.controller))
+            remark += f"; controller: {request.controller}, as requested"
+        elif loop.controller is None and needs_controller(loop.data):
+            source = f"bag {request.bag} lacks" if request.bag else f"node {self._settings.controller} does not give"
+            raise IdentificationError(f"{source} the parameters of the controller; {NAME_A_CONTROLLER}")
+        return loop, remark
+
+    def _named_controller(self, name: str) -> ControllerParameters:
+        """The controller that a request names."""
+        if is_named_set(name):
+            return named_controller(name, self._settings.controller.rsplit("/", 1)[-1])
+        return self._remote_parameters.read_set(ControllerParameters, name, self._settings.parameter_timeout)
 
     def _read(self, parameters: type[P], node: str) -> P | None:
-        """Parameters of a node that runs; None where it does not tell them."""
+        """Parameters of a node that runs; None where it does not give them."""
         try:
             return self._remote_parameters.read_set(parameters, node, self._settings.parameter_timeout)
         except ParameterError as problem:

@@ -143,7 +143,7 @@ class RecorderNode(Node):
         self._definitions = {topic.type_name: message_definition(topic.type_name) for topic in RECORDED}
         # One worker: a start and a stop never run at the same time.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="recorder")
-        self._topics = {self.resolve_topic_name(topic.name): topic for topic in RECORDED}
+        self._topics = {self._full_name(topic.name): topic for topic in RECORDED}
         self._subscriptions_by_name = {
             name: self.create_subscription(topic.type, name, partial(self._on_message, name), topic.requested, raw=True)
             for name, topic in self._topics.items()
@@ -166,6 +166,9 @@ class RecorderNode(Node):
         self._worker.shutdown()
         self._close()  # a start may have been under way
         super().destroy_node()
+
+    def _full_name(self, topic: str) -> str:
+        return self.resolve_topic_name(topics.clock(self.get_namespace()) if topic == topics.CLOCK else topic)
 
     # -- messages
 
@@ -313,7 +316,7 @@ class RecorderNode(Node):
 
     def _published_topics(self) -> set[str]:
         """Those of the topics that follow the steps of a run which somebody publishes, or has published in this bag."""
-        published = {name for name in OF_THE_GRAPH if self.count_publishers(self.resolve_topic_name(name))}
+        published = {name for name in OF_THE_GRAPH if self.count_publishers(self._full_name(name))}
         return published | {topics.REGION} if self._ledger.has_regions else published
 
     def _note_conflicts(self) -> None:

@@ -83,7 +83,9 @@ class RegionMonitorNode(Node):
         self._state_subscription = self.create_subscription(
             SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, EVERY_STATE
         )
-        self._build_map = create_action(self, BuildMap, "~/build_map", self._on_build_map, self._worker)
+        self._build_map = create_action(
+            self, BuildMap, "~/build_map", self._on_build_map, self._worker, self._check_goal
+        )
         self._diagnostics = diagnostics.DiagnosticsReporter(
             self, self._report, exclusive=(topics.TELEMETRY, topics.SIMULATOR_STATE)
         )
@@ -128,12 +130,23 @@ class RegionMonitorNode(Node):
             message.sequence, message.next_step = self._sequence, self._watch.next_step
             self._region_publisher.publish(message)
 
-    # -- the action, in the worker
+    # -- the action
+
+    def _check_goal(self, goal: BuildMap.Goal) -> None:
+        """Refuse a goal whose settings, files or scheduler cannot be right, before it is accepted."""
+        map_settings_from_message(goal)
+        _new_file(goal.path)
+        if goal.scheduler:
+            from amb_core.tasks.cluster import check_address  # loads the library of the cluster
+
+            check_address(goal.scheduler)
+        if goal.parameter_file:
+            self._loop_parameters(goal.parameter_file)
 
     def _on_build_map(
         self, goal: BuildMap.Goal, feedback: Callable[[BuildMap.Feedback], None], cancelled: Callable[[], bool]
     ) -> BuildMap.Result:
-        # Loads the library of the cluster: half a second that a monitor without a map need not spend.
+        # In the worker. Loads the library of the cluster, which a monitor without a map does not need.
         from amb_core.region_map import build_map
         from amb_ros.region_maps import region_map_to_message
 
@@ -240,8 +253,12 @@ def _new_file(path: str) -> Path | None:
     """The file asked for, absolute; refused before the work where its folder does not exist."""
     if not path:
         return None
-    file = Path(path).expanduser().absolute()
-    if not file.parent.is_dir() or file.is_dir():
+    try:
+        file = Path(path).expanduser().absolute()
+        fits = file.parent.is_dir() and (file.is_file() or not file.exists())
+    except (OSError, RuntimeError, ValueError):  # a name that is too long, of an unknown user, or no name at all
+        fits = False
+    if not fits:
         raise RegionError(f"path = {path!r} is not allowed; allowed: a file in a folder that exists")
     return file
 

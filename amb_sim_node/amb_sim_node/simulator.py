@@ -25,7 +25,7 @@ from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 from amb_ros.services import create_service
-from amb_ros.stamps import set_step_time
+from amb_ros.stamps import last_stamped_step, set_step_time
 from amb_sim_node.parameters import SimulatorParameters
 from amb_sim_node.plant_state import plant_state_message
 
@@ -60,7 +60,7 @@ class SimulatorNode(Node):
         self._seen_step = -1  # step at the last look of the watch
 
         self._position_publisher = self.create_publisher(RotorPosition, topics.POSITION, STREAM)
-        self._clock_publisher = self.create_publisher(ClockMessage, topics.CLOCK, STREAM)
+        self._clock_publisher = self.create_publisher(ClockMessage, topics.clock(self.get_namespace()), STREAM)
         self._plant_state_publisher = self.create_publisher(PlantState, topics.PLANT_STATE, HISTORY)
         self._state_publisher = self.create_publisher(SimulatorState, topics.SIMULATOR_STATE, EVERY_STATE)
         self._current_subscription = self.create_subscription(
@@ -175,7 +175,13 @@ class SimulatorNode(Node):
 
     def _on_run(self, request: RunSteps.Request, response: RunSteps.Response) -> RunSteps.Response:
         state = self._state
-        if state.mode == SimulatorState.PAUSED:
+        most = last_stamped_step(self._sample_rate) - state.step
+        if request.steps > most:
+            response.message = (
+                f"steps = {request.steps} is not allowed; allowed: 0 (until paused) to {most}, with which the "
+                "simulation time reaches the end of what a ROS time stamp holds"
+            )
+        elif state.mode == SimulatorState.PAUSED:
             self._start(request.steps)
             response.success = True
         else:

@@ -14,7 +14,7 @@ from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, Se
 from amb_ident_node.ledger import Ledger
 from amb_ros.namesakes import Namesakes
 
-TOPICS = {"telemetry", "plant_state", "region", "simulator/state", "/clock"}
+TOPICS = {"telemetry", "plant_state", "region", "simulator/state", "clock"}
 
 
 def block(run: int, first: int, steps: int) -> Any:
@@ -54,8 +54,8 @@ def ledger() -> Ledger:
 
 def fill(ledger: Ledger) -> None:
     """All that comes up to step 200, but for the topics that a test leaves out."""
-    ledger.note("/clock", clock(0))
-    ledger.note("/clock", clock(100))
+    ledger.note("clock", clock(0))
+    ledger.note("clock", clock(100))
     ledger.note("telemetry", block(5, 0, 100))
     ledger.note("telemetry", block(5, 100, 100))
     for step in range(0, 201, 50):
@@ -71,7 +71,7 @@ def test_a_recording_that_holds_everything_lacks_nothing(ledger):
 
 
 def test_each_topic_is_named_with_first_last_and_count_of_what_is_missing(ledger):
-    ledger.note("/clock", clock(0))
+    ledger.note("clock", clock(0))
     ledger.note("telemetry", block(5, 0, 100))
     ledger.note("plant_state", SimpleNamespace(run=5, step=0))
     ledger.note("plant_state", SimpleNamespace(run=5, step=150))
@@ -80,7 +80,7 @@ def test_each_topic_is_named_with_first_last_and_count_of_what_is_missing(ledger
     assert ledger.lacks(Mark(5, 200), TOPICS) == [
         "telemetry of run 5 lacks steps 100 to 199 (100 steps)",
         "plant_state of run 5 lacks steps 50 to 100 and 200 (3 messages)",
-        "/clock of run 5 lacks steps 100 (1 messages)",
+        "clock of run 5 lacks steps 100 (1 messages)",
         "simulator/state lacks messages 2 to 3 (2 messages)",
         "region of run 5 lacks steps 100 to 199 (100 steps)",
     ]
@@ -90,7 +90,7 @@ def test_topics_that_nobody_publishes_are_not_awaited(ledger):
     ledger.note("telemetry", block(5, 0, 200))
     assert ledger.lacks(Mark(5, 200), {"telemetry"}) == [
         "plant_state of run 5 lacks steps 50 to 150 (3 messages)",
-        "/clock of run 5 lacks steps 100 (1 messages)",
+        "clock of run 5 lacks steps 100 (1 messages)",
     ]
     quiet = Ledger()
     quiet.note("telemetry", block(5, 0, 200))
@@ -135,13 +135,13 @@ def test_blocks_of_an_older_run_that_come_late_are_no_part_of_the_recording(ledg
 
 
 def test_clocks_of_a_run_that_is_heard_of_later_belong_to_it(ledger):
-    ledger.note("/clock", clock(0))
-    ledger.note("/clock", clock(100))
+    ledger.note("clock", clock(0))
+    ledger.note("clock", clock(100))
     for step in (0, 100, 200):
-        ledger.note("/clock", clock(step))
+        ledger.note("clock", clock(step))
     ledger.note("simulator/state", state(6, 0, 2, plant_state_steps=0))
     ledger.note("telemetry", block(6, 0, 400))
-    assert ledger.lacks() == ["/clock of run 6 lacks steps 300 (1 messages)"]
+    assert ledger.lacks() == ["clock of run 6 lacks steps 300 (1 messages)"]
 
 
 def test_an_excitation_needs_an_answer():

@@ -279,6 +279,7 @@ class AmbClient(GraphConnection):
         steps: int = 0,
         progress: Callable[[IdentificationProgress], None] | None = None,
         cancelled: Callable[[], bool] | None = None,
+        controller: str | Path = "",
     ) -> StateSpaceModel:
         """Identify from the last experiment or from a bag, as long as that takes.
 
@@ -296,6 +297,9 @@ class AmbClient(GraphConnection):
             Called with an `IdentificationProgress` at every stage and iteration.
         cancelled : callable, optional
             Asked while waiting; when it is true the identification is cancelled, which is an error then.
+        controller : str or Path, optional
+            Controller of the experiment: `paper`, a ROS parameter file (.yaml), or the name of a running node; by
+            default the one that runs, or the one recorded in the bag. An error where that is not known.
         """
 
         def on_feedback(message: Any) -> None:
@@ -312,6 +316,7 @@ class AmbClient(GraphConnection):
             focus=focus,
             first_step=first_step,
             steps=steps,
+            controller=_controller(controller),
         )
         result = self.act(Identify, "identifier/identify", goal, on_feedback, cancelled or (lambda: False))
         if not result.success:
@@ -325,6 +330,7 @@ class AmbClient(GraphConnection):
         first_step: int = -1,
         steps: int = 0,
         timeout: float = 300.0,
+        controller: str | Path = "",
     ) -> Validate.Response:
         """Judge a model by the last experiment or by a bag, which should be others than those it was identified from.
 
@@ -338,6 +344,8 @@ class AmbClient(GraphConnection):
             Steps used; by default those of the last excitation.
         timeout : float, optional
             Longest wait (s).
+        controller : str or Path, optional
+            Controller of the experiment, as for `identify`.
 
         Returns
         -------
@@ -352,6 +360,7 @@ class AmbClient(GraphConnection):
             model=_absolute(model),
             first_step=first_step,
             steps=steps,
+            controller=_controller(controller),
         )
 
     def get_model(self) -> StateSpaceModel:
@@ -375,6 +384,11 @@ class AmbClient(GraphConnection):
 def _absolute(path: str | Path) -> str:
     """A path as text for a node in another folder; empty for none."""
     return str(Path(path).absolute()) if path else ""
+
+
+def _controller(name: str | Path) -> str:
+    """The name of a controller; the path of a parameter file made absolute."""
+    return _absolute(name) if str(name).lower().endswith((".yaml", ".yml")) else str(name)
 
 
 def _known(request: Any, settings: dict[str, Any]) -> dict[str, Any]:

@@ -15,7 +15,10 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from amb_core.errors import AmbError
+from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
+
+REASON_TIMEOUT = 5.0  # s; for the reason of a rejection, which is under way
 
 
 class ClientError(AmbError):
@@ -56,6 +59,7 @@ class GraphConnection:
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
+        self._rejections: dict[str, RejectionListener] = {}  # by action
 
     def __enter__(self) -> Self:
         return self
@@ -144,12 +148,16 @@ class GraphConnection:
         """
         if name not in self._clients:
             self._clients[name] = ActionClient(self.node, action, name)
+            self._rejections[name] = RejectionListener(self.node, name)
         client = self._clients[name]
         full_name = self.node.resolve_service_name(name)
         self.wait_until(client.server_is_ready, complaint=f"no action {full_name}; is the node running?")
+        self._rejections[name].forget(goal)
         accepted = client.send_goal_async(goal, on_feedback)
         self.wait_until(accepted.done, complaint=f"no answer from {full_name} within {self.timeout:g} s")
         handle = accepted.result()
+        if not handle.accepted:
+            raise ClientError(f"{full_name}: {self._reason(name, goal)}")
         ended = handle.get_result_async()
         cancelling = False
         while not ended.done():
@@ -163,3 +171,12 @@ class GraphConnection:
         if not result.success and not cancelling:
             raise ClientError(f"{full_name}: {result.message}")
         return result
+
+    def _reason(self, name: str, goal: Any) -> str:
+        """Why an action has rejected a goal; its node publishes that before the rejection, on a topic of its own."""
+        heard = self._rejections[name]
+        try:
+            self.wait_until(lambda: heard.reason(goal) is not None, REASON_TIMEOUT)
+        except ClientError:
+            return "the goal was rejected; see the log of its node"
+        return str(heard.reason(goal))

@@ -27,3 +27,15 @@ class IdentificationError(AmbError):
 
 class RegionError(AmbError):
     """Telemetry cannot be classified into regions of operation."""
+
+
+LONGEST_TEXT = 2_000  # characters
+
+
+def one_line(problem: AmbError) -> str:
+    """The text of an error as one line of bounded length, whatever names and values from outside it repeats."""
+    text = " ".join(str(problem).split())
+    if len(text) <= LONGEST_TEXT:
+        return text
+    half = LONGEST_TEXT // 2
+    return f"{text[:half]} ... {text[-half:]}"

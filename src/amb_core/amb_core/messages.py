@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import BagError, RegionError
 from amb_core.experiments import AppliedExcitation
-from amb_core.parameters import validate
+from amb_core.parameters import declarations, validate
 from amb_core.records import LoopRecord, PlantRecord
 
 if TYPE_CHECKING:
@@ -149,42 +149,85 @@ def region_map_from_message(message: Any) -> RegionMap:
     RegionError
         If it holds no sweep, or its arrays or texts are not those of a map.
     """
-    from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap
+    from amb_core.region_map import Boundary, MapSweep, RegionMap
     from amb_core.region_map.region_map import BOUNDARIES
 
     try:
-        beats: list[list[tuple[float, float]]] = [[] for _ in message.amplitude]
-        for sweep, start, end in zip(message.beat_sweep, message.beat_start, message.beat_end, strict=True):
-            beats[sweep].append((float(start), float(end)))
-        onsets = {
-            region: list(
-                zip(
-                    getattr(message, f"frequency_{region.name.lower()}"),
-                    getattr(message, f"resonance_{region.name.lower()}"),
-                    strict=True,
-                )
-            )
-            for region in BOUNDARIES
-        }
-        sweeps = [
-            MapSweep(
-                amplitude=float(amplitude),
-                boundaries={
-                    region: Boundary(float(found[number][0]), bool(found[number][1]))
-                    for region, found in onsets.items()
-                    if not math.isnan(found[number][0])
-                },
-                beats=tuple(beats[number]),
-                highest_frequency=float(message.highest_frequency[number]),
-                steps=int(message.steps[number]),
-            )
-            for number, amplitude in enumerate(message.amplitude)
-        ]
-        settings = MapSettings.model_validate_json(message.settings)
-        provenance = json.loads(message.provenance)
-    except (ValueError, IndexError) as problem:
-        raise RegionError(f"region map of {len(message.amplitude)} sweeps: the message is none ({problem})") from None
+        _check_map_arrays(message)
+        settings, provenance = _map_texts(message)
+    except RegionError as problem:
+        raise RegionError(f"region map of {len(message.amplitude)} sweeps: {problem}") from None
+    beats: list[list[tuple[float, float]]] = [[] for _ in message.amplitude]
+    for sweep, start, end in zip(message.beat_sweep, message.beat_start, message.beat_end, strict=True):
+        beats[sweep].append((float(start), float(end)))
+    onsets = {
+        region: (
+            getattr(message, f"frequency_{region.name.lower()}"),
+            getattr(message, f"resonance_{region.name.lower()}"),
+        )
+        for region in BOUNDARIES
+    }
+    sweeps = [
+        MapSweep(
+            amplitude=float(amplitude),
+            boundaries={
+                region: Boundary(float(frequency[number]), bool(resonance[number]))
+                for region, (frequency, resonance) in onsets.items()
+                if not math.isnan(frequency[number])
+            },
+            beats=tuple(beats[number]),
+            highest_frequency=float(message.highest_frequency[number]),
+            steps=int(message.steps[number]),
+        )
+        for number, amplitude in enumerate(message.amplitude)
+    ]
     return RegionMap(settings, tuple(sweeps), provenance, bool(message.complete))
+
+
+def _check_map_arrays(message: Any) -> None:
+    """Raise RegionError if the arrays of a RegionMap message do not belong together or hold what no sweep shows."""
+    from amb_core.region_map.settings import MapSettings
+
+    sweeps = len(message.amplitude)
+    most = next(item.maximum for item in declarations(MapSettings) if item.name == "max_sweeps")
+    if most is not None and sweeps > most:
+        raise RegionError(f"allowed: at most {most:g} sweeps")
+    for names, length in ((_SWEEP_ARRAYS, sweeps), (_BEAT_ARRAYS, len(message.beat_sweep))):
+        for name in names:
+            if len(getattr(message, name)) != length:
+                raise RegionError(f"{name} has {len(getattr(message, name))} elements; allowed: {length}")
+    if any(number >= sweeps for number in message.beat_sweep):
+        raise RegionError(
+            f"beat_sweep = {max(message.beat_sweep)} is the index of no sweep; allowed: 0 to {sweeps - 1}"
+        )
+    for name in _NUMBERS:
+        for value in getattr(message, name):
+            # A boundary that does not occur is NaN.
+            if not 0.0 <= value < math.inf and not (name in _ONSET_ARRAYS and math.isnan(value)):
+                raise RegionError(f"{name} holds {value:g}; allowed: finite numbers, 0 or more")
+    if 0.0 in message.amplitude:
+        raise RegionError("amplitude holds 0; allowed: finite numbers above 0")
+
+
+_ONSET_ARRAYS = ("frequency_b", "frequency_c", "frequency_d")
+_SWEEP_ARRAYS = (*_ONSET_ARRAYS, "resonance_b", "resonance_c", "resonance_d", "highest_frequency", "steps")
+_BEAT_ARRAYS = ("beat_start", "beat_end")
+_NUMBERS = ("amplitude", *_ONSET_ARRAYS, "highest_frequency", *_BEAT_ARRAYS)
+
+
+def _map_texts(message: Any) -> tuple[MapSettings, dict[str, Any]]:
+    """Settings and provenance of a RegionMap message from their JSON; RegionError if they are none."""
+    from amb_core.region_map.settings import MapSettings
+
+    texts = {}
+    for name in ("settings", "provenance"):
+        try:
+            texts[name] = json.loads(getattr(message, name))
+        except (ValueError, RecursionError):
+            raise RegionError(f"field {name} is not JSON") from None
+        if not isinstance(texts[name], dict):
+            raise RegionError(f"field {name} is no JSON object")
+    return validate(MapSettings, texts["settings"], RegionError), texts["provenance"]
 
 
 def map_settings_from_message(message: Any) -> MapSettings:

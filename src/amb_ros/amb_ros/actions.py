@@ -1,4 +1,4 @@
-"""Actions that always end with a result: an error becomes an aborted goal with its reason, and long work runs aside."""
+"""Actions that always end with a result: bad goals are rejected, errors abort with a reason, long work runs aside."""
 
 from __future__ import annotations
 
@@ -12,15 +12,20 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
 
-from amb_core.errors import AmbError
+from amb_core.errors import AmbError, one_line
+from amb_ros.rejections import RejectionPublisher
 
 Callback = Callable[[Any, Callable[[Any], None], Callable[[], bool]], Any]
+Check = Callable[[Any], None]
 
 
-def create_action(node: Node, action_type: Any, name: str, callback: Callback, worker: Executor) -> ActionServer:
+def create_action(
+    node: Node, action_type: Any, name: str, callback: Callback, worker: Executor, check: Check
+) -> ActionServer:
     """Offer an action whose result has the fields `success` and `message`.
 
-    Every goal is accepted, every request to cancel as well. Goals are worked off as the worker takes them.
+    A goal is accepted unless `check` refuses it; every request to cancel is. Goals are worked off as the worker takes
+    them.
 
     Parameters
     ----------
@@ -35,7 +40,23 @@ def create_action(node: Node, action_type: Any, name: str, callback: Callback, w
         as it is, anything else as an internal error, with its traceback in the log.
     worker : concurrent.futures.Executor
         Runs the callback, which may block.
+    check : callable
+        Called in the executor with every goal before it is accepted, for what can be judged at once. An `AmbError`
+        that it raises rejects the goal; its text is logged and published (see `amb_ros.rejections`).
     """
+    rejections = RejectionPublisher(node, name)
+
+    def judge(goal: Any) -> GoalResponse:
+        try:
+            check(goal)
+        except AmbError as problem:
+            rejections.publish(goal, one_line(problem))
+            return GoalResponse.REJECT
+        except Exception as problem:  # whatever happens, the caller gets an answer and the node lives
+            node.get_logger().error(traceback.format_exc())
+            rejections.publish(goal, _internal_error(node, problem))
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
 
     def outcome(goal: ServerGoalHandle) -> Any:
         def publish_feedback(message: Any) -> None:
@@ -45,12 +66,10 @@ def create_action(node: Node, action_type: Any, name: str, callback: Callback, w
         try:
             result = callback(goal.request, publish_feedback, lambda: goal.is_cancel_requested)
         except AmbError as problem:
-            result = action_type.Result(message=str(problem))
+            result = action_type.Result(message=one_line(problem))
         except Exception as problem:  # whatever happens, the caller gets a result and the node lives
             node.get_logger().error(traceback.format_exc())
-            result = action_type.Result(
-                message=f"internal error in {node.get_fully_qualified_name()}: {problem!r}; see its log"
-            )
+            result = action_type.Result(message=_internal_error(node, problem))
         if result.success:
             goal.succeed()
         elif goal.is_cancel_requested:
@@ -81,6 +100,10 @@ def create_action(node: Node, action_type: Any, name: str, callback: Callback, w
         action_type,
         name,
         execute,
-        goal_callback=lambda _goal: GoalResponse.ACCEPT,
+        goal_callback=judge,
         cancel_callback=lambda _goal: CancelResponse.ACCEPT,
     )
+
+
+def _internal_error(node: Node, problem: Exception) -> str:
+    return f"internal error in {node.get_fully_qualified_name()}: {problem!r}; see its log"

@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 from amb_core.errors import ParameterError
 from amb_core.parameter_files import of_rclpy
 from amb_core.parameters import Declaration, Parameters, declarations, flatten, validate
+from amb_ros.parameter_services import guard_parameter_services
 
 P = TypeVar("P", bound=Parameters)
 
@@ -54,6 +55,7 @@ def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | No
             _descriptor(declaration, read_only=not writable),
             ignore_override=True,
         )
+    guard_parameter_services(node, declarations(parameters))
     if on_change is not None:
         node.add_on_set_parameters_callback(_guard(node, parameters, current))
         node.add_post_set_parameters_callback(_notify(parameters, current, on_change))

@@ -12,7 +12,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.service import Service
 
-from amb_core.errors import AmbError
+from amb_core.errors import AmbError, one_line
 
 Callback = Callable[[Any, Any], Any]
 
@@ -28,7 +28,7 @@ def create_service(
         The node.
     service_type, name, callback
         As for `Node.create_service`. What the callback raises is answered with `success=false`: the text of an
-        `AmbError` as it is, anything else as an internal error, with its traceback in the log.
+        `AmbError` as one line, anything else as an internal error, with its traceback in the log.
     worker : concurrent.futures.Executor, optional
         Runs the callback, which may then block: on work, or on futures and conditions that the node's own callbacks
         complete. The answer goes out when the callback returns. Without a worker the callback runs in the executor.
@@ -42,7 +42,7 @@ def create_service(
         try:
             return callback(request, response)
         except AmbError as problem:
-            response.message = str(problem)
+            response.message = one_line(problem)
         except Exception as problem:  # whatever happens, the caller gets an answer and the node lives
             node.get_logger().error(traceback.format_exc())
             response.message = f"internal error in {node.get_fully_qualified_name()}: {problem!r}; see its log"

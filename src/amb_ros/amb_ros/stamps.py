@@ -5,6 +5,7 @@ from __future__ import annotations
 from builtin_interfaces.msg import Time
 
 SECOND = 1_000_000_000  # ns
+LONGEST_TIME = 2**31 - 1  # s; the seconds of a stamp are an int32
 
 
 def set_step_time(stamp: Time, step: int, sample_rate: float) -> None:
@@ -12,3 +13,8 @@ def set_step_time(stamp: Time, step: int, sample_rate: float) -> None:
     nanoseconds = round(step * SECOND / sample_rate)
     stamp.sec = nanoseconds // SECOND
     stamp.nanosec = nanoseconds % SECOND
+
+
+def last_stamped_step(sample_rate: float) -> int:
+    """The last controller step whose time a stamp can hold: after 68 years of simulation time."""
+    return int(LONGEST_TIME * sample_rate)

@@ -10,6 +10,14 @@ REGION = "region"
 REGION_MAP = "region_map"
 PLANT_STATE = "plant_state"
 SIMULATOR_STATE = "simulator/state"
-CLOCK = "/clock"
+CLOCK = "clock"
 
 NAMESPACE = "amb"
+
+
+def clock(namespace: str) -> str:
+    """Topic of the simulation time: `/clock`, which nodes with use_sim_time read, in the workbench's own namespace.
+
+    In any other namespace it is the graph's own, so that the clocks of two graphs do not mix.
+    """
+    return f"/{CLOCK}" if namespace == f"/{NAMESPACE}" else CLOCK

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from amb_bringup.commands.validate import (
+    ControllerOption,
     FiguresOption,
     FirstStepOption,
     OutOption,
@@ -32,6 +33,7 @@ def compare(
     run: RunOption = None,
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
+    controller: ControllerOption = "",
     out: OutOption = None,
     figures: FiguresOption = None,
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
@@ -49,7 +51,7 @@ def compare(
         make_place(results)
     if figures is not None:
         make_folder(figures)
-    loop = load_recorded(console, bag, run, first_step, steps)
+    loop = load_recorded(console, bag, run, first_step, steps, controller)
     found, refused = {}, {}
     from amb_core.errors import IdentificationError
     from amb_core.identification import StateSpaceModel, validate

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from amb_bringup.commands.validate import ControllerOption
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -33,6 +35,7 @@ def identify(
     ] = "prediction",
     first_step: Annotated[int, typer.Option(help="First step used; -1 for where the last excitation starts.")] = -1,
     steps: Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")] = 0,
+    controller: ControllerOption = "",
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for model.json, summary.json and figures; or a .json, .npz or .mat file."),
@@ -67,10 +70,10 @@ def identify(
         make_place(results)
     if figures is not None:
         make_folder(figures)
-    data, controller = _load(console, bag, first_step, steps)
+    data, closing = _load(console, bag, first_step, steps, controller)
     with Stages(console) as stages:
         result = identification.identify(
-            data, wanted, method, controller, ", ".join(map(str, bag)), orders=tried, focus=cast("Focus", focus),
+            data, wanted, method, closing, ", ".join(map(str, bag)), orders=tried, focus=cast("Focus", focus),
             progress=lambda now: stages.update(now.stage, now.done, now.total, _cost(now)),
         )  # fmt: skip
     for finding in result.report.warnings:
@@ -102,19 +105,25 @@ def _orders(text: str) -> list[int] | None:
 
 
 def _load(
-    console: Console, paths: list[Path], first_step: int, steps: int
+    console: Console, paths: list[Path], first_step: int, steps: int, controller: str
 ) -> tuple[IdentificationData, ControllerParameters | None]:
-    """The experiments of all bags, and their controller; None where it was not recorded."""
+    """The experiments of all bags, and their controller; None for data of something else than the bearing's loop."""
     from amb_bringup.commands.validate import load_recorded
     from amb_core.errors import IdentificationError
+    from amb_core.identification.controller_choice import PAPER, needs_controller
     from amb_core.identification.data import merge
 
-    unknown = "for currents in A and positions in m, the paper's is assumed"
-    loops = [load_recorded(console, path, None, first_step, steps, unknown) for path in paths]
+    loops = [load_recorded(console, path, None, first_step, steps, controller) for path in paths]
+    for path, loop in zip(paths, loops, strict=True):
+        if loop.controller is None and needs_controller(loop.data):
+            raise IdentificationError(
+                f"{path} lacks the controller's parameters; name it with --controller: {PAPER}, or a ROS parameter "
+                "file (.yaml)"
+            )
     controllers = {path: loop.controller for path, loop in zip(paths, loops, strict=True) if loop.controller}
-    for path, controller in controllers.items():
+    for path, recorded in controllers.items():
         first, known = next(iter(controllers.items()))
-        if controller != known:
+        if recorded != known:
             raise IdentificationError(
                 f"{first} and {path} were recorded with different controllers; identify from them one at a time"
             )

@@ -7,11 +7,14 @@ from typing import Annotated
 
 import typer
 
+from amb_bringup.commands.validate import ControllerOption
+
 
 def report(
     bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
     run: Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")] = None,
     order: Annotated[str, typer.Option(help="Order of the model, or auto.")] = "10",
+    controller: ControllerOption = "",
     out: Annotated[Path, typer.Option(help="The page, an .html file; or a folder for report.html.")] = Path(
         "results/report.html"
     ),
@@ -23,6 +26,7 @@ def report(
     from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder, names_file
     from amb_core.bags import read_bag
+    from amb_core.identification.controller_choice import named_controller
     from amb_core.report import write_report
     from amb_core.report.recording import recording_report
 
@@ -31,11 +35,12 @@ def report(
         out = out / "report.html"
     make_folder(out.parent)
     wanted = model_order(order)
+    named = named_controller(controller) if controller else None
     content = read_bag(bag)
     if content.truncated:
         console.print(f"[yellow]bag {bag} is incomplete: {content.truncated}[/yellow]")
     with Stages(console) as stages:
-        made = recording_report(content, run, wanted, stages.update)
+        made = recording_report(content, run, wanted, stages.update, named)
     write_report(made, out)
     console.print(f"{made.title}. {made.lead}", highlight=False)
     console.print(f"report: {out}")

@@ -20,6 +20,12 @@ FirstStepOption = Annotated[
     int, typer.Option(help="First step used; -1 for where the last excitation starts, or all without one.")
 ]
 StepsOption = Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")]
+ControllerOption = Annotated[
+    str,
+    typer.Option(
+        help="Controller of the experiment: paper, or a ROS parameter file (.yaml); by default the one recorded."
+    ),
+]
 OutOption = Annotated[Path | None, typer.Option(help="Folder for summary.json and figures.")]
 FiguresOption = Annotated[
     Path | None,
@@ -38,6 +44,7 @@ def validate(
     run: RunOption = None,
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
+    controller: ControllerOption = "",
     out: OutOption = None,
     figures: FiguresOption = None,
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
@@ -62,7 +69,7 @@ def validate(
     if figures is not None:
         make_folder(figures)
     known = StateSpaceModel.load(model)
-    loop = load_recorded(console, bag, run, first_step, steps)
+    loop = load_recorded(console, bag, run, first_step, steps, controller)
     with working(console, f"validating order {known.order} by {loop.data.samples} samples"):
         found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or HORIZONS)
     typer.echo(found.report())
@@ -84,13 +91,16 @@ def load_recorded(
     run: int | None,
     first_step: int,
     steps: int,
-    without_controller: str = "the closed loop of the models is not judged",
+    controller: str = "",
 ) -> RecordedLoop:
     """Data and parameters of a bag, or the data of a file, where no run and steps can be chosen.
 
-    Where the controller is not known, that and the consequence are told.
+    A controller that is named replaces the recorded one. Where none is known, that and the consequence are told.
     """
+    from dataclasses import replace
+
     from amb_bringup.commands.progress import working
+    from amb_core.identification.controller_choice import named_controller
     from amb_core.identification.validation import read_loop
 
     chosen = {"run": run, "first_step": first_step, "steps": steps}
@@ -99,6 +109,11 @@ def load_recorded(
         loop = read_loop(bag, **{name: value for name, value in chosen.items() if value != default[name]})
     if loop.damage:
         console.print(f"[yellow]bag {bag} is incomplete: {loop.damage}[/yellow]")
+    if controller:
+        return replace(loop, controller=named_controller(controller))
     if loop.controller is None:
-        console.print(f"[yellow]{bag} lacks the controller's parameters; {without_controller}[/yellow]")
+        console.print(
+            f"[yellow]{bag} lacks the controller's parameters; the closed loop of the models is not judged "
+            "unless --controller names it[/yellow]"
+        )
     return loop

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles
+from amb_core.identification.controller_choice import needs_controller
 from amb_core.identification.data import DataReport, IdentificationData, check_data
 from amb_core.identification.data.checks import check_amount, check_excitation
 from amb_core.identification.experiment_simulation import simulate_experiment
@@ -131,7 +132,7 @@ def identify(
         If an argument is not allowed, the checks find errors in the data, the data determine no model, or the
         identification is called off; one line that says why.
     """
-    _check_arguments(order, method, focus)
+    check_arguments(order, method, focus)
     if isinstance(data, LoopRecord):
         data = IdentificationData.from_record(data)
     source = source or "; ".join(dict.fromkeys(item.source for item in data.experiments if item.source))
@@ -161,7 +162,8 @@ def identify(
     return best
 
 
-def _check_arguments(order: int | str, method: str, focus: str) -> None:
+def check_arguments(order: int | str, method: str, focus: str) -> None:
+    """Raise IdentificationError if `identify` does not take one of these arguments, whatever the data."""
     if method not in METHODS:
         raise IdentificationError(f"unknown method {method!r}; allowed: {', '.join(METHODS)}")
     if focus not in get_args(Focus):
@@ -192,7 +194,7 @@ def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncer
 
 def _controller(data: IdentificationData, controller: ControllerParameters | None) -> ControllerParameters | None:
     """The controller that the model is put in closed loop with; None for data of something else than that loop."""
-    if data.input_units == ("A", "A") and data.output_units == ("m", "m"):
+    if needs_controller(data):
         return controller or ControllerParameters()
     if controller is not None:
         units = ", ".join(unit or "unknown" for unit in (*data.input_units, *data.output_units))

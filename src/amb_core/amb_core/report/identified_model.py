@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from amb_core.errors import IdentificationError
 from amb_core.figures.bode import bode_page
 from amb_core.figures.comparison import comparison_page
 from amb_core.figures.order import order_page
 from amb_core.figures.residuals import residuals_page
 from amb_core.identification import Identification, identify
+from amb_core.identification.controller_choice import PAPER, needs_controller
 from amb_core.identification.data import read_bag_data
 from amb_core.identification.validation import Validation, validate
 from amb_core.parameters import part_of
@@ -21,18 +23,28 @@ from amb_core.report.document import Block, Chart, Listing, Prose, Section, Tabl
 
 if TYPE_CHECKING:
     from amb_core.bags import Bag
+    from amb_core.control import ControllerParameters
 
 
-def identified_sections(bag: Bag, run: int, order: int | Literal["auto"], tell: Callable[[str], None]) -> list[Section]:
+def identified_sections(
+    bag: Bag,
+    run: int,
+    order: int | Literal["auto"],
+    controller: ControllerParameters | None,
+    tell: Callable[[str], None],
+) -> list[Section]:
     """Identify a model from the last experiment of a run, and judge it by the same data.
 
     Raises
     ------
     BagError, IdentificationError
-        If there is no such experiment, or the data determine no model.
+        If there is no such experiment, the data determine no model, or the controller is not known.
     """
     data = read_bag_data(bag.path, run)
-    controller = bag.controller_parameters()
+    if controller is None and needs_controller(data):
+        raise IdentificationError(
+            f"the bag lacks the controller's parameters; name it with --controller: {PAPER}, or a ROS parameter file"
+        )
     tell("identifying")
     result = identify(data, order, controller=controller)
     tell("validating")

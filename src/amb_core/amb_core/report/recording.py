@@ -18,6 +18,7 @@ from amb_core.telemetry import describe_gaps
 
 if TYPE_CHECKING:
     from amb_core.bags import Bag
+    from amb_core.control import ControllerParameters
     from amb_core.records import LoopRecord
 
 
@@ -26,6 +27,7 @@ def recording_report(
     run: int | None = None,
     order: int | Literal["auto"] = 10,
     progress: Callable[[str], None] | None = None,
+    controller: ControllerParameters | None = None,
 ) -> Report:
     """The report on a run of a bag.
 
@@ -42,6 +44,8 @@ def recording_report(
         Order of the model.
     progress : callable, optional
         Called with what is being done.
+    controller : ControllerParameters, optional
+        The controller; by default the recorded one. Without either there is no model.
 
     Raises
     ------
@@ -60,7 +64,7 @@ def recording_report(
     sections = [_regions(found)]
     tell("drawing")
     sections.append(_motion(found.record))
-    identified, problem = _model_sections(bag, found.run, order, tell)
+    identified, problem = _model_sections(bag, found.run, order, controller, tell)
     return Report(
         f"Run {found.run} of {bag.path.name}",
         _lead(found) + (f" No model: {problem}." if problem else ""),
@@ -143,12 +147,16 @@ def _motion(record: LoopRecord) -> Section:
 
 
 def _model_sections(
-    bag: Bag, run: int, order: int | Literal["auto"], tell: Callable[[str], None]
+    bag: Bag,
+    run: int,
+    order: int | Literal["auto"],
+    controller: ControllerParameters | None,
+    tell: Callable[[str], None],
 ) -> tuple[list[Section], str]:
     """Model and validation; or a section that tells why there are none, and the reason."""
     from amb_core.report.identified_model import identified_sections
 
     try:
-        return identified_sections(bag, run, order, tell), ""
+        return identified_sections(bag, run, order, controller or bag.controller_parameters(), tell), ""
     except AmbError as problem:
         return [Section("Identified model", [Prose(f"There is none: {problem}.")])], str(problem)

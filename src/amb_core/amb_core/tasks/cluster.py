@@ -23,6 +23,12 @@ CONNECT_TIMEOUT = 3.0  # s, within which a scheduler answers on any network
 logger = logging.getLogger(__name__)
 
 
+def check_address(scheduler: str) -> None:
+    """Raise RegionError if a text is no address of a scheduler."""
+    if not ADDRESS.fullmatch(scheduler):
+        raise RegionError(f"scheduler '{scheduler}' is no address; allowed: one like tcp://host:8786")
+
+
 @contextlib.contextmanager
 def open_cluster(scheduler: str | None = None, workers: int | None = None) -> Iterator[Client]:
     """A client of a cluster, closed on leaving; with it the cluster, if it is our own.
@@ -41,8 +47,8 @@ def open_cluster(scheduler: str | None = None, workers: int | None = None) -> It
     """
     if workers is not None and workers < 1:
         raise RegionError(f"workers = {workers} is not allowed; allowed: 1 or more")
-    if scheduler is not None and not ADDRESS.fullmatch(scheduler):
-        raise RegionError(f"scheduler '{scheduler}' is no address; allowed: one like tcp://host:8786")
+    if scheduler is not None:
+        check_address(scheduler)
     if workers is not None and scheduler is not None:
         raise RegionError(f"workers = {workers} is given with scheduler {scheduler}, which has workers of its own")
     with contextlib.ExitStack() as resources:

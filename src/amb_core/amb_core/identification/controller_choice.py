@@ -1,0 +1,48 @@
+"""The controller of an experiment: recorded, running, or named by the user; where none is known, that is an error."""
+
+from __future__ import annotations
+
+from amb_core.control import ControllerParameters
+from amb_core.errors import IdentificationError
+from amb_core.identification.data import IdentificationData
+from amb_core.parameters import load_parameters
+
+PAPER = "paper"
+CONTROLLER_NODE = "pd_controller"
+_FILES = (".yaml", ".yml")
+
+
+def is_named_set(name: str) -> bool:
+    """Whether a name stands for a set of parameters itself, and not for the node that has them."""
+    return name == PAPER or name.lower().endswith(_FILES)
+
+
+def named_controller(name: str, node: str = CONTROLLER_NODE) -> ControllerParameters:
+    """The controller that a user names.
+
+    Parameters
+    ----------
+    name : str
+        `paper` for that of the paper's table 1, or a ROS parameter file (.yaml or .yml).
+    node : str
+        Name of the controller's section in such a file.
+
+    Raises
+    ------
+    IdentificationError
+        If the name is neither.
+    ParameterError
+        If the file cannot be read or holds a wrong parameter.
+    """
+    if name == PAPER:
+        return ControllerParameters()
+    if not is_named_set(name):
+        raise IdentificationError(
+            f"controller = {name!r} is not allowed; allowed: {PAPER}, or a ROS parameter file ({', '.join(_FILES)})"
+        )
+    return load_parameters(ControllerParameters, name, node, part=True)
+
+
+def needs_controller(data: IdentificationData) -> bool:
+    """Whether data are those of the bearing's loop, currents in A and positions in m, which a controller closes."""
+    return data.input_units == ("A", "A") and data.output_units == ("m", "m")

@@ -1,0 +1,81 @@
+"""The services that set parameters, made to answer every request: wrong values are refused in one line of ours.
+
+rclpy's own do not convert (an integer for a number with decimals is refused), do not say what is allowed when the type
+is wrong, and end the node when a value has a type that does not exist.
+"""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from amb_core.errors import ParameterError, one_line
+from amb_core.messages import parameters_from_messages
+from amb_core.parameters import Declaration
+
+
+def guard_parameter_services(node: Node, declared: Iterable[Declaration]) -> None:
+    """Let the services of a node that set parameters take values as the start does, and refuse all others.
+
+    Parameters
+    ----------
+    node : Node
+        The node, whose parameter services rclpy has made.
+    declared : iterable of Declaration
+        Its parameters.
+    """
+    by_name = {item.name: item for item in declared}
+
+    def set_together(messages: Sequence[ParameterMessage]) -> SetParametersResult:
+        try:
+            return node.set_parameters_atomically([_parameter(node, message, by_name) for message in messages])
+        except ParameterError as problem:
+            reason = f"{node.get_fully_qualified_name()}: {one_line(problem)}"
+            return SetParametersResult(successful=False, reason=reason)
+
+    def set_each(request: SetParameters.Request, response: SetParameters.Response) -> SetParameters.Response:
+        response.results = [set_together([message]) for message in request.parameters]
+        return response
+
+    def set_all(
+        request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
+        response.result = set_together(request.parameters)
+        return response
+
+    callbacks: dict[Any, Any] = {SetParameters: set_each, SetParametersAtomically: set_all}
+    for service in node.services:
+        if service.srv_type in callbacks:
+            service.callback = callbacks[service.srv_type]
+
+
+def _parameter(node: Node, message: ParameterMessage, declared: Mapping[str, Declaration]) -> Parameter:
+    """The parameter of a message, of the type that was declared.
+
+    Raises
+    ------
+    ParameterError
+        If the node has no such parameter, or the value is of another type.
+    """
+    if not node.has_parameter(message.name):
+        raise ParameterError(f"unknown parameter '{message.name}'; known: {', '.join(declared)}")
+    value = parameters_from_messages([message])[message.name]
+    if message.name not in declared or node.describe_parameter(message.name).read_only:
+        if value is None:
+            raise ParameterError(f"parameter '{message.name}' is given without a value")
+        return Parameter.from_parameter_msg(message)  # rclpy knows what to say
+    declaration = declared[message.name]
+    if declaration.type is float and type(value) is int:
+        value = float(value)
+    if type(value) is not declaration.type:
+        raise ParameterError(
+            f"parameter '{message.name}' = {reprlib.repr(value)} is not allowed; allowed: {declaration.allowed}"
+        )
+    return Parameter(message.name, value=value)

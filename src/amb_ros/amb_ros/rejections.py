@@ -1,0 +1,54 @@
+"""Why an action rejected a goal: ROS carries no text with a rejection, so the reason goes on a topic of its own.
+
+The topic is latched and stands beside the action, `<action>/rejection`. A goal is named by a digest of its content,
+since the reason is one of the content: the server does not learn the goal's identifier before it accepts.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+from diagnostic_msgs.msg import KeyValue
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+
+from amb_ros.qos import EVERY_STATE
+
+
+class RejectionPublisher:
+    """Publishes why the goals of an action are rejected, and logs it."""
+
+    def __init__(self, node: Node, action: str) -> None:
+        self._logger = node.get_logger()
+        self._action = action
+        self._publisher = node.create_publisher(KeyValue, f"{action}/rejection", EVERY_STATE)
+
+    def publish(self, goal: Any, reason: str) -> None:
+        """Publish the reason for the rejection of a goal."""
+        self._logger.warning(f"goal of {self._action} rejected: {reason}")
+        self._publisher.publish(KeyValue(key=goal_digest(goal), value=reason))
+
+
+class RejectionListener:
+    """Knows why goals of an action were rejected, as far as it has heard."""
+
+    def __init__(self, node: Node, action: str) -> None:
+        self._reasons: dict[str, str] = {}
+        node.create_subscription(KeyValue, f"{action}/rejection", self._on_rejection, EVERY_STATE)
+
+    def reason(self, goal: Any) -> str | None:
+        """Why this goal, or one of the same content, was rejected last; None if that is not known (yet)."""
+        return self._reasons.get(goal_digest(goal))
+
+    def forget(self, goal: Any) -> None:
+        """Forget the reason for this goal: it is sent again."""
+        self._reasons.pop(goal_digest(goal), None)
+
+    def _on_rejection(self, message: KeyValue) -> None:
+        self._reasons[message.key] = message.value
+
+
+def goal_digest(goal: Any) -> str:
+    """SHA-256 of a goal as it is sent."""
+    return hashlib.sha256(serialize_message(goal)).hexdigest()
