@@ -142,8 +142,8 @@ class Graph:
     def stop(self) -> dict[str, int]:
         """End all nodes: SIGINT, and for those that do not follow SIGTERM, at last SIGKILL. Returns the exit codes.
 
-        Before a node is killed, it writes the stacks of its threads to its output. Ctrl-C meanwhile does not leave nodes
-        behind: the next signal is sent at once.
+        Before a node is killed, it writes the stacks of its threads to its output. Ctrl-C meanwhile leaves no
+        node behind: the next signal is sent at once.
         """
         for number, patience in STOP_STAGES:
             with contextlib.suppress(KeyboardInterrupt):
