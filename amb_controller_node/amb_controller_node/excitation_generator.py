@@ -1,14 +1,13 @@
 """Node `excitation_generator`: the excitations of amb_core as a service, and what a region map says of them.
 
-A request is checked, its samples are generated and published for the controller, and the answer waits for the
-controller's word: only the controller knows which step is still to come.
+A request is checked and published as a definition, from which the controller makes the samples; the checksum shows that
+they are the same. The answer waits for the controller's word: only the controller knows which step is still to come.
 """
 
 from __future__ import annotations
 
-import json
 import threading
-from array import array
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, TypeVar
 
@@ -17,7 +16,8 @@ from rclpy.node import Node
 
 from amb_controller_node.parameters import GeneratorParameters
 from amb_core.errors import ExcitationError, ParameterError, RegionError
-from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
+from amb_core.excitation import Excitation as ExcitationParameters
+from amb_core.excitation import Playback, definition_of, excitation_from_request, generate
 from amb_core.messages import region_map_from_message
 from amb_core.parameters import Parameters
 from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
@@ -29,11 +29,14 @@ from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, LATCHED
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
+from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
     from amb_core.region_map import RegionMap
 
 P = TypeVar("P", bound=Parameters)
+
+CONTROLLER_SLOWNESS = 5.0  # longest time that a controller takes for samples, as a multiple of that of the generator
 
 REQUEST_FIELDS = [
     name for name in StartExcitation.Request.get_fields_and_field_types() if name not in ("kind", "run", "first_step")
@@ -53,16 +56,16 @@ class ExcitationGeneratorNode(Node):
         self._id = 0
         self._awaited: dict[int, Future[ExcitationStatus]] = {}
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
-        self._publisher = self.create_publisher(Excitation, topics.EXCITATION, EVERY_STATE)
-        self._status_subscription = self.create_subscription(
-            ExcitationStatus, topics.EXCITATION_STATUS, self._on_status, LATCHED
+        self._publisher = self.create_publisher(Excitation, topics.EXCITATION, LATCHED)
+        self._status_subscription = create_subscription(
+            self, ExcitationStatus, topics.EXCITATION_STATUS, self._on_status, EVERY_STATE
         )
-        self._state_subscription = self.create_subscription(
-            SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, LATCHED
+        self._state_subscription = create_subscription(
+            self, SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, LATCHED
         )
         self._last_map: RegionMapMessage | None = None
-        self._map_subscription = self.create_subscription(
-            RegionMapMessage, topics.REGION_MAP, self._on_region_map, LATCHED
+        self._map_subscription = create_subscription(
+            self, RegionMapMessage, topics.REGION_MAP, self._on_region_map, LATCHED
         )
         self._remote_parameters = RemoteParameters(self)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="excitation_generator")
@@ -73,14 +76,17 @@ class ExcitationGeneratorNode(Node):
     def _on_start(
         self, request: StartExcitation.Request, response: StartExcitation.Response
     ) -> StartExcitation.Response:
-        signal = self._signal(request)
+        excitation = self._excitation(request)
         if request.first_step < Excitation.FROM_NEXT_STEP:
             raise ExcitationError(
                 f"first_step = {request.first_step} is not allowed; allowed: 0 or more, or "
                 f"{Excitation.FROM_NEXT_STEP} for the next step"
             )
         run = request.run or self._current_run()
-        status = self._publish(self._message(signal, run, request.first_step))
+        started = time.monotonic()
+        message = self._message(excitation, run, request.first_step)
+        # The controller makes the same samples, and has a loop to answer meanwhile.
+        status = self._publish(message, longer_by=CONTROLLER_SLOWNESS * (time.monotonic() - started))
         response.success = True
         response.run = status.run
         response.first_step = status.first_step
@@ -110,7 +116,7 @@ class ExcitationGeneratorNode(Node):
 
         notes: list[str] = []
         check = check_excitation(
-            self._signal(request),
+            generate(self._excitation(request), self._settings.sample_rate),
             self._region_map(request.map),
             self._live_set(ControllerParameters, self._settings.controller, notes),
             self._live_set(PlantParameters, self._settings.simulator, notes),
@@ -127,10 +133,9 @@ class ExcitationGeneratorNode(Node):
             setattr(response, f"crest_factor_{axis.axis}", axis.crest_factor)
         return response
 
-    def _signal(self, request: StartExcitation.Request | PreviewExcitation.Request) -> ExcitationSignal:
-        """The signal that a request describes."""
-        settings = excitation_from_request(request.kind, {name: getattr(request, name) for name in REQUEST_FIELDS})
-        return generate(settings, self._settings.sample_rate)
+    def _excitation(self, request: StartExcitation.Request | PreviewExcitation.Request) -> ExcitationParameters:
+        """The excitation that a request describes."""
+        return excitation_from_request(request.kind, {name: getattr(request, name) for name in REQUEST_FIELDS})
 
     def _region_map(self, path: str) -> RegionMap:
         """The map of a file, or the last one that the region monitor has built."""
@@ -153,16 +158,17 @@ class ExcitationGeneratorNode(Node):
             notes.append(f"{problem}; those of the map are assumed")
             return None
 
-    def _message(self, signal: ExcitationSignal, run: int, first_step: int) -> Excitation:
+    def _message(self, excitation: ExcitationParameters, run: int, first_step: int) -> Excitation:
+        """The definition of an excitation, with number and checksum of its samples; these are not kept."""
+        playback = Playback(excitation, self._settings.sample_rate)
         return Excitation(
             run=run,
-            kind=signal.kind,
-            description=json.dumps(signal.parameters.model_dump()),
+            kind=excitation.kind,
+            description=definition_of(excitation),
             first_step=first_step,
-            sample_time=signal.sample_time,
-            reference_x=array("d", signal.samples[:, 0].tobytes()),
-            reference_y=array("d", signal.samples[:, 1].tobytes()),
-            frequency=array("d", b"" if signal.frequency is None else signal.frequency.tobytes()),
+            sample_time=1.0 / self._settings.sample_rate,
+            steps=playback.steps,
+            checksum=playback.checksum,
         )
 
     def _current_run(self) -> int:
@@ -174,8 +180,8 @@ class ExcitationGeneratorNode(Node):
             )
         return self._run
 
-    def _publish(self, message: Excitation) -> ExcitationStatus:
-        """Publish an excitation and return the controller's answer.
+    def _publish(self, message: Excitation, longer_by: float = 0.0) -> ExcitationStatus:
+        """Publish an excitation and return the controller's answer, which may come later by some time (s).
 
         Raises
         ------
@@ -186,7 +192,7 @@ class ExcitationGeneratorNode(Node):
         message.id = self._id
         message.header.stamp = self._wall_clock.now().to_msg()
         answer = self._awaited[self._id] = Future()
-        timeout = self._settings.answer_timeout
+        timeout = self._settings.answer_timeout + longer_by
         try:
             self._publisher.publish(message)
             status = answer.result(timeout)

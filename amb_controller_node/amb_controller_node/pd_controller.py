@@ -12,13 +12,14 @@ from array import array
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from amb_controller_node.excitation_input import ExcitationInput
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.control import PdController
-from amb_msgs.msg import CurrentReference, Excitation, ExcitationStatus, LoopSamples, RotorPosition
+from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
+from amb_ros.qos import HISTORY, STREAM
 from amb_ros.sample_messages import pack_current, unpack_position
 from amb_ros.stamps import last_stamped_step, set_step_time
 
@@ -44,19 +45,17 @@ class PdControllerNode(Node):
         self._last_step = last_stamped_step(self._settings.sample_rate)  # that a message can carry
         self._refused_positions = 0
         self._position_error = ""  # of this run
-        self._excitation: Excitation | None = None
         self._answer = b""  # to the last step
+        self._held = b""  # position whose answer waits for the excitation
         self._telemetry = _TelemetryBlock(self._settings.sample_rate)
         self._flushed_step = -1
 
         self._current_publisher = self.create_publisher(CurrentReference, topics.CURRENT_REFERENCE, STREAM)
         self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
-        self._status_publisher = self.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, EVERY_STATE)
+        # Before the positions, so that an excitation under way is known as early as they are.
+        self._excitation = ExcitationInput(self, self._settings.sample_rate, self._place, self._answer_held)
         self._position_subscription = self.create_subscription(
             RotorPosition, topics.POSITION, self._on_position, STREAM, raw=True
-        )
-        self._excitation_subscription = self.create_subscription(
-            Excitation, topics.EXCITATION, self._on_excitation, LATCHED
         )
         self._diagnostics = diagnostics.DiagnosticsReporter(
             self, self._report, exclusive=(topics.TELEMETRY, topics.CURRENT_REFERENCE, topics.POSITION)
@@ -64,6 +63,11 @@ class PdControllerNode(Node):
         self._flush_timer = self.create_timer(
             FLUSH_PERIOD, self._on_flush_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
+
+    def destroy_node(self) -> None:
+        """Call off an excitation that is being made, and end the node."""
+        self._excitation.close()
+        super().destroy_node()
 
     # -- the loop
 
@@ -73,31 +77,39 @@ class PdControllerNode(Node):
         if not (abs(x) <= LARGEST_POSITION and abs(y) <= LARGEST_POSITION and step <= self._last_step):
             self._refuse_position(run, step, x, y)
             return
+        if self._excitation.holding and self._excitation.holds(run, step):
+            self._held = data
+            return
         if run != self._run or step != self._step + 1:
             if run == self._run and step == self._step:
                 self._current_publisher.publish(self._answer)
                 return
             self._start_afresh(run, step)
         self._step = step
-        reference_x, reference_y = self._reference(run, step)
+        settings = self._settings
+        reference_x, reference_y = self._excitation.reference(
+            run, step, settings.nominal_reference_x, settings.nominal_reference_y
+        )
         i_x, i_y = self._controller.update(x, y, reference_x, reference_y)
         self._answer = pack_current(run, step, i_x, i_y)
         self._current_publisher.publish(self._answer)
         self._telemetry.add(step, reference_x, reference_y, x, y, i_x, i_y)
-        if len(self._telemetry) >= self._settings.telemetry_block:
+        if len(self._telemetry) >= settings.telemetry_block:
             self._flush()
         if step == 1:
             self._check_sample_rate(time)
 
-    def _reference(self, run: int, step: int) -> tuple[float, float]:
-        x, y = self._settings.nominal_reference_x, self._settings.nominal_reference_y
-        excitation = self._excitation
-        if excitation is None or excitation.run != run or step < excitation.first_step:
-            return x, y
-        index = step - excitation.first_step
-        if index >= len(excitation.reference_x):
-            return x, y
-        return x + excitation.reference_x[index], y + excitation.reference_y[index]
+    def _place(self) -> tuple[int, int]:
+        """The present run, and the last step that needs no answer of this controller any more."""
+        if self._held:
+            run, step, *_ = unpack_position(self._held)
+            return run, step - 1
+        return self._run, self._step
+
+    def _answer_held(self) -> None:
+        held, self._held = self._held, b""
+        if held:
+            self._on_position(held)
 
     def _start_afresh(self, run: int, step: int) -> None:
         self._flush()
@@ -144,37 +156,6 @@ class PdControllerNode(Node):
         if self._step == self._flushed_step:
             self._flush()
         self._flushed_step = self._step
-
-    # -- excitation
-
-    def _on_excitation(self, message: Excitation) -> None:
-        status = ExcitationStatus(run=message.run, id=message.id, kind=message.kind)
-        status.message = self._refusal(message)
-        status.accepted = not status.message
-        if status.accepted:
-            if message.first_step == Excitation.FROM_NEXT_STEP:
-                message.first_step = self._step + 1 if message.run == self._run else 0
-            self._excitation = message
-            status.first_step = message.first_step
-            status.steps = len(message.reference_x)
-        else:
-            self.get_logger().warning(f"excitation {message.id} refused: {status.message}")
-        self._status_publisher.publish(status)
-
-    def _refusal(self, message: Excitation) -> str:
-        """Why an excitation cannot be applied; empty if it can."""
-        rate = self._settings.sample_rate
-        if len(message.reference_x) != len(message.reference_y):
-            return f"{len(message.reference_x)} samples on x but {len(message.reference_y)} on y"
-        if message.reference_x and abs(message.sample_time * rate - 1.0) > 1e-9:
-            return f"made for a sample time of {message.sample_time:g} s; the controller runs at {1.0 / rate:g} s"
-        if message.run < self._run:
-            return f"meant for run {message.run}; the present run is {self._run}"
-        if message.first_step < Excitation.FROM_NEXT_STEP:
-            return f"first_step = {message.first_step}; allowed: a step of the future, or {Excitation.FROM_NEXT_STEP}"
-        if message.run == self._run and Excitation.FROM_NEXT_STEP < message.first_step <= self._step:
-            return f"first_step = {message.first_step} is in the past; allowed: {self._step + 1} or later"
-        return ""
 
     # -- health
 

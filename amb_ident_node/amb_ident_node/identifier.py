@@ -43,6 +43,7 @@ from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
+from amb_ros.subscriptions import create_subscription
 
 NAME_A_CONTROLLER = f"name it in `controller`: {PAPER}, a ROS parameter file (.yaml), or a running node"
 
@@ -82,11 +83,11 @@ class IdentifierNode(Node):
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="identifier")
         self._validator = ThreadPoolExecutor(1, thread_name_prefix="validator")
         self._publisher = self.create_publisher(msg.StateSpaceModel, topics.MODEL, LATCHED)
-        self._telemetry_subscription = self.create_subscription(
-            msg.LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
+        self._telemetry_subscription = create_subscription(
+            self, msg.LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
         )
-        self._status_subscription = self.create_subscription(
-            msg.ExcitationStatus, topics.EXCITATION_STATUS, self._on_excitation_status, EVERY_STATE
+        self._status_subscription = create_subscription(
+            self, msg.ExcitationStatus, topics.EXCITATION_STATUS, self._on_excitation_status, EVERY_STATE
         )
         create_service(self, srv.Identify, "~/identify", self._on_identify, self._worker)
         create_service(self, srv.GetModel, "~/get_model", self._on_get_model)

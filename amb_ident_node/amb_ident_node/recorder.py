@@ -110,7 +110,7 @@ class RecordedTopic(NamedTuple):
 RECORDED = (
     RecordedTopic(topics.TELEMETRY, LoopSamples, HISTORY),
     RecordedTopic(topics.PLANT_STATE, PlantState, HISTORY),
-    RecordedTopic(topics.EXCITATION, Excitation, EVERY_STATE),
+    RecordedTopic(topics.EXCITATION, Excitation, LATCHED),
     RecordedTopic(topics.EXCITATION_STATUS, ExcitationStatus, EVERY_STATE),
     RecordedTopic(topics.REGION, RegionState, HISTORY),
     RecordedTopic(topics.REGION_MAP, RegionMap, LATCHED),

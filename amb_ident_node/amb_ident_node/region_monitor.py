@@ -33,6 +33,7 @@ from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
 from amb_ros.regions import region_state_to_message
 from amb_ros.remote_parameters import RemoteParameters
+from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
     from amb_core.region_map import MapProgress
@@ -77,11 +78,11 @@ class RegionMonitorNode(Node):
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="region_monitor")
         self._region_publisher = self.create_publisher(RegionStateMessage, topics.REGION, HISTORY)
         self._map_publisher = self.create_publisher(RegionMap, topics.REGION_MAP, LATCHED)
-        self._telemetry_subscription = self.create_subscription(
-            LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
+        self._telemetry_subscription = create_subscription(
+            self, LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
         )
-        self._state_subscription = self.create_subscription(
-            SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, EVERY_STATE
+        self._state_subscription = create_subscription(
+            self, SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, EVERY_STATE
         )
         self._build_map = create_action(
             self, BuildMap, "~/build_map", self._on_build_map, self._worker, self._check_goal

@@ -22,17 +22,22 @@ TYPES = get_typestore(Stores.ROS2_JAZZY)
 for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
     TYPES.register(get_types_from_msg(file.read_text(), f"amb_msgs/msg/{file.stem}"))
 
+OLD = get_typestore(Stores.ROS2_JAZZY)  # of version 0.1, with all samples in the message
+OLD.register(
+    get_types_from_msg((Path(__file__).parent / "data" / "Excitation_0_1.msg").read_text(), "amb_msgs/msg/Excitation")
+)
+
 RATE, BLOCK = 10_000.0, 100
 START, STEPS = 5_000, 40_000  # of the excitation, of the run
 DRIFT = 20_000  # step from which the bias drifts
 TOPICS = {"LoopSamples": "telemetry", "Excitation": "excitation", "ExcitationStatus": "excitation_status"}
 
 
-def message(name: str, **values: Any) -> Any:
-    kind = TYPES.types[f"amb_msgs/msg/{name}"]
+def message(name: str, types: Any = TYPES, **values: Any) -> Any:
+    kind = types.types[f"amb_msgs/msg/{name}"]
     if "header" in kind.__annotations__:
-        time = TYPES.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
-        values["header"] = TYPES.types["std_msgs/msg/Header"](stamp=time, frame_id="")
+        time = types.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+        values["header"] = types.types["std_msgs/msg/Header"](stamp=time, frame_id="")
     return kind(**values)
 
 
@@ -46,22 +51,36 @@ def sweep_signals() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return frequency, reference, 0.1 * reference + noise + drift - 66e-6
 
 
+DEFINITION = {
+    "run": 7, "id": 1, "kind": "sweep", "first_step": -1, "sample_time": 1.0 / RATE, "steps": STEPS - START,
+    "checksum": 0, "reference_x": np.zeros(0), "reference_y": np.zeros(0),
+    "description": json.dumps(
+        {"amplitude": 20e-6, "duration": 3.5, "axes": "y", "frequency_start": 100.0, "frequency_end": 800.0}
+    ),
+}  # fmt: skip
+
+
+def excitation_of_old(reference: np.ndarray, frequency: np.ndarray) -> Any:
+    return message(
+        "Excitation", OLD, run=7, id=1, kind="sweep", description="{}", first_step=-1, sample_time=1.0 / RATE,
+        reference_x=np.zeros(len(reference)), reference_y=reference, frequency=frequency,
+    )  # fmt: skip
+
+
 def write_bag(
     folder: Path,
     missing: tuple[int, int] = (0, 0),
     delevitated: bool = False,
     broken: int | slice | None = None,
     stopped: int | None = None,
+    old: bool = False,
 ) -> Path:
     frequency, reference, position = sweep_signals()
     if broken is not None:
         position[broken] = np.nan
     zeros = np.zeros(STEPS)
     messages = [
-        message(
-            "Excitation", run=7, id=1, kind="sweep", description="{}", first_step=-1, sample_time=1.0 / RATE,
-            reference_x=zeros[START:], reference_y=reference[START:], frequency=frequency,
-        ),
+        excitation_of_old(reference[START:], frequency) if old else message("Excitation", **DEFINITION),
         message(
             "ExcitationStatus", run=7, id=1, kind="sweep", accepted=True, message="", first_step=START,
             steps=STEPS - START,
@@ -83,26 +102,60 @@ def write_bag(
         )
         messages.append(stop)
     if delevitated:
-        messages.append(message("SimulatorState", run=7, step=STEPS, last_step=0, mode=3, sample_time=1.0 / RATE))
+        messages.append(
+            message(
+                "SimulatorState",
+                run=7,
+                step=STEPS,
+                last_step=0,
+                mode=3,
+                sample_time=1.0 / RATE,
+                plant_state_steps=0,
+                sequence=0,
+            )
+        )
     topics = {**TOPICS, "SimulatorState": "simulator/state"}
     with BagWriter(folder) as bag:
         for name, topic in topics.items():
-            definition, _ = TYPES.generate_msgdef(f"amb_msgs/msg/{name}", ros_version=2)
+            definition, _ = (OLD if old and name == "Excitation" else TYPES).generate_msgdef(
+                f"amb_msgs/msg/{name}", ros_version=2
+            )
             bag.add_topic(f"/amb/{topic}", f"amb_msgs/msg/{name}", definition)
         for number, content in enumerate(messages):
             topic = topics[content.__msgtype__.rsplit("/", 1)[-1]]
-            bag.write(f"/amb/{topic}", bytes(TYPES.serialize_cdr(content, content.__msgtype__)), number)
+            types = OLD if old and topic == "excitation" else TYPES
+            bag.write(f"/amb/{topic}", bytes(types.serialize_cdr(content, content.__msgtype__)), number)
     return folder
 
 
-def test_an_onset_has_the_frequency_that_the_excitation_had_there(tmp_path: Path) -> None:
-    found = classify_run(read_bag(write_bag(tmp_path / "bag")))
+@pytest.mark.parametrize("old", [False, True], ids=["definition", "bag of version 0.1"])
+def test_an_onset_has_the_frequency_that_the_excitation_had_there(tmp_path: Path, old: bool) -> None:
+    found = classify_run(read_bag(write_bag(tmp_path / "bag", old=old)))
     onset = found.classification.onsets[Region.B]
     assert onset.step == pytest.approx(DRIFT, abs=600)
     assert onset.input_frequency == pytest.approx(100.0 + 200.0 * (onset.step - START) / RATE)
     assert found.frequency is not None
     assert np.isnan(found.frequency[:START]).all() and found.frequency[START] == 100.0
     assert not found.delevitated and not found.gaps
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"description": "no JSON"},
+        {"sample_time": 0.0},
+        {"kind": "waveform", "reference_x": np.zeros(10), "reference_y": np.zeros(10)},
+        {"kind": "of a later version"},
+    ],
+)
+def test_a_definition_that_is_not_understood_leaves_the_frequency_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]
+) -> None:
+    for name, value in change.items():
+        monkeypatch.setitem(DEFINITION, name, value)
+    found = classify_run(read_bag(write_bag(tmp_path / "bag")))
+    assert found.frequency is None
+    assert found.classification.states
 
 
 def test_a_run_that_delevitated_ends_in_region_d(tmp_path: Path) -> None:

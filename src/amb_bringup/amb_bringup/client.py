@@ -37,6 +37,7 @@ from amb_msgs.srv import (
 )
 from amb_ros import topics
 from amb_ros.qos import HISTORY, LATCHED
+from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
     from amb_core.region_map import MapProgress, RegionMap
@@ -78,7 +79,7 @@ class AmbClient(GraphConnection):
         self._run = 0
         self._region: RegionStateMessage | None = None
         self._region_subscription: Any = None  # made when regions are asked for
-        self.node.create_subscription(SimulatorState, topics.SIMULATOR_STATE, self._on_state, LATCHED)
+        create_subscription(self.node, SimulatorState, topics.SIMULATOR_STATE, self._on_state, LATCHED)
 
     # -- simulator
 
@@ -369,8 +370,8 @@ class AmbClient(GraphConnection):
 
     def _listen_to_regions(self) -> None:
         if self._region_subscription is None:
-            self._region_subscription = self.node.create_subscription(
-                RegionStateMessage, topics.REGION, self._on_region, HISTORY
+            self._region_subscription = create_subscription(
+                self.node, RegionStateMessage, topics.REGION, self._on_region, HISTORY
             )
 
     def _on_region(self, message: RegionStateMessage) -> None:

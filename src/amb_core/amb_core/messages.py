@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from amb_core.errors import BagError, RegionError
+from amb_core.errors import BagError, ExcitationError, RegionError
+from amb_core.excitation import KINDS, excitation_from_definition, instantaneous_frequency
 from amb_core.experiments import AppliedExcitation
 from amb_core.parameters import declarations, validate
 from amb_core.records import LoopRecord, PlantRecord
@@ -88,6 +89,23 @@ def excitation_from_message(message: Any) -> AppliedExcitation:
         first_step=int(message.first_step),
         steps=int(message.steps),
     )
+
+
+def excitation_frequency_from_message(message: Any) -> NDArray[np.float64]:
+    """Instantaneous frequency of each sample of an Excitation message (Hz), shape (steps,); empty where none is known.
+
+    A message of version 0.1 carries it, of later ones the definition has it.
+    """
+    if hasattr(message, "frequency"):
+        return np.asarray(message.frequency, dtype=np.float64)
+    if len(message.reference_x) or message.kind not in KINDS:  # a waveform of the sender's own, a stop
+        return np.zeros(0)
+    try:
+        excitation = excitation_from_definition(str(message.kind), str(message.description))
+        frequency = instantaneous_frequency(excitation, 1.0 / message.sample_time)
+    except (ExcitationError, ZeroDivisionError):  # of a later version, or refused by the controller as well
+        return np.zeros(0)
+    return np.zeros(0) if frequency is None else frequency
 
 
 def model_from_message(message: Any) -> StateSpaceModel:

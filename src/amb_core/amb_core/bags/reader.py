@@ -22,6 +22,7 @@ from amb_core.experiments import AppliedExcitation, controller_of, last_experime
 from amb_core.messages import (
     ParameterValue,
     block_from_message,
+    excitation_frequency_from_message,
     excitation_from_message,
     model_from_message,
     parameters_from_messages,
@@ -203,14 +204,16 @@ class Bag:
         Returns
         -------
         ndarray, shape (stop - first_step,)
-            NaN where nothing was excited, or by a signal without an instantaneous frequency.
+            NaN where nothing was excited, by a signal without an instantaneous frequency, or from a definition that
+            this version of the library does not know.
         """
-        known = {(int(item.run), int(item.id)): item.frequency for item in self._decoded(EXCITATION)}
+        known = {(int(item.run), int(item.id)): item for item in self._decoded(EXCITATION)}
         frequency = np.full(max(stop, 0), np.nan)
         for answer in self.excitations(run):
             if answer.accepted:  # also of a stop: an excitation ends where the next one begins
                 frequency[answer.first_step :] = np.nan
-                part = np.asarray(known.get((answer.run, answer.id), ()), dtype=np.float64)
+                excitation = known.get((answer.run, answer.id))
+                part = np.zeros(0) if excitation is None else excitation_frequency_from_message(excitation)
                 part = part[: max(len(frequency) - answer.first_step, 0)]
                 frequency[answer.first_step : answer.first_step + len(part)] = part
         return frequency[first_step:]

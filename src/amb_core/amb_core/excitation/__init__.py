@@ -1,6 +1,7 @@
 """Excitations: signals that are added to the reference position to make the bearing show its dynamics.
 
-`excitation_from_request` makes the validated parameters of a kind, `generate` makes the samples from them:
+`excitation_from_request` makes the validated parameters of a kind, `generate` makes the samples from them, and
+`Playback` makes the same samples a window at a time:
 
 >>> square = excitation_from_request("square", {"amplitude": 50e-6, "duration": 4.0})
 >>> generate(square, sample_rate=10_000.0).samples.shape
@@ -8,20 +9,25 @@
 """
 
 from amb_core.excitation.deterministic import Square, Sweep, Tones
-from amb_core.excitation.request import KINDS, excitation_from_request
+from amb_core.excitation.playback import Playback, generate, instantaneous_frequency
+from amb_core.excitation.request import KINDS, definition_of, excitation_from_definition, excitation_from_request
 from amb_core.excitation.seeded import Multisine, Prbs, WhiteNoise
-from amb_core.excitation.signal import Excitation, ExcitationSignal, generate
+from amb_core.excitation.signal import Excitation, ExcitationSignal
 
 __all__ = [
     "KINDS",
     "Excitation",
     "ExcitationSignal",
     "Multisine",
+    "Playback",
     "Prbs",
     "Square",
     "Sweep",
     "Tones",
     "WhiteNoise",
+    "definition_of",
+    "excitation_from_definition",
     "excitation_from_request",
     "generate",
+    "instantaneous_frequency",
 ]

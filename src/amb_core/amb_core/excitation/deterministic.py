@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from amb_core.excitation.signal import Excitation, required
+from amb_core.excitation.signal import Excitation, Sampler, required
 from amb_core.parameters import choice, quantity
 
 HIGHEST_AMPLITUDE = 1e-3  # m, beyond any air gap of the bearings meant here
 HIGHEST_FREQUENCY = 50e3  # Hz, Nyquist frequency of the highest controller sample rate
+
+HIGHEST_TONES = 1_000  # 600 s of them take the controller a minute or two to make
+FEW_TONES = 16  # that are made while the loop runs, some 20 us each for a block of samples
 
 # Absorbs rounding of `frequency * step / sample_rate`, which else delays an edge that falls on a sample by one sample.
 EDGE_TOLERANCE = 1e-9
@@ -41,17 +44,21 @@ class Sweep(Excitation):
         """The higher end of the sweep (Hz)."""
         return max(self.frequency_start, self.frequency_end)
 
-    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
-        """Samples of the sweep (m), shape (steps,)."""
-        time = np.arange(steps) / sample_rate
+    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+        """The sweep over `steps` samples."""
         span = steps / sample_rate
         start, end = self.frequency_start, self.frequency_end
-        if self.spacing == "linear" or start == end:
-            cycles = start * time + (end - start) / (2.0 * span) * time**2
-        else:
-            growth = np.log(end / start)
-            cycles = start * span / growth * np.expm1(growth * time / span)
-        return self.amplitude * np.sin(2.0 * np.pi * cycles)
+
+        def samples(first: int, stop: int) -> NDArray[np.float64]:
+            time = np.arange(first, stop) / sample_rate
+            if self.spacing == "linear" or start == end:
+                cycles = start * time + (end - start) / (2.0 * span) * time**2
+            else:
+                growth = np.log(end / start)
+                cycles = start * span / growth * np.expm1(growth * time / span)
+            return self.amplitude * np.sin(2.0 * np.pi * cycles)
+
+        return samples
 
     def instantaneous_frequency(self, steps: int, sample_rate: float) -> NDArray[np.float64]:
         """Instantaneous frequency (Hz), shape (steps,)."""
@@ -75,10 +82,14 @@ class Square(Excitation):
         """The fundamental (Hz); the harmonics of a sampled square wave fold back by nature."""
         return self.frequency
 
-    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
-        """Samples of the square wave (m), shape (steps,)."""
-        half_periods = np.floor(2.0 * self.frequency * np.arange(steps) / sample_rate + EDGE_TOLERANCE)
-        return np.where(half_periods % 2 == 0, self.amplitude, -self.amplitude)
+    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+        """The square wave."""
+
+        def samples(first: int, stop: int) -> NDArray[np.float64]:
+            half_periods = np.floor(2.0 * self.frequency * np.arange(first, stop) / sample_rate + EDGE_TOLERANCE)
+            return np.where(half_periods % 2 == 0, self.amplitude, -self.amplitude)
+
+        return samples
 
 
 class Tones(Excitation):
@@ -94,6 +105,8 @@ class Tones(Excitation):
     def _tones_fit_together(self) -> Self:
         if not self.frequencies:
             raise ValueError("tones: give at least one frequency in 'frequencies' (Hz)")
+        if len(self.frequencies) > HIGHEST_TONES:
+            raise ValueError(f"tones: {len(self.frequencies)} frequencies; allowed: {HIGHEST_TONES} at most")
         if len(self.amplitudes) != len(self.frequencies):
             raise ValueError(
                 f"tones: {len(self.frequencies)} frequencies but {len(self.amplitudes)} amplitudes; give one per tone"
@@ -121,14 +134,23 @@ class Tones(Excitation):
         """Frequency of the highest tone (Hz)."""
         return max(self.frequencies)
 
-    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
-        """Samples of the sum (m), shape (steps,)."""
-        time = np.arange(steps) / sample_rate
-        signal = np.zeros(steps)
+    @property
+    def by_sample(self) -> bool:
+        """Whether the tones are so few that their sum is quickly made."""
+        return len(self.frequencies) <= FEW_TONES
+
+    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+        """The sum."""
         phases = self.phases or (0.0,) * len(self.frequencies)
-        for frequency, amplitude, phase in zip(self.frequencies, self.amplitudes, phases, strict=True):
-            signal += amplitude * np.sin(2.0 * np.pi * frequency * time + phase)
-        return signal
+
+        def samples(first: int, stop: int) -> NDArray[np.float64]:
+            time = np.arange(first, stop) / sample_rate
+            signal = np.zeros(stop - first)
+            for frequency, amplitude, phase in zip(self.frequencies, self.amplitudes, phases, strict=True):
+                signal += amplitude * np.sin(2.0 * np.pi * frequency * time + phase)
+            return signal
+
+        return samples
 
     def instantaneous_frequency(self, steps: int, sample_rate: float) -> NDArray[np.float64] | None:
         """Frequency of a single tone (Hz), shape (steps,); a sum of several has none."""

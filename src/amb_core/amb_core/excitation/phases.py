@@ -23,6 +23,8 @@ ROUNDS = 300
 """Clippings; 1000 lower the crest factor by another 1 %."""
 EFFORT = 5e7
 """Samples clipped altogether, some seconds: a multisine of more than some minutes gets fewer clippings."""
+HIGHEST_REMEMBERED = 20_000
+"""Lines up to which phases are remembered: more would fill the memory of a node that runs for weeks."""
 FIRST_CLIP, LAST_CLIP = 0.4, 0.99
 """Share of the peak at which the first and the last clipping cuts."""
 
@@ -61,14 +63,19 @@ def optimised_phases(lines: NDArray[np.int_], phases: NDArray[np.float64]) -> ND
     ndarray, shape (n,)
         Phases (rad).
     """
-    return np.array(_clipped(tuple(lines.tolist()), tuple(phases.tolist())))
+    if len(lines) > HIGHEST_REMEMBERED:
+        return _clipped(lines, phases)
+    return np.frombuffer(_remembered(lines.astype(np.int64).tobytes(), phases.tobytes()))
 
 
 @lru_cache(maxsize=8)  # a design asks again for every amplitude that it tries
-def _clipped(numbers: tuple[int, ...], start: tuple[float, ...]) -> tuple[float, ...]:
+def _remembered(lines: bytes, phases: bytes) -> bytes:
+    return _clipped(np.frombuffer(lines, dtype=np.int64), np.frombuffer(phases)).tobytes()
+
+
+def _clipped(lines: NDArray[np.int_], phases: NDArray[np.float64]) -> NDArray[np.float64]:
     from scipy.fft import irfft, next_fast_len, rfft  # takes a while to import, which other kinds need not wait for
 
-    lines, phases = np.array(numbers), np.array(start)
     steps = next_fast_len(OVERSAMPLING * int(lines[-1]), real=True)
     best, lowest = phases, np.inf
     for clip in np.linspace(FIRST_CLIP, LAST_CLIP, min(ROUNDS, max(1, round(EFFORT / steps)))):
@@ -80,4 +87,4 @@ def _clipped(numbers: tuple[int, ...], start: tuple[float, ...]) -> tuple[float,
             best, lowest = phases, peak
         level = clip * peak
         phases = np.angle(rfft(np.clip(signal, -level, level))[lines])
-    return tuple(best.tolist())
+    return best

@@ -1,7 +1,8 @@
-"""Excitations from requests in which 0 or empty means `not given`, as in the service that starts one."""
+"""Excitations from requests, in which 0 or empty means `not given`, and from definitions, which give every setting."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -52,6 +53,38 @@ def excitation_from_request(kind: str, values: Mapping[str, Any]) -> Excitation:
         if isinstance(value, tuple) and any(isinstance(item, float) and not math.isfinite(item) for item in value):
             raise ExcitationError(f"{kind}: '{name}' = {list(value)} is not allowed; every value must be finite")
     return validate(parameters, given, ExcitationError)
+
+
+def definition_of(excitation: Excitation) -> str:
+    """The settings of an excitation as JSON, as messages and bags carry them."""
+    return json.dumps(excitation.model_dump())
+
+
+def excitation_from_definition(kind: str, definition: str) -> Excitation:
+    """The excitation that `definition_of` describes.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    definition : str
+        JSON object of settings by field name, in SI units. What it lacks takes the kind's default.
+
+    Raises
+    ------
+    ExcitationError
+        If the kind is unknown, the text is no such object, or a setting is unknown, missing or out of range.
+    """
+    if kind not in KINDS:
+        raise ExcitationError(f"unknown kind of excitation {kind!r}; allowed: {', '.join(KINDS)}")
+    try:
+        values = json.loads(definition)
+        if not isinstance(values, dict):
+            raise ExcitationError(f"{kind}: its description must be a JSON object of settings, not {definition!r}")
+        return validate(KINDS[kind], values, ExcitationError)
+    except (ValueError, RecursionError) as problem:
+        reason = "nested too deeply" if isinstance(problem, RecursionError) else problem
+        raise ExcitationError(f"{kind}: its description is no JSON object of settings: {reason}") from None
 
 
 def _plain(value: Any) -> Any:

@@ -9,6 +9,7 @@ chapter 5 (multisine, noise); L. Ljung, System Identification, 2nd ed., Prentice
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import ClassVar, Literal, Self
 
 import numpy as np
@@ -18,7 +19,7 @@ from pydantic import model_validator
 from amb_core.errors import ExcitationError
 from amb_core.excitation.deterministic import EDGE_TOLERANCE, HIGHEST_AMPLITUDE, HIGHEST_FREQUENCY
 from amb_core.excitation.phases import optimised_phases, schroeder_phases
-from amb_core.excitation.signal import AXES_DESCRIPTION, Axes, Excitation, required
+from amb_core.excitation.signal import AXES_DESCRIPTION, Axes, Excitation, Sampler, required
 from amb_core.parameters import choice, quantity, switch
 
 
@@ -49,6 +50,20 @@ class _Band(_Seeded):
     def highest_frequency(self) -> float:
         """Upper end of the band (Hz)."""
         return self.frequency_end
+
+    @property
+    def by_sample(self) -> bool:
+        """False: a transform makes all samples at once."""
+        return False
+
+    @abstractmethod
+    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
+        """All samples on one axis (m), shape (steps,)."""
+
+    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+        """All samples, made at once."""
+        signal = self.waveform(steps, sample_rate, axis)
+        return lambda first, stop: signal[first:stop]
 
     def random(self, axis: int) -> np.random.Generator:
         """Random numbers of one axis (0 for x, 1 for y), the same ones every time."""
@@ -137,19 +152,28 @@ class Prbs(_Seeded):
         """Clock rate (Hz)."""
         return self.frequency
 
-    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
-        """Samples of the sequence (m), shape (steps,)."""
+    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+        """The sequence; its bits are kept, eight to a byte."""
         from scipy.signal import max_len_seq  # takes a second to import, which the other kinds need not wait for
 
-        clock = np.floor(self.frequency * np.arange(steps) / sample_rate + EDGE_TOLERANCE).astype(np.int64)
-        bits = int(clock[-1]) + 1
+        def clock(first: int, stop: int) -> NDArray[np.int64]:
+            return np.floor(self.frequency * np.arange(first, stop) / sample_rate + EDGE_TOLERANCE).astype(np.int64)
+
+        bits = int(clock(steps - 1, steps)[0]) + 1
         register = max(2, (2 * bits).bit_length())
         start = int(np.random.default_rng(self.seed).integers(1, 2**register))
         state = [start >> position & 1 for position in range(register)]
         sequence, _ = max_len_seq(register, state=state, length=2 * bits)
-        own = sequence[axis * bits : (axis + 1) * bits]
-        signal: NDArray[np.float64] = self.amplitude * (2.0 * own[clock] - 1.0)
-        return signal
+        own = np.packbits(sequence[axis * bits : (axis + 1) * bits])
+
+        def samples(first: int, stop: int) -> NDArray[np.float64]:
+            wanted = clock(first, stop)
+            skipped = int(wanted[0]) // 8
+            values = np.unpackbits(own[skipped : int(wanted[-1]) // 8 + 1])
+            signal: NDArray[np.float64] = self.amplitude * (2.0 * values[wanted - 8 * skipped] - 1.0)
+            return signal
+
+        return samples
 
 
 class WhiteNoise(_Band):

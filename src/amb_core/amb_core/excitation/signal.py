@@ -1,9 +1,10 @@
-"""What every excitation has in common, and how one becomes samples on the two axes."""
+"""What every excitation has in common: its parameters, the signal on one axis, and which axes it excites when."""
 
 from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -15,6 +16,9 @@ from amb_core.errors import ExcitationError
 from amb_core.parameters import Parameters, choice
 
 Axes = Literal["x", "y", "both", "in_turn"]
+
+Sampler = Callable[[int, int], NDArray[np.float64]]
+"""Samples of the signal on one axis (m) from a first one up to another (exclusive), shape (stop - first,)."""
 
 AXES_DESCRIPTION = "axes that are excited; in_turn: x for the first half of the duration, then y"
 
@@ -37,9 +41,14 @@ class Excitation(Parameters):
     def highest_frequency(self) -> float:
         """Frequency that must not lie above the Nyquist frequency (Hz)."""
 
+    @property
+    def by_sample(self) -> bool:
+        """Whether any part of the signal is quickly made by itself, so that its samples need not be kept."""
+        return True
+
     @abstractmethod
-    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
-        """Samples of the signal on one axis (m), shape (steps,).
+    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+        """Make the signal on one axis, of `steps` samples.
 
         `axis` is 0 for x and 1 for y: kinds with a random part draw another realisation on each axis.
         """
@@ -79,23 +88,13 @@ class ExcitationSignal:
         return len(self.samples)
 
 
-def generate(excitation: Excitation, sample_rate: float) -> ExcitationSignal:
-    """Make the samples of an excitation: round(duration * sample_rate) of them, the same ones every time.
-
-    With axes `in_turn` the signal has half the duration and is played from its start first on x, then on y, so that
-    the response to each axis can be told apart (an odd sample goes to y).
-
-    Parameters
-    ----------
-    excitation : Excitation
-        Parameters of one kind.
-    sample_rate : float
-        Controller sample rate f_s (Hz).
+def steps_of(excitation: Excitation, sample_rate: float) -> int:
+    """Number of samples of an excitation, round(duration * sample_rate).
 
     Raises
     ------
     ExcitationError
-        If a frequency lies above the Nyquist frequency, the signal has no sample, or no line of a band can be excited.
+        If a frequency lies above the Nyquist frequency, or an excited axis has no sample.
     """
     if not (math.isfinite(sample_rate) and sample_rate > 0.0):
         raise ExcitationError(f"sample rate {sample_rate!r} Hz is not allowed; it must be positive and finite")
@@ -106,26 +105,12 @@ def generate(excitation: Excitation, sample_rate: float) -> ExcitationSignal:
             f"{nyquist:g} Hz of the sample rate {sample_rate:g} Hz"
         )
     steps = round(excitation.duration * sample_rate)
-    spans = excited_spans(excitation.axes, steps)
-    if any(last <= first for _, first, last in spans):
+    if any(last <= first for _, first, last in excited_spans(excitation.axes, steps)):
         raise ExcitationError(
             f"{excitation.kind}: duration {excitation.duration:g} s is too short for the sample rate "
             f"{sample_rate:g} Hz; each excited axis needs at least one sample"
         )
-    samples = np.zeros((steps, 2))
-    frequency = np.zeros(steps)
-    has_frequency = False
-    for axis, first, last in spans:
-        samples[first:last, axis] = excitation.waveform(last - first, sample_rate, axis)
-        instantaneous = excitation.instantaneous_frequency(last - first, sample_rate)
-        if instantaneous is not None:
-            frequency[first:last] = instantaneous
-            has_frequency = True
-    samples.flags.writeable = False
-    frequency.flags.writeable = False
-    return ExcitationSignal(
-        excitation.kind, excitation, 1.0 / sample_rate, samples, frequency if has_frequency else None
-    )
+    return steps
 
 
 def excited_spans(axes: Axes, steps: int) -> list[tuple[int, int, int]]:

@@ -1,0 +1,266 @@
+"""The excitation as the controller takes it: messages checked, samples made from definitions, played step by step.
+
+The samples of a definition are made in a worker, so that the loop goes on meanwhile; the answer follows when they are
+ready. Only a controller that joins a run in which an excitation is already under way holds its answers to positions
+until it has the samples: the samples of the loop then do not depend on how long that takes.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.timer import Timer
+
+from amb_controller_node.excitation_message import Checked, check, read
+from amb_core.errors import ExcitationError
+from amb_core.excitation import Playback
+from amb_core.excitation.playback import WINDOW
+from amb_msgs.msg import Excitation, ExcitationStatus
+from amb_ros import topics
+from amb_ros.qos import EVERY_STATE
+from amb_ros.subscriptions import create_subscription
+
+LONGEST_KIND = 50  # characters of it that are repeated in an answer
+JOIN_TIME = 1.0  # s of wall-clock time that a controller which joins a run waits for the excitation under way in it
+
+Window = Callable[[int], tuple[int, NDArray[np.float64]]]
+
+
+class ExcitationInput:
+    """Topics `excitation` and `excitation_status` of a controller, and what it adds to the nominal reference.
+
+    Parameters
+    ----------
+    node : Node
+        The controller.
+    sample_rate : float
+        Its sample rate (Hz).
+    position : callable
+        Returns the present run and the last step that needs no answer, 0 and -1 before the first position.
+    resume : callable
+        Called when an answer to a position need not be held any longer.
+
+    Attributes
+    ----------
+    holding : bool
+        Whether `holds` may be true; saves the loop the call.
+    """
+
+    def __init__(
+        self, node: Node, sample_rate: float, position: Callable[[], tuple[int, int]], resume: Callable[[], None]
+    ) -> None:
+        self.holding = True
+        self._node = node
+        self._sample_rate = sample_rate
+        self._position = position
+        self._resume = resume
+        self._playing: _Playing | None = None
+        self._pending: _Pending | None = None
+        self._joining: Timer | None = None
+        self._joined = False
+        self._started = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="excitation")
+        self._publisher = node.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, EVERY_STATE)
+        self._subscription = create_subscription(
+            node, Excitation, topics.EXCITATION, self._on_excitation, EVERY_STATE, raw=True, with_source_time=True
+        )
+
+    def close(self) -> None:
+        """Call off what is under way."""
+        self._pending = None
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def reference(self, run: int, step: int, x: float, y: float) -> tuple[float, float]:
+        """Reference position of a step (m) from the nominal one."""
+        playing = self._playing
+        if playing is None or playing.run != run:
+            return x, y
+        index = step - playing.first_step
+        if not 0 <= index < playing.steps:
+            return x, y
+        offset = index - playing.start
+        if not 0 <= offset < len(playing.x):
+            playing.load(index)
+            offset = index - playing.start
+        return x + playing.x[offset], y + playing.y[offset]
+
+    def holds(self, run: int, step: int) -> bool:
+        """Whether the answer to a position must wait for the samples of an excitation that is under way."""
+        if not self._joined:
+            if step == 0:
+                self._end_joining()
+            else:
+                if self._joining is None:
+                    clock = Clock(clock_type=ClockType.STEADY_TIME)
+                    self._joining = self._node.create_timer(JOIN_TIME, self._on_join_timer, clock=clock)
+                return True
+        pending = self._pending
+        return pending is not None and pending.joins and pending.run == run and step >= pending.first_step
+
+    # -- messages
+
+    def _on_excitation(self, data: bytes, source_time: int) -> None:
+        run, step = self._position()
+        latched = 0 < source_time < self._started
+        message = read(data)
+        if isinstance(message, ExcitationStatus):
+            self._refuse(message, message.message)
+            self._end_joining()
+            return
+        identity = _identity(message)
+        if any(known is not None and known.identity == identity for known in (self._playing, self._pending)):
+            return  # published again with its step resolved, or by `ros2 topic pub` every second
+        joins = latched and message.first_step != Excitation.FROM_NEXT_STEP
+        late = joins and self._joined and message.run == run and message.first_step <= step
+        status = ExcitationStatus(run=message.run, id=message.id, kind=message.kind[:LONGEST_KIND])
+        try:
+            checked = check(message, self._sample_rate, run, -1 if joins else step)
+        except ExcitationError as problem:
+            self._refuse(status, str(problem))
+            self._end_joining()
+            return
+        self._call_off(f"replaced by excitation {message.id} before its samples were ready")
+        pending = self._pending = _Pending(message.run, message.first_step, joins, late, identity, status, checked)
+        if checked.excitation is None:
+            samples = checked.samples
+            pending.window = lambda index: (index - index % WINDOW, samples[index - index % WINDOW :][:WINDOW])
+            self._finish(pending)
+        else:
+            self.holding = self.holding or joins
+            self._worker.submit(self._make, pending)
+        self._end_joining()
+
+    def _call_off(self, reason: str) -> None:
+        pending, self._pending = self._pending, None
+        if pending is not None:
+            self._refuse(pending.status, reason)
+
+    def _make(self, pending: _Pending) -> None:
+        """Make the samples; runs in the worker."""
+        if pending is not self._pending:
+            return
+        excitation, checksum = pending.checked.excitation, pending.checked.checksum
+        assert excitation is not None
+        try:
+            playback = Playback(excitation, self._sample_rate, cancelled=lambda: pending is not self._pending)
+            if checksum and checksum != playback.checksum:
+                pending.problem = (
+                    f"the samples made from its description have checksum {playback.checksum}, those of the sender "
+                    f"{checksum}; does it run another version of amb_core or numpy, or another kind of processor?"
+                )
+            pending.window = playback.window
+        except ExcitationError as problem:
+            pending.problem = str(problem)
+        except Exception as problem:  # whatever happens, the sender gets an answer and the loop goes on
+            self._node.get_logger().error(traceback.format_exc())
+            pending.problem = f"internal error while its samples were made: {problem!r}"
+        executor = self._node.executor
+        if executor is not None and self._node.context.ok():
+            executor.create_task(self._finish, pending)
+
+    def _finish(self, pending: _Pending) -> None:
+        """Apply an excitation whose samples are there, from the step that is next now; answer it."""
+        if pending is not self._pending:
+            return  # it was replaced and answered meanwhile
+        self._pending = None
+        run, step = self._position()
+        status = pending.status
+        problem = pending.problem
+        first_step = pending.first_step
+        if first_step == Excitation.FROM_NEXT_STEP:
+            first_step = step + 1 if pending.run == run else 0
+        elif not problem and not pending.joins and pending.run == run and first_step <= step:
+            problem = f"step {step} came before its samples were ready; allowed for first_step: {step + 1} or later"
+        if not problem and pending.run < run:
+            problem = f"meant for run {pending.run}, which ended before its samples were ready; now it is {run}"
+        if problem:
+            self._refuse(status, problem)
+        else:
+            if pending.late:
+                self._node.get_logger().warning(
+                    f"excitation {status.id} was under way from step {first_step}: applied from step {step + 1}"
+                )
+            steps = pending.checked.steps
+            self._playing = _Playing(
+                pending.run, first_step, steps, pending.window, (*pending.identity[:-1], first_step)
+            )
+            status.accepted, status.first_step, status.steps = True, first_step, steps
+            self._publisher.publish(status)
+        self._release()
+
+    def _refuse(self, status: ExcitationStatus, reason: str) -> None:
+        status.message = reason
+        self._node.get_logger().warning(f"excitation {status.id} refused: {reason}")
+        self._publisher.publish(status)
+
+    # -- joining a run
+
+    def _on_join_timer(self) -> None:
+        self._end_joining()
+
+    def _end_joining(self) -> None:
+        """An excitation under way is known now, or there is none."""
+        if self._joined:
+            return
+        self._joined = True
+        if self._joining is not None:
+            self._node.destroy_timer(self._joining)
+        self._release()
+
+    def _release(self) -> None:
+        """Let the loop go on if nothing holds it any longer."""
+        if self.holding and self._joined and (self._pending is None or not self._pending.joins):
+            self.holding = False
+            self._resume()
+
+
+Identity = tuple[int, int, str, str, int, int, int]
+
+
+def _identity(message: Excitation) -> Identity:
+    """What makes an excitation the same as another: the first step, which may be resolved, comes last."""
+    return (
+        message.run, message.id, message.kind, message.description, message.steps or len(message.reference_x),
+        message.checksum, message.first_step,
+    )  # fmt: skip
+
+
+@dataclass(eq=False)
+class _Pending:
+    """An excitation whose samples are being made."""
+
+    run: int
+    first_step: int
+    joins: bool  # it was under way before this controller was there
+    late: bool  # and came when the controller had answered some of its steps without it
+    identity: Identity
+    status: ExcitationStatus
+    checked: Checked
+    problem: str = ""
+    window: Window = lambda _index: (0, np.zeros((0, 2)))
+
+
+class _Playing:
+    """An excitation being applied, with a window of its samples as plain floats."""
+
+    def __init__(self, run: int, first_step: int, steps: int, window: Window, identity: Identity) -> None:
+        self.run = run
+        self.first_step = first_step
+        self.steps = steps
+        self.identity = identity
+        self.start = 0
+        self.x: list[float] = []
+        self.y: list[float] = []
+        self._window = window
+
+    def load(self, index: int) -> None:
+        """Take the window with the sample of an index."""
+        self.start, samples = self._window(index)
+        self.x, self.y = samples.T.tolist()

@@ -1,0 +1,155 @@
+"""Messages of the topic excitation as a controller reads and checks them: whatever comes gets one line of an answer."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
+
+from amb_core.errors import ExcitationError
+from amb_core.excitation import Excitation as ExcitationParameters
+from amb_core.excitation import excitation_from_definition
+from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
+from amb_core.excitation.playback import checksum_of
+from amb_core.excitation.signal import steps_of
+from amb_msgs.msg import Excitation, ExcitationStatus
+
+STOP = "stop"
+WAVEFORM = "waveform"
+HIGHEST_SIZE = 16 * Excitation.HIGHEST_INLINE_STEPS + 2**20  # bytes; 1 MiB for texts
+HIGHEST_STEP = 2**63 - 1
+LONGEST_ANSWER = 400  # characters
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What a message asks for.
+
+    Attributes
+    ----------
+    steps : int
+        Number of samples; 0 for a stop.
+    checksum : int
+        That of the sender; 0 if none.
+    excitation : Excitation or None
+        What its samples are to be made from.
+    samples : ndarray, shape (n, 2)
+        Those that it brought along (m); empty with a definition and for a stop.
+    """
+
+    steps: int
+    checksum: int
+    excitation: ExcitationParameters | None
+    samples: NDArray[np.float64]
+
+
+def read(data: bytes) -> Excitation | ExcitationStatus:
+    """The message in serialized form, or the answer to one that is too large or cannot be read."""
+    if len(data) > HIGHEST_SIZE:
+        problem = f"{len(data)} bytes; allowed: {HIGHEST_SIZE}, samples of {Excitation.HIGHEST_INLINE_STEPS} steps"
+    else:
+        try:
+            return deserialize_message(data, Excitation)
+        except (RuntimeError, ValueError, SystemError) as error:
+            problem = f"the message cannot be read: {error}"
+    run, number = _address(data)
+    return ExcitationStatus(run=run, id=number, message=_line(problem))
+
+
+def check(message: Excitation, sample_rate: float, run: int, step: int) -> Checked:
+    """What a message asks for, all but its samples checked.
+
+    Parameters
+    ----------
+    message : Excitation
+        The message.
+    sample_rate : float
+        That of the controller (Hz).
+    run, step : int
+        Present run and last step answered in it.
+
+    Raises
+    ------
+    ExcitationError
+        If it cannot be applied; one line.
+    """
+    try:
+        _check_place(message, run, step)
+        if message.kind == STOP:
+            if message.steps or message.reference_x:
+                raise ExcitationError(
+                    f"a stop has no samples, but this has {message.steps or len(message.reference_x)}"
+                )
+            return Checked(0, 0, None, np.zeros((0, 2)))
+        if not abs(message.sample_time * sample_rate - 1.0) <= 1e-9:
+            raise ExcitationError(
+                f"made for a sample time of {message.sample_time:g} s; the controller runs at {1.0 / sample_rate:g} s"
+            )
+        if message.kind == WAVEFORM or message.reference_x:
+            return _inline(message)
+        excitation = excitation_from_definition(message.kind, message.description)
+        steps = steps_of(excitation, sample_rate)
+        if message.steps != steps:
+            raise ExcitationError(f"steps = {message.steps}, but its description makes {steps}")
+        return Checked(steps, message.checksum, excitation, np.zeros((0, 2)))
+    except ExcitationError as problem:
+        raise ExcitationError(_line(str(problem))) from None
+
+
+def _check_place(message: Excitation, run: int, step: int) -> None:
+    if len(message.reference_x) != len(message.reference_y):
+        raise ExcitationError(f"{len(message.reference_x)} samples on x but {len(message.reference_y)} on y")
+    if message.run < run:
+        raise ExcitationError(f"meant for run {message.run}; the present run is {run}")
+    if message.first_step < Excitation.FROM_NEXT_STEP:
+        raise ExcitationError(
+            f"first_step = {message.first_step}; allowed: a step of the future, or {Excitation.FROM_NEXT_STEP}"
+        )
+    if message.run == run and Excitation.FROM_NEXT_STEP < message.first_step <= step:
+        raise ExcitationError(f"first_step = {message.first_step} is in the past; allowed: {step + 1} or later")
+    if message.first_step + message.steps > HIGHEST_STEP:
+        raise ExcitationError(
+            f"first_step = {message.first_step} and steps = {message.steps} lead beyond step {HIGHEST_STEP}"
+        )
+
+
+def _inline(message: Excitation) -> Checked:
+    steps = len(message.reference_x)
+    if not steps:
+        raise ExcitationError(f"a {WAVEFORM} without samples; give reference_x and reference_y, or end it by a {STOP}")
+    if steps > Excitation.HIGHEST_INLINE_STEPS:
+        raise ExcitationError(f"samples of {steps} steps; allowed: {Excitation.HIGHEST_INLINE_STEPS}")
+    if message.steps not in (0, steps):
+        raise ExcitationError(f"steps = {message.steps}, but it has samples of {steps}")
+    samples = np.column_stack([message.reference_x, message.reference_y])
+    wrong = ~(np.abs(samples) <= HIGHEST_AMPLITUDE)  # NaN as well
+    if wrong.any():
+        index, axis = np.argwhere(wrong)[0]
+        raise ExcitationError(
+            f"reference_{'xy'[axis]}[{index}] = {samples[index, axis]:g} m is not allowed; "
+            f"allowed: {-HIGHEST_AMPLITUDE:g} to {HIGHEST_AMPLITUDE:g} m"
+        )
+    checksum = checksum_of(samples)
+    if message.checksum not in (0, checksum):
+        raise ExcitationError(f"its samples have checksum {checksum}, not {message.checksum} as it states")
+    return Checked(steps, checksum, None, samples)
+
+
+def _line(text: str) -> str:
+    """One line of bounded length, whatever texts of others are in it."""
+    line = " ".join(text.split())
+    return line if len(line) <= LONGEST_ANSWER else f"{line[: LONGEST_ANSWER - 4]} ..."
+
+
+def _address(data: bytes) -> tuple[int, int]:
+    """Run and id of a serialized Excitation (CDR, little endian) whose rest is not to be read; 0 if not even these."""
+    try:
+        (frame,) = struct.unpack_from("<I", data, 12)
+        run = 4 + -(-(12 + frame) // 8) * 8  # after the CDR header, stamp and frame_id; members are aligned
+        run, number = struct.unpack_from("<QI", data, run)
+    except struct.error:
+        return 0, 0
+    return run, number
