@@ -6,7 +6,6 @@ message of latched topics to put it first into every bag. What a bag must hold, 
 
 from __future__ import annotations
 
-import shutil
 import threading
 import time
 from collections import Counter
@@ -14,15 +13,14 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message
-from rosgraph_msgs.msg import Clock as ClockMessage
+from rclpy.subscription import Subscription
 
 from amb_core.bags import BagWriter
 from amb_core.errors import AmbError, BagError, ParameterError
@@ -31,33 +29,31 @@ from amb_core.parameters import Parameters, choice, quantity, switch
 from amb_ident_node.completeness import Mark
 from amb_ident_node.ledger import Ledger
 from amb_ident_node.monitoring import REGION_MESSAGES
-from amb_ident_node.recording import Recording
-from amb_msgs.msg import (
-    Excitation,
-    ExcitationStatus,
-    LoopSamples,
-    PlantState,
-    RegionMap,
-    RegionState,
-    SimulatorState,
-    StateSpaceModel,
+from amb_ident_node.recorded_topics import (
+    OF_THE_GRAPH,
+    PARAMETER_EVENTS,
+    RECORDED,
+    ROSOUT,
+    RecordedTopic,
+    end_of,
 )
+from amb_ident_node.recording import Recording, require_free_space
+from amb_msgs.msg import PlantState, SimulatorState
 from amb_msgs.srv import GetState, StartRecording, StopRecording
 from amb_ros import diagnostics, topics
 from amb_ros.definitions import message_definition
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM, offered_profile
+from amb_ros.qos import offered_profile
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.requests import ask
 from amb_ros.services import create_service
+from amb_ros.subscriptions import create_subscription
 
-PARAMETER_EVENTS, ROSOUT, DIAGNOSTICS = "/parameter_events", "/rosout", "/diagnostics"
 DISCOVERY_TIMEOUT = 2.0  # s
 READING_ATTEMPTS = 3  # to read the parameters of a node, before the last one at the end of the bag
 DEFAULT_STOP_TIMEOUT = 10.0  # s
 LONGEST_STOP_TIMEOUT = 3600.0  # s
-LAST_STEP = 2**64 - 1
 
 
 class RecorderParameters(Parameters):
@@ -72,57 +68,6 @@ class RecorderParameters(Parameters):
         2.0, "s", "longest wait for an answer about the parameters or the state of a node", 0.05, 10.0
     )
     minimum_free_space: float = quantity(50e6, "B", "free space on the disk below which no recording starts", 0.0, 1e15)
-
-
-class RecordedTopic(NamedTuple):
-    """A topic to record.
-
-    Attributes
-    ----------
-    name : str
-        Relative to the namespace, or absolute.
-    type : type
-        Its message.
-    offered : QoSProfile
-        As the nodes of the workbench publish it.
-    """
-
-    name: str
-    type: Any
-    offered: QoSProfile
-
-    @property
-    def type_name(self) -> str:
-        """As `package/msg/Name`."""
-        return f"{self.type.__module__.split('.')[0]}/msg/{self.type.__name__}"
-
-    @property
-    def latched(self) -> bool:
-        """Whether its last message is a state that every bag needs, however old it is."""
-        return self.offered in (LATCHED, EVERY_STATE)
-
-    @property
-    def requested(self) -> QoSProfile:
-        """As offered, with room for a burst."""
-        return EVERY_STATE if self.latched else self.offered
-
-
-RECORDED = (
-    RecordedTopic(topics.TELEMETRY, LoopSamples, HISTORY),
-    RecordedTopic(topics.PLANT_STATE, PlantState, HISTORY),
-    RecordedTopic(topics.EXCITATION, Excitation, LATCHED),
-    RecordedTopic(topics.EXCITATION_STATUS, ExcitationStatus, EVERY_STATE),
-    RecordedTopic(topics.REGION, RegionState, HISTORY),
-    RecordedTopic(topics.REGION_MAP, RegionMap, LATCHED),
-    RecordedTopic(topics.MODEL, StateSpaceModel, LATCHED),
-    RecordedTopic(topics.SIMULATOR_STATE, SimulatorState, EVERY_STATE),
-    RecordedTopic(topics.CLOCK, ClockMessage, STREAM),
-    RecordedTopic(PARAMETER_EVENTS, ParameterEvent, STREAM),
-    RecordedTopic(ROSOUT, Log, STREAM),
-    RecordedTopic(DIAGNOSTICS, DiagnosticArray, STREAM),
-)
-OF_THE_GRAPH = (topics.TELEMETRY, topics.PLANT_STATE, topics.REGION, topics.SIMULATOR_STATE, topics.CLOCK)
-"""Topics that follow the steps of a run: what is published up to an awaited step must have arrived."""
 
 
 class RecorderNode(Node):
@@ -144,10 +89,7 @@ class RecorderNode(Node):
         # One worker: a start and a stop never run at the same time.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="recorder")
         self._topics = {self._full_name(topic.name): topic for topic in RECORDED}
-        self._subscriptions_by_name = {
-            name: self.create_subscription(topic.type, name, partial(self._on_message, name), topic.requested, raw=True)
-            for name, topic in self._topics.items()
-        }
+        self._subscriptions_by_name = {name: self._subscribe(name, topic) for name, topic in self._topics.items()}
         self._state_client = self.create_client(GetState, "simulator/get_state")
         create_service(self, StartRecording, "~/start", self._on_start, self._worker)
         create_service(self, StopRecording, "~/stop", self._on_stop, self._worker)
@@ -167,6 +109,13 @@ class RecorderNode(Node):
         self._close()  # a start may have been under way
         super().destroy_node()
 
+    def _subscribe(self, name: str, topic: RecordedTopic) -> Subscription:
+        create = partial(create_subscription, self) if topic.keeps_history else self.create_subscription
+        subscription: Subscription = create(
+            topic.type, name, partial(self._on_message, name), topic.requested, raw=True
+        )
+        return subscription
+
     def _full_name(self, topic: str) -> str:
         return self.resolve_topic_name(topics.clock(self.get_namespace()) if topic == topics.CLOCK else topic)
 
@@ -180,7 +129,7 @@ class RecorderNode(Node):
         with self._switching:
             if topic.latched:
                 self._latched[name] = data
-            end = _end_of(message)
+            end = end_of(message)
             if topic.type is PlantState and end is not None:
                 self._plant_state = end, data
             if self._recording is not None:
@@ -352,11 +301,16 @@ class RecorderNode(Node):
 
     def _unconnected_topics(self) -> list[str]:
         """Topics with publishers that have not been matched with the subscription."""
-        return [
-            name
-            for name, subscription in self._subscriptions_by_name.items()
-            if subscription.get_publisher_count() < self.count_publishers(name)
-        ]
+        waiting = []
+        for name, subscription in self._subscriptions_by_name.items():
+            offers = [end.qos_profile.durability for end in self.get_publishers_info_by_topic(name)]
+            # Those without history are heard by a subscription of their own.
+            fitting = (
+                offers.count(DurabilityPolicy.TRANSIENT_LOCAL) if self._topics[name].keeps_history else len(offers)
+            )
+            if subscription.get_publisher_count() < fitting:
+                waiting.append(name)
+        return waiting
 
     def _undescribed_nodes(self) -> list[str]:
         """Those nodes of the workbench whose parameters the bag lacks."""
@@ -410,36 +364,6 @@ class RecorderNode(Node):
         if lacks:
             return diagnostics.WARN, "; ".join(lacks), values
         return diagnostics.OK, "recording", values
-
-
-def require_free_space(folder: Path, minimum: float) -> None:
-    """Refuse a bag on a disk that is full, or will soon be.
-
-    Raises
-    ------
-    BagError
-        If less than `minimum` bytes are free.
-    """
-    there = next((parent for parent in folder.absolute().parents if parent.is_dir()), Path("/"))
-    free = shutil.disk_usage(there).free
-    if free < minimum:
-        raise BagError(
-            f"bag {folder.absolute()}: {free / 1e6:.1f} MB are free on its disk; allowed: {minimum / 1e6:g} MB or more "
-            "(parameter minimum_free_space)"
-        )
-
-
-def _end_of(message: Any) -> Mark | None:
-    """Where in which run a message ends, None where that does not decide whether it belongs into a recording."""
-    if isinstance(message, LoopSamples):
-        return Mark(message.run, message.first_step + len(message.position_x))
-    if isinstance(message, PlantState | SimulatorState):
-        return Mark(message.run, message.step + 1)
-    if isinstance(message, RegionState):
-        return Mark(message.run, message.next_step)
-    if isinstance(message, Excitation | ExcitationStatus):
-        return Mark(message.run, LAST_STEP)
-    return None
 
 
 def main(args: list[str] | None = None) -> int:

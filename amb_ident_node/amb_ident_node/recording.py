@@ -111,3 +111,20 @@ class Recording:
             action()
         except BagError as problem:
             self.failure = str(problem)
+
+
+def require_free_space(folder: Path, minimum: float) -> None:
+    """Refuse a bag on a disk that is full, or will soon be.
+
+    Raises
+    ------
+    BagError
+        If less than `minimum` bytes are free.
+    """
+    there = next((parent for parent in folder.absolute().parents if parent.is_dir()), Path("/"))
+    free = shutil.disk_usage(there).free
+    if free < minimum:
+        raise BagError(
+            f"bag {folder.absolute()}: {free / 1e6:.1f} MB are free on its disk; allowed: {minimum / 1e6:g} MB or more "
+            "(parameter minimum_free_space)"
+        )

@@ -1,0 +1,96 @@
+"""Which topics a recorder listens to, how the workbench publishes them, and where in a run their messages belong."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Log, ParameterEvent
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from amb_ident_node.completeness import Mark
+from amb_msgs.msg import (
+    Excitation,
+    ExcitationStatus,
+    LoopSamples,
+    PlantState,
+    RegionMap,
+    RegionState,
+    SimulatorState,
+    StateSpaceModel,
+)
+from amb_ros import topics
+from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
+
+PARAMETER_EVENTS, ROSOUT, DIAGNOSTICS = "/parameter_events", "/rosout", "/diagnostics"
+LAST_STEP = 2**64 - 1
+
+
+class RecordedTopic(NamedTuple):
+    """A topic to record.
+
+    Attributes
+    ----------
+    name : str
+        Relative to the namespace, or absolute.
+    type : type
+        Its message.
+    offered : QoSProfile
+        As the nodes of the workbench publish it.
+    """
+
+    name: str
+    type: Any
+    offered: QoSProfile
+
+    @property
+    def type_name(self) -> str:
+        """As `package/msg/Name`."""
+        return f"{self.type.__module__.split('.')[0]}/msg/{self.type.__name__}"
+
+    @property
+    def latched(self) -> bool:
+        """Whether its last message is a state that every bag needs, however old it is."""
+        return self.offered in (LATCHED, EVERY_STATE)
+
+    @property
+    def keeps_history(self) -> bool:
+        """Whether the workbench publishes it with history."""
+        return self.offered.durability == DurabilityPolicy.TRANSIENT_LOCAL
+
+    @property
+    def requested(self) -> QoSProfile:
+        """As offered, with room for a burst."""
+        return EVERY_STATE if self.latched else self.offered
+
+
+RECORDED = (
+    RecordedTopic(topics.TELEMETRY, LoopSamples, HISTORY),
+    RecordedTopic(topics.PLANT_STATE, PlantState, HISTORY),
+    RecordedTopic(topics.EXCITATION, Excitation, LATCHED),
+    RecordedTopic(topics.EXCITATION_STATUS, ExcitationStatus, EVERY_STATE),
+    RecordedTopic(topics.REGION, RegionState, HISTORY),
+    RecordedTopic(topics.REGION_MAP, RegionMap, LATCHED),
+    RecordedTopic(topics.MODEL, StateSpaceModel, LATCHED),
+    RecordedTopic(topics.SIMULATOR_STATE, SimulatorState, EVERY_STATE),
+    RecordedTopic(topics.CLOCK, ClockMessage, STREAM),
+    RecordedTopic(PARAMETER_EVENTS, ParameterEvent, STREAM),
+    RecordedTopic(ROSOUT, Log, STREAM),
+    RecordedTopic(DIAGNOSTICS, DiagnosticArray, STREAM),
+)
+OF_THE_GRAPH = (topics.TELEMETRY, topics.PLANT_STATE, topics.REGION, topics.SIMULATOR_STATE, topics.CLOCK)
+"""Topics that follow the steps of a run: what is published up to an awaited step must have arrived."""
+
+
+def end_of(message: Any) -> Mark | None:
+    """Where in which run a message ends, None where that does not decide whether it belongs into a recording."""
+    if isinstance(message, LoopSamples):
+        return Mark(message.run, message.first_step + len(message.position_x))
+    if isinstance(message, PlantState | SimulatorState):
+        return Mark(message.run, message.step + 1)
+    if isinstance(message, RegionState):
+        return Mark(message.run, message.next_step)
+    if isinstance(message, Excitation | ExcitationStatus):
+        return Mark(message.run, LAST_STEP)
+    return None
