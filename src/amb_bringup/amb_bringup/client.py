@@ -254,13 +254,13 @@ class AmbClient(GraphConnection):
 
     # -- recording
 
-    def start_recording(self, uri: str = "") -> str:
-        """Start a bag in a folder that must not exist yet. Returns its path.
+    def start_recording(self, uri: str | Path = "") -> str:
+        """Start a bag in a new folder, relative to the working directory of the caller. Returns its path.
 
         Waits for all nodes of the graph first, so that the bag misses nothing of what they do.
         """
         self.wait_for_nodes()
-        return self.call(StartRecording, "recorder/start", uri=uri).uri
+        return self.call(StartRecording, "recorder/start", uri=_absolute(uri)).uri
 
     def stop_recording(self, run: int = 0, step: int = 0) -> str:
         """Close the bag, after the telemetry of this run up to (without) this step has come. Returns its path."""
