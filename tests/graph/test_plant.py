@@ -221,7 +221,7 @@ def paused(loop: Bearing) -> Bearing:
     ("text", "reasons"),
     [
         (None, ["cannot be read", "No such file"]),
-        ("a: [", ["cannot be read", "line 1"]),
+        ("a: [", ["cannot be read", "line 2"]),
         ("- 1", ["each entry must be a node name with a mapping 'ros__parameters'"]),
         ({"rotor": {"mass": -1.0}}, ["'rotor.mass' = -1.0 is not allowed; allowed: 0.001 to 100000 kg"]),
         ({"rotor": {"mass": "heavy"}}, ["'rotor.mass' = 'heavy' is not allowed"]),

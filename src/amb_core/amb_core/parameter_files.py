@@ -160,6 +160,9 @@ def _parse(text: str) -> Mapping[Any, Any]:
     try:
         _check_structure(text)
         content = yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as problem:
+        place = f"line {problem.problem_mark.line + 1}: " if problem.problem_mark else ""
+        raise ParameterError(f"cannot be read: {place}{problem.problem}") from None
     except (yaml.YAMLError, ValueError) as problem:  # ValueError: such as a date that is none
         raise ParameterError(f"cannot be read: {' '.join(str(problem).split())}") from None
     if content is None:
