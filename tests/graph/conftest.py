@@ -161,7 +161,7 @@ class Graph:
         self._executor.shutdown()  # lets go of the nodes, or those with an open request would outlive their end
         for node in self._nodes:  # or it would live on in the domain, and with it what it has published
             node.destroy_node()
-        remove_shared_memory(self._processes, self.domain)
+        remove_shared_memory(self._processes)
         assert not problems, "\n".join(problems)
 
     def _spin(self) -> None:

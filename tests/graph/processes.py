@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 SHARED_MEMORY = Path("/dev/shm")
-SEGMENT = re.compile(r"/dev/shm/(fastrtps_\w+)")
+SEGMENT = re.compile(r"/dev/shm/(fastrtps_[0-9a-f]{16})\b")
 DUMP_TIME = 10.0  # s; longest wait for the stacks of a process
 
 
@@ -80,18 +80,13 @@ class NodeProcess(subprocess.Popen[str]):
         return self.said
 
 
-def remove_shared_memory(processes: Sequence[NodeProcess], domain: int) -> None:
-    """Remove the segments of Fast DDS that killed processes have left.
+def remove_shared_memory(processes: Sequence[NodeProcess]) -> None:
+    """Remove the segments of Fast DDS that killed processes of a graph have left; call it when all have ended.
 
-    Call it when all processes of the domain have ended. The ports of a domain carry its number, and the other segments
-    were seen in the killed processes themselves, so nobody else's are touched.
+    A segment has a random name, and was seen in the killed process itself. Ports are left alone: they have numbers,
+    which the next participant on this machine takes, and Fast DDS itself finds out that their owner is dead.
     """
-    killed = [process for process in processes if process.returncode == -signal.SIGKILL]
-    if not killed:
-        return
-    first = 7400 + 250 * domain  # RTPS: port base and domain gain
-    ports = {f"fastrtps_port{port}" for port in range(first, first + 250)}
-    segments = set().union(*(process.segments for process in killed))
-    own = {name for name in segments if "port" not in name} | ports
-    for name in own | {f"{name}_el" for name in own} | {f"sem.{name}_mutex" for name in ports}:
-        (SHARED_MEMORY / name).unlink(missing_ok=True)
+    for process in processes:
+        for name in process.segments:
+            for path in (SHARED_MEMORY / name, SHARED_MEMORY / f"{name}_el"):
+                path.unlink(missing_ok=True)

@@ -8,11 +8,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from tests.graph.limits import TIMEOUT
+from tests.graph.processes import SHARED_MEMORY
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Graph
@@ -77,3 +78,12 @@ def test_a_process_that_does_not_end_shows_where_it_hangs(graph: Graph) -> None:
         process.wait_for_end(0.2)
     assert "wait_for_ever" in str(caught.value)
     assert process.returncode == -signal.SIGKILL
+
+
+def test_a_killed_node_leaves_no_segment_behind(open_graph: Callable[[Path], Any], tmp_path: Path) -> None:
+    with open_graph(tmp_path) as graph:
+        process = graph.start("amb_controller_node.pd_controller")
+        graph.wait_until(lambda: graph.node.count_publishers("/amb/telemetry"), "the controller")
+        graph.stop(process, signal.SIGKILL)
+        assert process.segments
+    assert not [name for name in process.segments if (SHARED_MEMORY / name).exists()]
