@@ -50,16 +50,17 @@ def makes_its_node(process: NodeProcess) -> bool:
     return any(name.startswith("dds.") for name in names)
 
 
-@pytest.mark.parametrize("reached", [handles_signals, makes_its_node])
-def test_a_signal_while_a_node_starts_ends_it(graph: Graph, reached: Callable[[NodeProcess], bool]) -> None:
+def test_a_signal_while_a_node_starts_ends_it(graph: Graph) -> None:
+    moments = itertools.cycle(itertools.product([makes_its_node, handles_signals], [signal.SIGINT, signal.SIGTERM]))
     processes = {module: graph.start(module) for module in NODES}
-    waiting = list(zip(processes.values(), itertools.cycle([signal.SIGINT, signal.SIGTERM]), strict=False))
+    waiting = [(process, *moment) for process, moment in zip(processes.values(), moments, strict=False)]
 
     def all_signalled() -> bool:
-        for process, by in list(waiting):
+        for item in list(waiting):
+            process, reached, by = item
             if reached(process):
                 process.send_signal(by)
-                waiting.remove((process, by))
+                waiting.remove(item)
         return not waiting
 
     graph.wait_until(all_signalled, "the start of all nodes")
