@@ -82,14 +82,11 @@ class ExcitationInput:
         playing = self._playing
         if playing is None or playing.run != run:
             return x, y
-        index = step - playing.first_step
-        if not 0 <= index < playing.steps:
-            return x, y
-        offset = index - playing.start
-        if not 0 <= offset < len(playing.x):
-            playing.load(index)
-            offset = index - playing.start
-        return x + playing.x[offset], y + playing.y[offset]
+        offset = step - playing.window_step
+        if 0 <= offset < playing.window_size or playing.load(step):
+            offset = step - playing.window_step
+            return x + playing.x[offset], y + playing.y[offset]
+        return x, y
 
     def holds(self, run: int, step: int) -> bool:
         """Whether the answer to a position must wait for the samples of an excitation that is under way."""
@@ -248,19 +245,26 @@ class _Pending:
 
 
 class _Playing:
-    """An excitation being applied, with a window of its samples as plain floats."""
+    """An excitation being applied, with a window of its samples as plain floats, which are quick to take one by one."""
+
+    __slots__ = ("_window", "first_step", "identity", "run", "stop", "window_size", "window_step", "x", "y")
 
     def __init__(self, run: int, first_step: int, steps: int, window: Window, identity: Identity) -> None:
         self.run = run
         self.first_step = first_step
-        self.steps = steps
+        self.stop = first_step + steps
         self.identity = identity
-        self.start = 0
+        self.window_step = 0  # of the first sample in the window
+        self.window_size = 0
         self.x: list[float] = []
         self.y: list[float] = []
         self._window = window
 
-    def load(self, index: int) -> None:
-        """Take the window with the sample of an index."""
-        self.start, samples = self._window(index)
+    def load(self, step: int) -> bool:
+        """Take the window with the sample of a step; false if there is none."""
+        if not self.first_step <= step < self.stop:
+            return False
+        first, samples = self._window(step - self.first_step)
+        self.window_step, self.window_size = self.first_step + first, len(samples)
         self.x, self.y = samples.T.tolist()
+        return True

@@ -159,19 +159,19 @@ class Prbs(_Seeded):
         def clock(first: int, stop: int) -> NDArray[np.int64]:
             return np.floor(self.frequency * np.arange(first, stop) / sample_rate + EDGE_TOLERANCE).astype(np.int64)
 
-        bits = int(clock(steps - 1, steps)[0]) + 1
-        register = max(2, (2 * bits).bit_length())
+        count = int(clock(steps - 1, steps)[0]) + 1
+        register = max(2, (2 * count).bit_length())
         start = int(np.random.default_rng(self.seed).integers(1, 2**register))
         state = [start >> position & 1 for position in range(register)]
-        sequence, _ = max_len_seq(register, state=state, length=2 * bits)
-        own = np.packbits(sequence[axis * bits : (axis + 1) * bits])
+        sequence, _ = max_len_seq(register, state=state, length=2 * count)
+        own = np.packbits(sequence[axis * count : (axis + 1) * count])
 
         def samples(first: int, stop: int) -> NDArray[np.float64]:
             wanted = clock(first, stop)
             skipped = int(wanted[0]) // 8
             values = np.unpackbits(own[skipped : int(wanted[-1]) // 8 + 1])
-            signal: NDArray[np.float64] = self.amplitude * (2.0 * values[wanted - 8 * skipped] - 1.0)
-            return signal
+            bits = values[wanted - 8 * skipped].astype(np.float64)
+            return self.amplitude * (2.0 * bits - 1.0)
 
         return samples
 
