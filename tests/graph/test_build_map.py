@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from rclpy.action import ActionClient
 
-from amb_bringup.client import AmbClient
+from amb_bringup.client import AmbClient, ClientError
 from amb_core.messages import region_map_from_message
 from amb_core.region_map import MapProgress
 from amb_core.region_map import RegionMap as CoreMap
@@ -61,7 +61,7 @@ class MapBuilder:
         """Send a goal; its handle, and the feedback as it comes."""
         feedback: list[Any] = []
         sent = self.action.send_goal_async(
-            BuildMap.Goal(parameter_file=str(self.parameter_file), **goal),
+            BuildMap.Goal(**{"parameter_file": str(self.parameter_file)} | goal),
             feedback_callback=lambda message: feedback.append(message.feedback),
         )
         self.graph.wait_until(sent.done, "the goal's acceptance")
@@ -159,13 +159,38 @@ def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
     [
         ({"amplitude_low": -1.0}, "'amplitude_low' = -1.0 is not allowed"),
         ({"amplitude_low": 9e-5, "amplitude_high": 2e-5}, "amplitude_low = 9e-05 m must be below"),
-        ({"frequency_end": 6_000.0}, "above the Nyquist frequency"),
-        ({"amplitude_high": 300e-6}, "beyond the clearance"),
         ({"spacing": "square"}, "'spacing' = 'square' is not allowed; allowed: one of linear, logarithmic"),
         ({"path": "/nowhere/map.json"}, "path = '/nowhere/map.json' is not allowed"),
+        ({"path": "x" * 5_000}, "is not allowed; allowed: a file in a folder that exists"),
+        ({"path": "/dev/full"}, "path = '/dev/full' is not allowed"),
+        ({"scheduler": "nobody"}, "scheduler 'nobody' is no address"),
+        ({"parameter_file": "/nowhere.yaml"}, "parameter file /nowhere.yaml"),
     ],
 )
-def test_a_bad_goal_is_aborted_with_the_reason(builder: MapBuilder, goal: dict[str, Any], reason: str) -> None:
+def test_a_bad_goal_is_rejected_and_the_client_knows_why(
+    builder: MapBuilder, goal: dict[str, Any], reason: str
+) -> None:
+    assert not builder.send(**{"parameter_file": str(builder.parameter_file)} | goal)[0].accepted
+    with (
+        AmbClient(domain_id=int(builder.graph.environment["ROS_DOMAIN_ID"])) as amb,
+        pytest.raises(ClientError) as caught,
+    ):
+        amb.build_map(**goal)
+    assert "/amb/region_monitor/build_map: " in str(caught.value)
+    assert reason in str(caught.value)
+    assert "internal error" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("goal", "reason"),
+    [
+        ({"frequency_end": 6_000.0}, "above the Nyquist frequency"),
+        ({"amplitude_high": 300e-6}, "beyond the clearance"),
+    ],
+)
+def test_a_goal_that_does_not_fit_the_loop_is_aborted_with_the_reason(
+    builder: MapBuilder, goal: dict[str, Any], reason: str
+) -> None:
     status, result = builder.result(builder.send(**goal)[0])
     assert (status, result.success) == (ABORTED, False)
     assert reason in result.message

@@ -117,7 +117,11 @@ def test_reset_takes_a_parameter_file_of_the_caller(amb: AmbClient, tmp_path: Pa
         (lambda amb: amb.run(0), "steps = 0 is not allowed"),
         (lambda amb: amb.start_excitation("square", amplitude=-1.0, duration=1.0), "'amplitude' = -1.0 is not allowed"),
         (lambda amb: amb.start_excitation("square", amplitud=1e-6), "unknown setting 'amplitud'; allowed:"),
-        (lambda amb: amb.identify(bag="/nowhere"), "/nowhere"),
+        (
+            lambda amb: amb.identify(bag="/nowhere"),
+            "identifier/identify: bag /nowhere: there is no such file or folder",
+        ),
+        (lambda amb: amb.identify(order=31), "identifier/identify: order 31 is not allowed; allowed: 1 to 30"),
         (lambda amb: amb.preview_excitation("sweep", amplitud=1e-6), "unknown setting 'amplitud'; allowed:"),
         (lambda amb: amb.preview_excitation("square", amplitude=1e-6, duration=1.0), "no region map heard"),
         (lambda amb: amb.build_map(amplitude_low=-1.0), "'amplitude_low' = -1.0 is not allowed"),

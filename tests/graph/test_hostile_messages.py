@@ -12,7 +12,9 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 
-from amb_msgs.msg import CurrentReference, RotorPosition, SimulatorState
+from amb_core.errors import BagError
+from amb_core.messages import block_from_message
+from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition, SimulatorState
 from amb_msgs.srv import Pause, Reset, RunSteps
 from amb_ros.qos import STREAM
 
@@ -175,6 +177,25 @@ def test_a_position_of_a_step_beyond_time_is_reported(wires: Wires, step: int) -
     assert f"at step {step} of run {run} is not answered" in wires.health("pd_controller").message
     assert wires.answer(LARGEST, LAST_STEP).step == LAST_STEP
     wires.answer(wires.new_run(), 0)
+
+
+# -- telemetry
+
+
+@pytest.mark.parametrize(
+    ("first_step", "sample_time", "reason"),
+    [
+        (LARGEST, 1e-4, "beyond what a ROS time stamp holds"),
+        (LAST_STEP, 1e-4, "beyond what a ROS time stamp holds"),
+        (0, 5e-324, "must be positive; allowed: 1e-07 s to 10 s"),
+        (0, math.inf, "must be positive; allowed: 1e-07 s to 10 s"),
+        (0, math.nan, "must be positive; allowed: 1e-07 s to 10 s"),
+    ],
+)
+def test_telemetry_of_no_loop_is_refused(first_step: int, sample_time: float, reason: str) -> None:
+    samples = {f"{name}_{axis}": [0.0] for name in ("reference", "position", "current") for axis in "xy"}
+    with pytest.raises(BagError, match=reason):
+        block_from_message(LoopSamples(run=1, first_step=first_step, sample_time=sample_time, **samples))
 
 
 # -- parameters

@@ -38,6 +38,7 @@ STEPS = 6_000
 FIRST_STEP = 1_000  # of the excitation
 SAMPLE_TIME = 1e-4
 LONG = 100_000  # steps; some ten seconds of work
+PAPER = "paper"  # nobody runs a pd_controller beside most of these identifiers
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/GoalStatus
 
 
@@ -111,21 +112,22 @@ class Loop:
             assert self.identify(order=4).success
         return self.get_model().model
 
-    def identify(self, **request: Any) -> Any:
-        return self.graph.call(Identify, "/amb/identifier/identify", **request)
+    def identify(self, controller: str = PAPER, **request: Any) -> Any:
+        return self.graph.call(Identify, "/amb/identifier/identify", controller=controller, **request)
 
-    def validate(self, **request: Any) -> Any:
-        return self.graph.call(Validate, "/amb/identifier/validate", **request)
+    def validate(self, controller: str = PAPER, **request: Any) -> Any:
+        return self.graph.call(Validate, "/amb/identifier/validate", controller=controller, **request)
 
     def get_model(self) -> Any:
         return self.graph.call(GetModel, "/amb/identifier/get_model")
 
-    def send(self, **goal: Any) -> tuple[Any, list[Any]]:
+    def send(self, controller: str = PAPER, **goal: Any) -> tuple[Any, list[Any]]:
         """Send a goal; its handle, and the feedback as it comes."""
         feedback: list[Any] = []
         self.graph.wait_until(self.action.server_is_ready, "the action")
         sent = self.action.send_goal_async(
-            IdentifyAction.Goal(**goal), feedback_callback=lambda message: feedback.append(message.feedback)
+            IdentifyAction.Goal(controller=controller, **goal),
+            feedback_callback=lambda message: feedback.append(message.feedback),
         )
         self.graph.wait_until(sent.done, "the goal's acceptance")
         return sent.result(), feedback
@@ -163,7 +165,7 @@ def test_the_last_experiment_gives_a_model(loop: Loop, record: LoopRecord) -> No
     assert answer.model.source == f"run {run}, steps {FIRST_STEP} to {STEPS - 1}"
     assert (list(answer.model.input_units), list(answer.model.output_units)) == (["A", "A"], ["m", "m"])
     assert min(answer.model.fit) > 95.0
-    assert "the paper's assumed" in answer.message, "nobody runs a pd_controller here"
+    assert answer.message.endswith("; controller: paper, as requested")
 
     known = loop.get_model()
     assert known.success
@@ -187,7 +189,7 @@ def test_a_model_is_judged_by_another_run_and_from_a_file(loop: Loop, record: Lo
     answer = loop.validate()
     assert answer.success, answer.message
     assert answer.validated, answer.report
-    assert "the paper's assumed" in answer.message
+    assert answer.message.endswith("; controller: paper, as requested")
     assert answer.closed_loop_stable
     assert answer.independent
     assert answer.unstable_poles == 2
@@ -200,6 +202,58 @@ def test_a_model_is_judged_by_another_run_and_from_a_file(loop: Loop, record: Lo
     assert loop.validate(model=str(tmp_path / "model.json")).fit == answer.fit
     assert "cannot be read" in loop.validate(model=str(tmp_path / "nowhere.json")).message
     assert "there is no such file or folder" in loop.validate(bag=str(tmp_path / "nowhere")).message
+
+
+def test_no_controller_is_assumed(loop: Loop, record: LoopRecord, tmp_path: Path) -> None:
+    loop.publish(record)
+    assert loop.identify(order=4).success
+    for call in (loop.identify, loop.validate):
+        answer = call(controller="")
+        assert not answer.success
+        assert "node pd_controller does not give the parameters of the controller; name it in `controller`: paper" in (
+            answer.message
+        )
+        assert "node /amb/other did not tell its parameters within 0.1 s" in call(controller="other").message
+        assert f"parameter file {tmp_path}/no.yaml" in call(controller=f"{tmp_path}/no.yaml").message
+
+
+def test_a_parameter_file_names_the_controller(loop: Loop, record: LoopRecord, tmp_path: Path) -> None:
+    loop.publish(record)
+    paper, other = tmp_path / "paper.yaml", tmp_path / "other.yaml"
+    paper.write_text("/amb/pd_controller: {ros__parameters: {proportional_gain: 20000.0, telemetry_block: 10}}\n")
+    other.write_text("/amb/pd_controller: {ros__parameters: {proportional_gain: 30000.0}}\n")
+    expected = loop.identify(order=4)
+    found = loop.identify(order=4, controller=str(paper))
+    assert found.success, found.message
+    assert found.model.fit == expected.model.fit
+    assert loop.identify(order=4, controller=str(other)).model.fit != expected.model.fit
+    assert loop.validate(controller=str(other)).fit != loop.validate(controller=str(paper)).fit
+
+
+@pytest.mark.parametrize(
+    ("goal", "reason"),
+    [
+        ({"order": 4000}, "order 4000 is not allowed; allowed: 1 to 30"),
+        ({"order": 4, "auto_order": True}, "order = 4 is not allowed with auto_order; allowed: 0"),
+        ({"method": "magic"}, "unknown method 'magic'; allowed:"),
+        ({"focus": "near"}, "unknown focus 'near'; allowed:"),
+        ({"first_step": -7}, "first_step = -7 is not allowed"),
+        ({"bag": "/nowhere"}, "there is no such file or folder"),
+        ({"bag": "x" * 5_000}, "there is no such file or folder"),
+        ({"controller": "/nowhere.yaml"}, "parameter file /nowhere.yaml"),
+    ],
+)
+def test_a_bad_goal_is_rejected_and_the_client_knows_why(loop: Loop, goal: dict[str, Any], reason: str) -> None:
+    handle, _ = loop.send(**goal)
+    assert not handle.accepted
+    if goal.pop("auto_order", False):
+        return  # the client cannot ask for it
+    with AmbClient(domain_id=int(loop.graph.environment["ROS_DOMAIN_ID"])) as amb:
+        for _ in range(2):  # the second time an old reason is known as well
+            with pytest.raises(ClientError) as caught:
+                amb.identify(**{"controller": PAPER} | goal)
+            assert "/amb/identifier/identify: " in str(caught.value)
+            assert reason in str(caught.value)
 
 
 def test_a_bag_gives_the_same_model_here_and_on_the_command_line(loop: Loop, record: LoopRecord) -> None:
@@ -223,7 +277,9 @@ def test_a_bag_gives_the_same_model_here_and_on_the_command_line(loop: Loop, rec
     assert "/amb/telemetry" in shown.output
     assert f"steps 0 to {STEPS - 1}" in shown.output
     file = graph.folder / "model.json"
-    shown = CliRunner().invoke(app, ["identify", started.uri, "--order", "4", "--out", str(file)])
+    shown = CliRunner().invoke(
+        app, ["identify", started.uri, "--order", "4", "--controller", PAPER, "--out", str(file)]
+    )
     assert shown.exit_code == 0, shown.output
     np.testing.assert_array_equal(CoreModel.load(file).a, model_from_message(answer.model).a)
 
@@ -324,14 +380,14 @@ def test_the_action_tells_how_far_it_is_and_other_services_are_answered_meanwhil
 def test_the_client_shows_progress_and_cancels(loop: Loop, long: StateSpaceModel) -> None:
     told: list[IdentificationProgress] = []
     with AmbClient(domain_id=loop.graph.domain, timeout=TIMEOUT) as amb:
-        model = amb.identify(order=4, first_step=2_000, steps=4_000, progress=told.append)
+        model = amb.identify(order=4, first_step=2_000, steps=4_000, progress=told.append, controller=PAPER)
         assert (model.order, model.samples) == (4, 4_000)
         assert {"checks", "subspace", "pem", "validation"} <= {progress.stage for progress in told}
         np.testing.assert_array_equal(amb.get_model().a, model.a)
-        assert amb.validate(first_step=7_000, steps=4_000).validated
+        assert amb.validate(first_step=7_000, steps=4_000, controller=PAPER).validated
         told.clear()
         with pytest.raises(ClientError, match="identification cancelled in"):
-            amb.identify(progress=told.append, cancelled=lambda: bool(told))
+            amb.identify(progress=told.append, cancelled=lambda: bool(told), controller=PAPER)
 
 
 def test_a_signal_ends_the_node_in_the_middle_of_an_identification(loop: Loop, long: StateSpaceModel) -> None:
@@ -349,6 +405,9 @@ def test_the_controller_is_asked_for_its_parameters(graph: Graph, record: LoopRe
     controller.declare_parameter("telemetry_block", 100)
     loop = Loop(graph)
     loop.publish(record)
-    answer = loop.identify(order=4)
-    assert answer.success
-    assert "assumed" not in answer.message
+    answer = loop.identify(order=4, controller="")
+    assert answer.success, answer.message
+    assert "controller" not in answer.message
+    named = loop.identify(order=4, controller="/amb/pd_controller")
+    assert named.model.fit == answer.model.fit
+    assert named.message.endswith("; controller: /amb/pd_controller, as requested")

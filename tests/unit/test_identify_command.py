@@ -25,8 +25,9 @@ def files(bearing, tmp_path_factory) -> list[Path]:
     return paths
 
 
-def run(*arguments: object) -> str:
-    result = CliRunner().invoke(app, ["identify", *map(str, arguments)], env={"COLUMNS": "160"})
+def run(*arguments: object, controller: str = "paper") -> str:
+    words = ["identify", *map(str, arguments), "--controller", controller]
+    result = CliRunner().invoke(app, words, env={"COLUMNS": "160"})
     if result.exception is not None:
         raise result.exception
     return result.output
@@ -91,9 +92,12 @@ def test_results_that_cannot_be_kept_are_refused_before_the_work(
         run(tmp_path / "no_bag", option, tmp_path / name)
 
 
-def test_a_controller_that_is_not_known_and_errors_that_are_not_white_are_told(files: list[Path]) -> None:
+def test_a_controller_that_is_not_known_is_refused_and_errors_that_are_not_white_are_told(files: list[Path]) -> None:
+    with pytest.raises(AmbError, match="lacks the controller's parameters; name it with --controller: paper, or a ROS"):
+        run(files[0], "--order", "3", controller="")
+    with pytest.raises(AmbError, match="controller = 'pd_controller' is not allowed; allowed: paper, or"):
+        run(files[0], "--order", "3", controller="pd_controller")
     shown = run(files[0], "--order", "3")
-    assert "lacks the controller's parameters; for currents in A and positions in m, the paper's is assumed" in shown
     assert "not white; ± allows for that" in shown
     assert "not white" not in run(files[0], "--order", "6")
 

@@ -24,13 +24,14 @@ for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
 TELEMETRY, PARAMETERS = "amb_msgs/msg/LoopSamples", "rcl_interfaces/msg/ParameterEvent"
 
 
-def write_bag(folder: Path, record: LoopRecord) -> Path:
+def write_bag(folder: Path, record: LoopRecord, controller: bool = True) -> Path:
     header = TYPES.types["std_msgs/msg/Header"](TYPES.types["builtin_interfaces/msg/Time"](0, 0), "")
     columns = np.hstack([record.reference, record.position, record.current]).T.copy()
     with BagWriter(folder) as bag:
         for topic, kind in (("/amb/telemetry", TELEMETRY), ("/parameter_events", PARAMETERS)):
             bag.add_topic(topic, kind, TYPES.generate_msgdef(kind, ros_version=2)[0])
-        bag.write_parameters("/parameter_events", "/amb/pd_controller", ControllerParameters().model_dump(), 0)
+        if controller:
+            bag.write_parameters("/parameter_events", "/amb/pd_controller", ControllerParameters().model_dump(), 0)
         content = TYPES.types[TELEMETRY](header, 1, 0, record.sample_time, *columns)
         bag.write("/amb/telemetry", bytes(TYPES.serialize_cdr(content, TELEMETRY)), 0)
     return folder
@@ -80,3 +81,11 @@ def test_an_order_that_no_method_takes_is_refused_before_anything_is_written(
     with pytest.raises(AmbError, match=f"order {order} is not allowed; allowed: 1 to 30"):
         amb_report(excited, "--order", order, "--out", tmp_path / "report.html")
     assert not (tmp_path / "report.html").exists()
+
+
+def test_no_controller_is_assumed_for_a_model(bearing, tmp_path: Path) -> None:
+    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.4)
+    bag = read_bag(write_bag(tmp_path / "bare", record, controller=False))
+    report = recording_report(bag, order=6)
+    assert "No model: the bag lacks the controller's parameters; name it with --controller: paper" in report.lead
+    assert "No model" not in recording_report(bag, order=6, controller=ControllerParameters()).lead

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from amb_core.region_map import MapSettings, RegionMap
     from amb_core.regions import AxisState, Onset, RegionState
 
+SHORTEST_SAMPLE_TIME, LONGEST_SAMPLE_TIME = 1e-7, 10.0  # s; wider than any loop, so that nothing downstream overflows
+LONGEST_TIME = 2**31 - 1  # s; the seconds of a ROS time stamp are an int32
+
 ParameterValue = bool | int | float | str | list[Any] | None
 
 
@@ -33,7 +36,7 @@ def block_from_message(message: Any) -> LoopRecord:
     Raises
     ------
     BagError
-        If its arrays differ in length or its sample time is not positive.
+        If its arrays differ in length, or its sample time or step is that of no loop.
     """
     where = f"telemetry block of run {message.run} at step {message.first_step}"
     try:
@@ -46,8 +49,13 @@ def block_from_message(message: Any) -> LoopRecord:
         )
     except ValueError:
         raise BagError(f"{where}: its arrays must have one length") from None
-    if not block.sample_time > 0.0:
-        raise BagError(f"{where}: sample time {block.sample_time} s must be positive")
+    if not SHORTEST_SAMPLE_TIME <= block.sample_time <= LONGEST_SAMPLE_TIME:
+        raise BagError(
+            f"{where}: sample time {block.sample_time} s must be positive; allowed: {SHORTEST_SAMPLE_TIME:g} s to "
+            f"{LONGEST_SAMPLE_TIME:g} s"
+        )
+    if (block.first_step + block.steps) * block.sample_time > LONGEST_TIME:
+        raise BagError(f"{where}: its time is beyond what a ROS time stamp holds, {LONGEST_TIME} s")
     return block
 
 

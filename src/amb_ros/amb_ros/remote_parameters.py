@@ -47,6 +47,7 @@ class RemoteParameters:
             If the node does not answer in time.
         """
         if remote not in self._clients:
+            self._wait_for(remote, timeout)
             self._clients[remote] = (
                 self._node.create_client(ListParameters, f"{remote}/list_parameters"),
                 self._node.create_client(GetParameters, f"{remote}/get_parameters"),
@@ -79,6 +80,16 @@ class RemoteParameters:
             remote = f"{self._node.get_namespace().rstrip('/')}/{remote}"
         return part_of(model, self.read(remote, timeout))
 
+    def _wait_for(self, remote: str, timeout: float) -> None:
+        """Wait until a node is in the graph: a client for each name that is none would stay for good."""
+        deadline = time.monotonic() + timeout
+        while remote not in {
+            f"{space.rstrip('/')}/{name}" for name, space in self._node.get_node_names_and_namespaces()
+        }:
+            if time.monotonic() > deadline:
+                raise _no_answer(remote, timeout)
+            time.sleep(POLL_PERIOD)
+
     def _tells_parameters(self, name: str, namespace: str) -> bool:
         try:
             services = self._node.get_service_names_and_types_by_node(name, namespace)
@@ -89,5 +100,9 @@ class RemoteParameters:
     def _call(self, client: Client, request: Any, remote: str, timeout: float) -> Any:
         answer = ask(client, request, timeout)
         if answer is None:
-            raise ParameterError(f"node {remote} did not tell its parameters within {timeout:g} s; is it running?")
+            raise _no_answer(remote, timeout)
         return answer
+
+
+def _no_answer(remote: str, timeout: float) -> ParameterError:
+    return ParameterError(f"node {remote} did not tell its parameters within {timeout:g} s; is it running?")
