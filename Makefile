@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo reproduce test test-slow test-graph stress validate bench bench-ident lint clean
+.PHONY: help setup demo reproduce test test-slow test-graph stress validate fuzz bench bench-ident lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -17,8 +17,9 @@ reproduce: setup  ## the paper's figures and claims on the simulator; leaves res
 	@$(RUN) amb reproduce
 
 test: setup  ## all tests but the slow ones
-	@$(RUN) python -m pytest -m "not slow" --ignore tests/graph --numprocesses 2 --dist worksteal; computed=$$?; \
-	  python -m pytest -m "not slow" tests/graph && exit $$computed  # one graph at a time: each is several processes
+	@$(RUN) python -m pytest -m "not slow" --ignore tests/graph --ignore tests/fuzz --numprocesses 2 --dist worksteal; \
+	  computed=$$?; \
+	  python -m pytest -m "not slow" tests/graph tests/fuzz && exit $$computed  # one graph at a time: many processes
 
 test-slow: setup  ## the slow tests
 	@$(RUN) python -m pytest -m slow
@@ -32,6 +33,11 @@ stress: setup  ## the graph tests idle, under load and with low priority (two ho
 
 validate: setup  ## the plant against independent solutions; writes results/validation.json
 	@$(RUN) python tests/validation/run.py
+
+MINUTES ?= 10
+SEED ?= 1
+fuzz: setup  ## hostile messages to the whole graph (MINUTES=60 SEED=2 for more); writes results/fuzz.json
+	@$(RUN) python -m tests.fuzz.run --minutes $(MINUTES) --seed $(SEED)
 
 bench: setup  ## speed of plant and loop; writes results/bench.json
 	@$(RUN) python tests/benchmarks/run.py

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import Parameter
@@ -12,7 +13,7 @@ from rclpy.node import Node, NodeNameNonExistentError
 from amb_core.errors import ParameterError
 from amb_core.messages import ParameterValue, parameters_from_messages
 from amb_core.parameters import Parameters, part_of
-from amb_ros.requests import ask
+from amb_ros.requests import POLL_PERIOD, ask
 
 P = TypeVar("P", bound=Parameters)
 
