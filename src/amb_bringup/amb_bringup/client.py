@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 
 __all__ = ["NODES", "AmbClient", "ClientError", "RunEnd", "StartedExcitation"]
 
+EXCITATION_TIMEOUT = 120.0  # s; generator and controller may have to search for the phases of a long multisine
+
 
 @dataclass(frozen=True)
 class RunEnd:
@@ -149,6 +151,7 @@ class AmbClient(GraphConnection):
         answer = self.call(
             StartExcitation,
             "excitation_generator/start",
+            timeout=max(self.timeout, EXCITATION_TIMEOUT),
             kind=kind,
             first_step=first_step,
             run=self._run,
