@@ -273,6 +273,7 @@ def test_bad_requests_are_refused_and_the_node_lives(recorded: Loop) -> None:
     assert (stopped.success, stopped.message) == (False, "nothing is being recorded; call ~/start first")
     (recorded.graph.folder / "file").touch()
     assert "cannot be made: Not a directory" in recorded.start_bag(str(recorded.graph.folder / "file" / "bag")).message
+    assert "cannot be made: File name too long" in recorded.start_bag("x" * 5000).message
     assert "exists already" in recorded.start_bag(str(recorded.graph.folder)).message
     assert recorded.start_bag("good").success
     again = recorded.start_bag("other")

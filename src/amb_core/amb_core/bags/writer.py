@@ -23,6 +23,7 @@ from amb_core.errors import BagError
 from amb_core.messages import ParameterValue
 
 METADATA_VERSION = 9
+SHOWN = 200  # characters of a path that cannot be right
 CHUNK_SIZE = 256 * 1024
 """Bytes after which a chunk is written whatever its age."""
 
@@ -59,13 +60,15 @@ class BagWriter:
         self._types = get_typestore(Stores.EMPTY)
         self._start, self._end = 2**63 - 1, 0
         self._file_name = f"{self.folder.name}_0.mcap"
-        if self.folder.exists():
-            raise BagError(f"bag {self.folder}: exists already; name a folder that does not")
         try:
+            if self.folder.exists():
+                raise BagError(f"bag {self.folder}: exists already; name a folder that does not")
             self.folder.mkdir(parents=True)
             self._stream = (self.folder / self._file_name).open("xb")
         except OSError as problem:
-            raise BagError(f"bag {self.folder}: cannot be made: {problem.strerror}") from None
+            raise BagError(f"bag {str(self.folder)[:SHOWN]}: cannot be made: {problem.strerror}") from None
+        except ValueError as problem:  # a zero byte in the name
+            raise BagError(f"bag {str(self.folder)[:SHOWN]!r}: cannot be made: {problem}") from None
         self._writer = Writer(self._stream, chunk_size=CHUNK_SIZE)
         self._writer.start(profile="ros2", library="amb_core")
         self._flushed = time.monotonic()
