@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -73,6 +74,7 @@ def main() -> int:
     parser.add_argument("--nice", type=int, default=0, help="runs with the lowest priority")
     parser.add_argument("tests", nargs="*", default=["tests/graph"], help="what to run, as pytest takes it")
     settings = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # through the ends of the processes that run beside
     plan = [kind for kind in KINDS for _ in range(getattr(settings, kind))]
     (RESULTS / "stress").mkdir(parents=True, exist_ok=True)
     runs: list[dict[str, object]] = []
