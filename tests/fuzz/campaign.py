@@ -24,7 +24,7 @@ from tests.fuzz.attacked_graph import ANSWER_TIMEOUT, NAMESPACE, AttackedGraph
 from tests.fuzz.hostile import Hostile, make_traps
 from tests.fuzz.targets import Target, find_targets, shown, tame, valid_messages
 
-WARM_UP = 0.3  # share of the campaign before the memory counts
+WARM_UP = 0.5  # share of the campaign before the memory counts: code that is loaded on demand is no leak
 RECENT = 20  # cases among which the cause of a death is looked for
 HOUSEKEEPING = 50  # cases between a pause, a reset and the end of a recording
 ANYONE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
