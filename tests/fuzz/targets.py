@@ -124,8 +124,10 @@ def valid_messages(run: int, step: int) -> dict[str, list[dict[str, Any]]]:
         "current_reference": [{"run": run, "step": step, "i_x": 0.1, "i_y": 0.1}],
         "telemetry": [{"run": run, "first_step": step, "sample_time": 1e-4, **samples}],
         "excitation": [
-            {"run": run, "id": 3, "kind": "square", "first_step": -1, "sample_time": 1e-4}
-            | {"reference_x": wave, "reference_y": wave, "amplitude": 1e-6, "duration": 0.1, "steps": 1_000}
+            {"run": run, "id": 3, "kind": "waveform", "first_step": -1, "sample_time": 1e-4}
+            | {"steps": 100, "reference_x": wave, "reference_y": wave},
+            {"run": run, "id": 4, "kind": "square", "first_step": -1, "sample_time": 1e-4, "steps": 1_000}
+            | {"description": json.dumps({"amplitude": 1e-6, "axes": "x", "duration": 0.1, "frequency": 50.0})},
         ],
         "excitation_status": [{"run": run, "id": 3, "accepted": True, "first_step": step, "steps": 100}],
         "simulator/state": [{"run": run, "step": step, "mode": 1, "sample_time": 1e-4}],
