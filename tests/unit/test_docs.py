@@ -35,7 +35,9 @@ SECTIONS = ["Purpose", "Design", "Assumptions and known limits", "Inputs and out
 UNITS = {"-", "A", "A, m", "Hz", "N", "T", "m", "m/A", "m/s", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
 
 TABLE = re.compile(r"(<!-- parameters: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-TOPIC_NAMES = {name: value for name, value in vars(topics).items() if name.isupper() and name != "NAMESPACE"}
+TOPIC_NAMES = {
+    name: value for name, value in vars(topics).items() if name.isupper() and name not in ("NAMESPACE", "CLOCK")
+}
 
 
 # -- tables from declarations
@@ -207,6 +209,8 @@ def test_topics_in_the_readme_are_those_of_the_nodes(package: str) -> None:
     code = "\n".join(sources(package).values())
     used = {TOPIC_NAMES[name] for name in re.findall(r"\btopics\.([A-Z_]+)", code) if name in TOPIC_NAMES}
     used |= set(re.findall(r'"(/\w+)"', code))
+    if "topics.clock(" in code:
+        used.add(topics.clock(f"/{topics.NAMESPACE}"))
     if "diagnostics." in code:
         used.add("/diagnostics")
     assert set(documented(package, "topic")) == used

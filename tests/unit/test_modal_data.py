@@ -106,7 +106,7 @@ def load_error(path: Path) -> str:
 
 def test_missing_file_is_named(tmp_path):
     assert load_error(tmp_path / "none.npz").endswith("cannot be read: No such file or directory")
-    assert "cannot be read: Is a directory" in load_error(tmp_path)
+    assert "cannot be read: is a folder" in load_error(tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut off", b"H,B\n0,0\n"])

@@ -57,7 +57,7 @@ def test_identify_and_validate_leave_all_results_in_the_folder(bearing, tmp_path
     for name, frequency in (("data", 15.0), ("other", 20.0)):
         record = bearing.experiment(2e-8, force=0.1, frequency=frequency, duration=0.4)
         write_data(IdentificationData.from_record(record, source=name), tmp_path / f"{name}.npz")
-    amb("identify", tmp_path / "data.npz", "--order", "6", "--out", tmp_path / "found")
+    amb("identify", tmp_path / "data.npz", "--order", "6", "--controller", "paper", "--out", tmp_path / "found")
     assert StateSpaceModel.load(tmp_path / "found/model.json").order == 6
     assert json.loads((tmp_path / "found/summary.json").read_text())["order"] == 6
     assert (tmp_path / "found/bode.png").exists()

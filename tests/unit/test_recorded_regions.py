@@ -111,6 +111,7 @@ def write_bag(
                 mode=3,
                 sample_time=1.0 / RATE,
                 plant_state_steps=0,
+                clock_steps=100,
                 sequence=0,
             )
         )
@@ -201,7 +202,15 @@ def test_a_bag_without_telemetry_is_refused(tmp_path: Path) -> None:
         definition, _ = TYPES.generate_msgdef("amb_msgs/msg/SimulatorState", ros_version=2)
         bag.add_topic("/amb/simulator/state", "amb_msgs/msg/SimulatorState", definition)
         content = message(
-            "SimulatorState", run=7, step=0, last_step=0, mode=0, sample_time=1e-4, plant_state_steps=0, sequence=0
+            "SimulatorState",
+            run=7,
+            step=0,
+            last_step=0,
+            mode=0,
+            sample_time=1e-4,
+            plant_state_steps=0,
+            clock_steps=100,
+            sequence=0,
         )
         bag.write("/amb/simulator/state", bytes(TYPES.serialize_cdr(content, content.__msgtype__)), 1)
     with pytest.raises(BagError, match=r"holds no telemetry \(amb_msgs/msg/LoopSamples\); its topics: /amb/simulator"):

@@ -72,6 +72,7 @@ def test_the_command_has_every_setting_of_a_map_with_its_default():
     options = inspect.signature(command.region_map, eval_str=True).parameters
     for declared in declarations(MapSettings):
         option = options[declared.name]
-        assert option.default == declared.default
+        follows = declared.name == "initial_sweeps"  # where there are fewer, the largest number of sweeps
+        assert option.default == (None if follows else declared.default)
         unit = f"({declared.unit})"
         assert declared.unit == "-" or unit in option.annotation.__metadata__[0].help
