@@ -21,12 +21,13 @@ from amb_core.plant import Plant
 from amb_msgs.msg import CurrentReference, Excitation, ExcitationStatus, RotorPosition
 from amb_msgs.srv import StartExcitation
 from amb_ros.qos import EVERY_STATE, LATCHED, STREAM
+from tests.graph.bearing import Bearing
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable
 
     from amb_core.excitation import Excitation as ExcitationParameters
-    from tests.graph.conftest import Bearing, Graph
+    from tests.graph.conftest import Graph
 
 SIMULATOR = "amb_sim_node.simulator"
 CONTROLLER = "amb_controller_node.pd_controller"
@@ -120,18 +121,23 @@ def without_ros(samples: np.ndarray, steps: int = STEPS, first_step: int = EXCIT
     return simulate(Plant(), PdController(ControllerParameters()), steps, samples, first_step)
 
 
-@pytest.fixture(scope="module")
-def running(open_graph: Any, watch_bearing: Any, tmp_path_factory: Any) -> Iterator[Bearing]:
+def loop_with_generator(graph: Graph) -> Bearing:
+    for module in (SIMULATOR, CONTROLLER, GENERATOR):
+        graph.start(module)
+    loop = Bearing(graph)
+    loop.user = User(graph)
+    return loop
+
+
+@pytest.fixture
+def running(share: Callable[..., Bearing]) -> Bearing:
     """A loop with generator."""
-    with open_graph(tmp_path_factory.mktemp("running")) as graph:
-        for module in (SIMULATOR, CONTROLLER, GENERATOR):
-            graph.start(module)
-        yield watch_bearing(graph)
+    return share(loop_with_generator, Bearing.resets)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def user(running: Bearing) -> User:
-    return User(running.graph)
+    return running.user
 
 
 @pytest.mark.parametrize(

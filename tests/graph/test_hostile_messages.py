@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -17,9 +17,10 @@ from amb_core.messages import block_from_message
 from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition, SimulatorState
 from amb_msgs.srv import Pause, Reset, RunSteps
 from amb_ros.qos import STREAM
+from tests.graph.bearing import Bearing
 
 if TYPE_CHECKING:
-    from tests.graph.conftest import Bearing
+    from tests.graph.conftest import Graph
 
 SIMULATOR = "amb_sim_node.simulator"
 CONTROLLER = "amb_controller_node.pd_controller"
@@ -69,16 +70,19 @@ class Wires:
         known = len(self.bearing.diagnostics)
 
         def words() -> list[DiagnosticStatus]:
-            return [status for _, status in self.bearing.diagnostics[known:] if status.name == name]
+            return [status for status in self.bearing.diagnostics[known:] if status.name == name]
 
         self.graph.wait_until(words, f"a word of {name}")
         return words()[-1]
 
 
-@pytest.fixture(scope="module")
-def wires(open_graph: Any, watch_bearing: Any, tmp_path_factory: Any) -> Iterator[Wires]:
-    with open_graph(tmp_path_factory.mktemp("wires")) as graph:
-        yield Wires(watch_bearing(graph))
+def wires_of(graph: Graph) -> Wires:
+    return Wires(Bearing(graph))
+
+
+@pytest.fixture
+def wires(share: Callable[..., Wires]) -> Wires:
+    return share(wires_of, lambda wires: wires.bearing.resets())
 
 
 # -- the simulator

@@ -11,7 +11,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import KeyValue
 from rclpy.node import Node
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
 from amb_ros.qos import EVERY_STATE
 
@@ -50,5 +50,9 @@ class RejectionListener:
 
 
 def goal_digest(goal: Any) -> str:
-    """SHA-256 of a goal as it is sent."""
-    return hashlib.sha256(serialize_message(goal)).hexdigest()
+    """SHA-256 of the values of a goal as they arrive.
+
+    Not of its bytes: those between two fields, which only align them, are left as they were in memory.
+    """
+    arrived = deserialize_message(serialize_message(goal), type(goal))
+    return hashlib.sha256(repr(arrived).encode("utf-8", "surrogatepass")).hexdigest()
