@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosbags.highlevel import AnyReader
 
 from amb_core.bags import Bag, read_bag
@@ -84,7 +84,7 @@ def test_everything_published_after_the_start_is_in_the_bag(loop: Loop, graph: G
     graph.start(RECORDER)
     started = loop.start_bag()
     assert started.success, started.message
-    loop.diagnostics.publish(DiagnosticArray())
+    loop.diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name="amb/pd_controller")]))
     loop.publish_blocks(3, 0, 100)
     loop.state.publish(SimulatorState(mode=SimulatorState.PAUSED, run=3, step=100 * BLOCK))
     stopped = loop.stop_bag(3, 100 * BLOCK)
