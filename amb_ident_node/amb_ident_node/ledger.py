@@ -5,6 +5,7 @@ The ledger outlives a recording, since what comes next on a topic shows only aga
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Collection
 from typing import Any
@@ -173,10 +174,12 @@ class Ledger:
 
     def _note_clock(self, message: Any) -> None:
         """Note a clock, which does not carry its run: where time goes back, that of a run not heard of yet."""
-        if self.state is None:
+        if self.state is None or not self.state.sample_time > 0.0:
             return
-        time = (message.clock.sec * SECOND + message.clock.nanosec) / SECOND
-        run, step = self.state.run, round(time / self.state.sample_time)
+        steps = (message.clock.sec * SECOND + message.clock.nanosec) / SECOND / self.state.sample_time
+        if not math.isfinite(steps):
+            return
+        run, step = self.state.run, round(steps)
         last_run, last_step = self._last_clock
         if self._early_clocks or (run == last_run and step < last_step):
             self._early_clocks.append(step)

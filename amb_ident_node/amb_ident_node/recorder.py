@@ -141,8 +141,9 @@ class RecorderNode(Node):
         prefix = self.get_namespace().strip("/") + "/"
         for status in array.status:
             values = {item.key: item.value for item in status.values}
-            if status.name.startswith(prefix) and REGION_MESSAGES in values and values["run"].isdecimal():
-                self._ledger.note_monitor(*(int(values[key]) for key in ("run", "next step", REGION_MESSAGES)))
+            known = [values.get(key, "") for key in ("run", "next step", REGION_MESSAGES)]
+            if status.name.startswith(prefix) and all(value.isdecimal() for value in known):
+                self._ledger.note_monitor(*map(int, known))
         return any(status.name.startswith(prefix) for status in array.status)
 
     def _on_flush_timer(self) -> None:

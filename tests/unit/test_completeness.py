@@ -134,6 +134,15 @@ def test_blocks_of_an_older_run_that_come_late_are_no_part_of_the_recording(ledg
     assert ledger.lacks(Mark(5, 200), TOPICS) == []
 
 
+@pytest.mark.parametrize("sample_time", [0.0, -1.0, float("nan"), 5e-324, float("inf")])
+def test_a_clock_of_a_simulator_without_a_sample_time_is_left_out(sample_time):
+    ledger = Ledger()
+    impossible = state(5, 0, 1)
+    impossible.sample_time = sample_time
+    ledger.note("simulator/state", impossible)
+    ledger.note("clock", clock(100))
+
+
 def test_clocks_of_a_run_that_is_heard_of_later_belong_to_it(ledger):
     ledger.note("clock", clock(0))
     ledger.note("clock", clock(100))

@@ -5,6 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+KEPT_INSTANCES = 4  # of a name
+KEPT_NAMES = 1000  # of nodes, whoever reports
+
 
 class Namesakes:
     """Notices when two instances of a node report in turn.
@@ -35,12 +38,10 @@ class Namesakes:
             self._alternated[name] = self._clock()
             known.remove(instance)
         known.append(instance)
-        del known[:-KEPT]
+        del known[:-KEPT_INSTANCES]
+        if len(self._instances) > KEPT_NAMES:
+            self._instances.pop(next(iter(self._instances)))
 
     def lives_twice(self, name: str) -> bool:
         """Whether two instances of a node of this name live."""
         return name in self._alternated and self._clock() - self._alternated[name] < self._patience
-
-
-KEPT = 4
-"""Instances of a name that are remembered."""
