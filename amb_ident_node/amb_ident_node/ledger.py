@@ -59,6 +59,7 @@ class Ledger:
         """A recording starts: what comes from now on belongs to it."""
         with self._changed:
             self._ended = False
+            self._monitor_reports = False
             self._telemetry = TelemetryAccount()
             self._plant_states = PeriodicAccount(topics.PLANT_STATE)
             self._clocks = PeriodicAccount(topics.CLOCK)
@@ -87,6 +88,7 @@ class Ledger:
         """The region monitor reports how far it is, and how many messages it has published."""
         with self._changed:
             self._monitor = run, next_step, messages
+            self._monitor_reports = True
             self._changed.notify_all()
 
     def end(self) -> None:
@@ -102,10 +104,10 @@ class Ledger:
             return next(reversed(self._telemetry.runs), 0)
 
     @property
-    def has_regions(self) -> bool:
-        """Whether a region was heard in this recording."""
+    def has_monitor(self) -> bool:
+        """Whether a region, or a report of the region monitor, was heard in this recording."""
         with self._changed:
-            return bool(self._regions)
+            return bool(self._regions) or self._monitor_reports
 
     def wait_for(self, awaited: Mark, published: Collection[str], timeout: float) -> None:
         """Wait until everything up to a place in a run has arrived on the topics published, or the time (s) is over."""

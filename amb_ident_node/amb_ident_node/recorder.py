@@ -51,6 +51,8 @@ from amb_ros.services import create_service
 from amb_ros.subscriptions import create_subscription
 
 DISCOVERY_TIMEOUT = 2.0  # s
+DISCOVERY_QUIET = 1.0  # s without a new publisher after which all are taken to be known
+DISCOVERY_END = 10.0  # s after the start of the node, from which all are
 READING_ATTEMPTS = 3  # to read the parameters of a node, before the last one at the end of the bag
 DEFAULT_STOP_TIMEOUT = 10.0  # s
 LONGEST_STOP_TIMEOUT = 3600.0  # s
@@ -76,6 +78,7 @@ class RecorderNode(Node):
     def __init__(self) -> None:
         super().__init__("recorder", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True)
         self._settings = declare(self, RecorderParameters)
+        self._born = time.monotonic()
         self._recording: Recording | None = None
         self._ledger = Ledger()
         self._latched: dict[str, bytes] = {}
@@ -267,7 +270,7 @@ class RecorderNode(Node):
     def _published_topics(self) -> set[str]:
         """Those of the topics that follow the steps of a run which somebody publishes, or has published in this bag."""
         published = {name for name in OF_THE_GRAPH if self.count_publishers(self._full_name(name))}
-        return published | {topics.REGION} if self._ledger.has_regions else published
+        return published | {topics.REGION} if self._ledger.has_monitor else published
 
     def _note_conflicts(self) -> None:
         found = [self._ledger.conflict, *self._diagnostics.conflicts()]
@@ -295,10 +298,21 @@ class RecorderNode(Node):
         expected = [self.resolve_topic_name(name) for name in (topics.TELEMETRY, topics.SIMULATOR_STATE)]
         while not all(map(self.count_publishers, expected)) and time.monotonic() < deadline:
             time.sleep(0.01)
+        self._wait_for_discovery()
+        deadline = time.monotonic() + DISCOVERY_TIMEOUT
         while (waiting := self._unconnected_topics()) and time.monotonic() < deadline:
             time.sleep(0.01)
         for name in waiting:
             self.get_logger().warning(f"not connected to every publisher of {name}; do their QoS settings fit?")
+
+    def _wait_for_discovery(self) -> None:
+        """Wait, soon after the start of the node, until no publisher turns up any more: it may not know all of them."""
+        known, quiet_since = -1, time.monotonic()
+        while (now := time.monotonic()) < min(quiet_since + DISCOVERY_QUIET, self._born + DISCOVERY_END):
+            found = sum(map(self.count_publishers, self._topics))
+            if found != known:
+                known, quiet_since = found, now
+            time.sleep(0.01)
 
     def _unconnected_topics(self) -> list[str]:
         """Topics with publishers that have not been matched with the subscription."""
