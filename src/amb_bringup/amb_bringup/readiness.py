@@ -61,7 +61,7 @@ class Readiness:
         return "" if self._client.simulator_state is not None else f"{space}/{topics.SIMULATOR_STATE}"
 
     def message(self) -> str:
-        """What a user is told once the graph is ready: the state, and a call that works as it stands."""
+        """What is shown once the graph is ready: the state, and a call that works as it stands."""
         state = self._client.simulator_state
         if state is None:
             return ""

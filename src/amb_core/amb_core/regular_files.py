@@ -1,6 +1,6 @@
 """Opens files that a user or another program names: regular files of bounded size only, never a device or a pipe.
 
-Opening a FIFO waits for its other end, and a device such as /dev/zero never ends: a node that is told such a path must
+Opening a FIFO waits for its other end, and a device such as /dev/zero never ends: a node that gets such a path must
 refuse it at once. Every failure is an `OSError` whose `strerror` says in one line what is wrong.
 """
 

@@ -1,4 +1,4 @@
-"""Nodes of one name that live at the same time, told apart by what each of them reports about itself."""
+"""Nodes of one name that live at the same time, distinguished by what each reports about itself."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def load_recorded(
 ) -> RecordedLoop:
     """Data and parameters of a bag, or the data of a file, where no run and steps can be chosen.
 
-    A controller that is named replaces the recorded one. Where none is known, that and the consequence are told.
+    A controller that is named replaces the recorded one. Where none is known, that and the consequence are reported.
     """
     from dataclasses import replace
 
