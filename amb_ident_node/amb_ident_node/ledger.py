@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import deque
 from collections.abc import Callable, Collection
 from typing import Any
 
@@ -16,6 +17,7 @@ from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, Se
 from amb_ros import topics
 
 SECOND = 1_000_000_000  # ns
+KEPT_CLOCKS = 10_000
 COUNTED = {
     topics.REGION: "sequence",
     topics.SIMULATOR_STATE: "sequence",
@@ -50,16 +52,16 @@ class Ledger:
         }
         self.state: Any = None
         self._monitor = (0, 0, 0)  # run, next step and messages of the region monitor, as it reports them
-        self._malformed = 0
+        self._ended = False
         self._last_clock = 0, 0  # run and step
-        self._early_clocks: list[int] = []  # steps of a run whose state has not been heard yet
+        self._early_clocks: deque[int] = deque(maxlen=KEPT_CLOCKS)  # of a run whose state has not been heard yet
         self.start()
 
     def start(self) -> None:
         """A recording starts: what comes from now on belongs to it."""
         with self._changed:
-            self._ended = False
             self._monitor_reports = False
+            self._malformed = 0
             self._telemetry = TelemetryAccount()
             self._plant_states = PeriodicAccount(topics.PLANT_STATE)
             self._clocks = PeriodicAccount(topics.CLOCK)
@@ -109,10 +111,17 @@ class Ledger:
         with self._changed:
             return bool(self._regions) or self._monitor_reports
 
-    def wait_for(self, awaited: Mark, published: Collection[str], timeout: float) -> None:
-        """Wait until everything up to a place in a run has arrived on the topics published, or the time (s) is over."""
+    def wait_for(
+        self, awaited: Mark, published: Collection[str], timeout: float, in_vain: Callable[[], bool] = lambda: False
+    ) -> None:
+        """Wait until everything up to a place in a run has arrived on the topics published.
+
+        Ends before where the time (s) is over, `end` was called, or it is in vain.
+        """
         with self._changed:
-            self._changed.wait_for(lambda: self._ended or not self._late(awaited, published), timeout)
+            self._changed.wait_for(
+                lambda: self._ended or in_vain() or not self._late(awaited, published), max(timeout, 0.0)
+            )
 
     def lacks(self, awaited: Mark | None = None, published: Collection[str] = ()) -> list[str]:
         """What is missing, one text a topic and run; up to a place in a run where one is given."""

@@ -106,7 +106,8 @@ class RecorderNode(Node):
             self._worker.submit(self._start_by_itself)
 
     def destroy_node(self) -> None:
-        """Close the bag, then the node."""
+        """Close the bag, then the node; a stop that waits need not wait any longer."""
+        self._ledger.end()
         self._close()
         self._worker.shutdown()
         self._close()  # a start may have been under way
@@ -176,7 +177,7 @@ class RecorderNode(Node):
         awaited = self._awaited(request.wait_for_run, request.wait_for_step)
         published = self._published_topics()
         if awaited is not None and not recording.failure:
-            self._ledger.wait_for(awaited, published, deadline - time.monotonic())
+            self._ledger.wait_for(awaited, published, deadline - time.monotonic(), lambda: bool(recording.failure))
         self._describe(self._undescribed_nodes(), max(deadline - time.monotonic(), self._settings.parameter_timeout))
         self._note_conflicts()
         problems = [recording.failure] if recording.failure else self._ledger.lacks(awaited, published)

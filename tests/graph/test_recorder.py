@@ -170,6 +170,19 @@ def test_a_signal_closes_the_bag_and_the_exit_code_is_0(loop: Loop, graph: Graph
     assert bag.telemetry().steps == 10 * BLOCK
 
 
+def test_a_signal_ends_a_recorder_that_waits_for_steps(loop: Loop, graph: Graph) -> None:
+    process = graph.start(RECORDER)
+    uri = loop.start_bag().uri
+    loop.publish_blocks(1, 0, 10)
+    waiting = graph.node.create_client(StopRecording, "/amb/recorder/stop")
+    graph.wait_until(waiting.service_is_ready, "the recorder")
+    waiting.call_async(StopRecording.Request(wait_for_run=1, wait_for_step=10**9, timeout=3600.0))
+    graph.wait_until(lambda: _steps_on_disk(uri) == 10 * BLOCK, what="the telemetry on the disk")
+    code, errors = graph.stop(process)
+    assert code == 0, errors
+    assert not read_bag(uri).truncated
+
+
 def test_a_killed_recorder_leaves_all_but_the_last_chunk(loop: Loop, graph: Graph) -> None:
     process = graph.start(RECORDER, parameters={"chunk_period": 0.1})
     uri = loop.start_bag().uri
