@@ -129,8 +129,8 @@ class Ledger:
             texts = self._telemetry.lacks(awaited)
             runs = {run: self._telemetry.stop(run) for run in self._telemetry.runs}
             if awaited is not None:
-                # The state of the plant at the awaited step itself comes before the simulator stops there.
-                runs[awaited.run] = max(runs.get(awaited.run, 0), awaited.step)
+                # A run that goes on has telemetry beyond the awaited step, whose other messages may be under way.
+                runs[awaited.run] = awaited.step
             for run, stop in runs.items():
                 first = self._telemetry.first_due(run)
                 closed = stop + 1 if self._simulator_reached(Mark(run, stop)) else stop

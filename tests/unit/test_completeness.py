@@ -86,6 +86,12 @@ def test_each_topic_is_named_with_first_last_and_count_of_what_is_missing(ledger
     ]
 
 
+def test_what_is_under_way_beyond_the_awaited_step_is_not_missing(ledger):
+    fill(ledger)
+    ledger.note("telemetry", block(5, 200, 100))
+    assert ledger.lacks(Mark(5, 200), TOPICS) == []
+
+
 def test_topics_that_nobody_publishes_are_not_awaited(ledger):
     ledger.note("telemetry", block(5, 0, 200))
     assert ledger.lacks(Mark(5, 200), {"telemetry"}) == [
