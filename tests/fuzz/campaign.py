@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.srv import GetParameterTypes, ListParameters
 from rclpy.action import ActionClient
+from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from amb_bringup.client import NODES
@@ -26,6 +27,7 @@ from tests.fuzz.targets import Target, find_targets, shown, tame, valid_messages
 
 WARM_UP = 0.5  # share of the campaign before the memory counts: code that is loaded on demand is no leak
 RECENT = 20  # cases among which the cause of a death is looked for
+SETTLING_TIME = 1.0  # s without news after which the graph counts as discovered
 HOUSEKEEPING = 50  # cases between a pause, a reset and the end of a recording
 ANYONE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -89,7 +91,7 @@ class Campaign:
         for name in NODES:
             graph.limit_memory(name)
             self._probe(name)
-        self.targets = find_targets(self._connection.node, NODES, f"/{NAMESPACE}")
+        self.targets = self._discover()
         self._weights = [target.weight for target in self.targets]
         self._parameters = sorted({name for node in NODES for name in self._names_of(node)})
 
@@ -188,6 +190,24 @@ class Campaign:
             note.read(ended.result().result.message)
 
     # -- the nodes
+
+    def _discover(self) -> list[Target]:
+        """All doors of the nodes: discovery brings them in several messages, so wait until nothing new comes."""
+        found: list[Target] = []
+        since = time.monotonic()
+
+        def settled() -> bool:
+            nonlocal found, since
+            try:
+                now = find_targets(self._connection.node, NODES, f"/{NAMESPACE}")
+            except NodeNameNonExistentError:
+                now = []
+            if now != found:
+                found, since = now, time.monotonic()
+            return bool(found) and time.monotonic() - since > SETTLING_TIME
+
+        self._wait(settled, "discovery")
+        return found
 
     def _ask(self, service: Any, name: str, request: Any) -> Any:
         if name not in self._clients:

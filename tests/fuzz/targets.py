@@ -64,7 +64,13 @@ class Target:
 
 
 def find_targets(node: Node, names: tuple[str, ...], namespace: str) -> list[Target]:
-    """The doors of nodes in a namespace, in order of their names."""
+    """The doors of nodes in a namespace that this node has discovered so far, in order of their names.
+
+    Raises
+    ------
+    NodeNameNonExistentError
+        If one of the nodes has not been discovered yet; it may answer requests before.
+    """
     found: dict[str, Target] = {}
     topics: dict[str, tuple[Any, list[str]]] = {"/clock": (interface("rosgraph_msgs/msg/Clock"), [])}
     for name in names:
