@@ -91,3 +91,25 @@ def test_no_traceback_whenever_ctrl_c_comes(executable: str, delay: float, tmp_p
     said, _ = process.communicate(timeout=60.0)
     assert "Traceback" not in said
     assert process.returncode == (130 if executable == "amb" else 0)
+
+
+def test_a_connection_that_is_interrupted_in_a_destructor_of_its_executor_closes_first(tmp_path: Path) -> None:
+    code = (
+        "import signal, sys\n"
+        "from amb_bringup.client import AmbClient\n"
+        "def interrupt(frame, event, _):\n"
+        "    if event == 'call' and frame.f_code.co_name == '__exit__' and 'event_handler' in frame.f_code.co_filename:\n"
+        "        sys.setprofile(None)\n"
+        "        print('destroying', flush=True)\n"
+        "        signal.raise_signal(signal.SIGINT)\n"
+        "client = AmbClient()\n"
+        "client.spin_once()\n"
+        "sys.setprofile(interrupt)\n"
+        "try:\n"
+        "    client.close()\n"
+        "except KeyboardInterrupt:\n"
+        "    print('interrupted', client.node.context.ok())\n"
+    )
+    process = python(code, tmp_path)
+    out, error = process.communicate(timeout=120.0)
+    assert (process.returncode, out, error) == (0, "destroying\ninterrupted False\n", "")

@@ -288,16 +288,14 @@ def test_amb_run_names_the_executables_there_are(amb: StartAmb, add_executable: 
     assert process.returncode == 1
 
 
-def test_an_impatient_second_ctrl_c_leaves_no_node_behind(monkeypatch: pytest.MonkeyPatch) -> None:
-    with Graph([shell("stubborn", STUBBORN)]) as graph:
+def test_an_impatient_second_ctrl_c_leaves_no_node_behind() -> None:
+    def interrupt(_name: str, text: str) -> None:
+        if text == "no":
+            os.kill(os.getpid(), signal.SIGINT)
+
+    stubborn = STUBBORN.replace("''", "'echo no'", 1)
+    with Graph([shell("stubborn", stubborn)], output=interrupt) as graph:
         wait_for_line(graph, "stubborn", "ready")
-        waited = graph.processes["stubborn"].wait
-
-        def wait(timeout: float | None = None) -> int:
-            monkeypatch.setattr(graph.processes["stubborn"], "wait", waited)
-            raise KeyboardInterrupt
-
-        monkeypatch.setattr(graph.processes["stubborn"], "wait", wait)
         assert graph.stop() == {"stubborn": -signal.SIGTERM}
 
 

@@ -15,6 +15,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from amb_core.errors import AmbError
+from amb_ros import interruptions
 from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
 
@@ -54,10 +55,11 @@ class GraphConnection:
         self.timeout = timeout
         self._nodes = tuple(nodes)
         self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain_id)
-        self.node = Node("amb_client", namespace=namespace, context=self._context, start_parameter_services=False)
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        with interruptions.held_back():
+            rclpy.init(context=self._context, domain_id=domain_id)
+            self.node = Node("amb_client", namespace=namespace, context=self._context, start_parameter_services=False)
+            self._executor = EventsExecutor(context=self._context)
+            self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
         self._rejections: dict[str, RejectionListener] = {}  # by action
 
@@ -71,9 +73,10 @@ class GraphConnection:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown()  # or a node with an open request would stay in the graph as long as the process
-        self.node.destroy_node()
-        self._context.try_shutdown()
+        with interruptions.held_back():
+            self._executor.shutdown()  # or a node with an open request would stay in the graph as long as the process
+            self.node.destroy_node()
+            self._context.try_shutdown()
 
     def wait_for_nodes(self) -> None:
         """Wait until all nodes of the graph are there."""
@@ -94,7 +97,8 @@ class GraphConnection:
 
     def spin_once(self, timeout: float = 0.1) -> None:
         """Process the next message; wait for it at most `timeout` (s)."""
-        self._executor.spin_once(timeout_sec=timeout)
+        with interruptions.held_back():
+            self._executor.spin_once(timeout_sec=timeout)
 
     def call(
         self, service: Any, name: str, /, *, timeout: float | None = None, repeated: bool = False, **fields: Any

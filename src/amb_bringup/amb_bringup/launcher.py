@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
 import subprocess
@@ -22,6 +21,7 @@ from types import TracebackType
 
 from amb_bringup.launch_file import NodeProcess, read_launch_file
 from amb_bringup.packages import LaunchError, share_folder
+from amb_ros import interruptions
 
 POLL_PERIOD = 0.05  # s
 # Signal, patience (s). On a busy machine a bag takes a while to close; SIGUSR1 makes a node show where it hangs.
@@ -102,6 +102,10 @@ class Graph:
             raise LaunchError(f"the graph has no node '{name}'; it has: {', '.join(self._nodes)}")
         if name in self.processes and self.processes[name].poll() is None:
             raise LaunchError(f"node '{name}' runs already")
+        with interruptions.held_back():  # or a process could run that `stop` does not know
+            self._start(name)
+
+    def _start(self, name: str) -> None:
         node = self._nodes[name]
         try:
             # In a session of its own: Ctrl-C in the terminal reaches this process alone, which then ends the nodes.
@@ -145,23 +149,27 @@ class Graph:
         Before a node is killed, it writes the stacks of its threads to its output. Ctrl-C meanwhile leaves no
         node behind: the next signal is sent at once.
         """
-        for number, patience in STOP_STAGES:
-            with contextlib.suppress(KeyboardInterrupt):
-                self._end(number, patience)
+        with interruptions.held_back() as interrupted:
+            for number, patience in STOP_STAGES:
+                self._end(number, patience, interrupted)
+            interrupted.clear()
         for reader in self._readers.values():
             reader.join(timeout=1.0)
         return self.ended()
 
-    def _end(self, number: signal.Signals, patience: float) -> None:
-        """Send a signal to all nodes that still run, and wait for their end, but not for ever (s)."""
-        running = [process for process in self.processes.values() if process.poll() is None]
-        for process in running:
-            with contextlib.suppress(ProcessLookupError):
+    def _end(self, number: signal.Signals, patience: float, interrupted: list[int]) -> None:
+        """Send a signal to all nodes that still run, and wait for their end: not for ever (s), nor after Ctrl-C."""
+        for process in self.processes.values():
+            if process.poll() is None:
                 process.send_signal(number)
         deadline = time.monotonic() + patience
-        for process in running:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(max(0.0, deadline - time.monotonic()))
+        interruptions_before = len(interrupted)
+        while (
+            len(self.ended()) < len(self.processes)
+            and time.monotonic() < deadline
+            and len(interrupted) == interruptions_before
+        ):
+            time.sleep(POLL_PERIOD)
 
     def lines(self, name: str) -> list[str]:
         """The last lines that a node wrote."""

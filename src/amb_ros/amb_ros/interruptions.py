@@ -1,0 +1,39 @@
+"""Ctrl-C and the other signals that end a program, held back while it does what must not be broken off."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextlib.contextmanager
+def held_back() -> Iterator[list[int]]:
+    """Hold SIGINT, SIGTERM and SIGHUP back until the end of a block; the first that came is raised again there.
+
+    The handler of a signal may raise an exception, such as KeyboardInterrupt, wherever the main thread is. In the
+    destructors that rclpy's EventsExecutor runs, an exception aborts the whole process.
+
+    Yields
+    ------
+    list of int
+        The signals that came so far. A block that clears it has answered them itself.
+    """
+    came: list[int] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():  # no other thread is interrupted
+        handlers = {number: signal.getsignal(number) for number in SIGNALS}
+    for number, handler in handlers.items():
+        if handler is not None:  # None: not a handler of Python, which could not be put back
+            signal.signal(number, lambda received, _frame: came.append(received))
+    try:
+        yield came
+    finally:
+        for number, handler in handlers.items():
+            if handler is not None:
+                signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
