@@ -45,11 +45,16 @@ class NodeProcess(subprocess.Popen[str]):
         output, _ = super().communicate(input, timeout)
         return output, self.said
 
+    def open_segments(self) -> set[str]:
+        """Names of the segments in shared memory that the process has open, by which others reach its nodes."""
+        with contextlib.suppress(OSError):
+            return set(SEGMENT.findall(Path(f"/proc/{self.pid}/maps").read_text()))
+        return set()
+
     def send_signal(self, sig: int) -> None:
         """As that of Popen; keeps in mind what SIGKILL gives the process no time to remove."""
         if sig == signal.SIGKILL:
-            with contextlib.suppress(OSError):
-                self.segments |= set(SEGMENT.findall(Path(f"/proc/{self.pid}/maps").read_text()))
+            self.segments |= self.open_segments()
         super().send_signal(sig)
 
     def wait_for_end(self, timeout: float) -> None:

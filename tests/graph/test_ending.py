@@ -6,11 +6,13 @@ import itertools
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from std_srvs.srv import Trigger
 
 from tests.graph.limits import TIMEOUT
 from tests.graph.processes import SHARED_MEMORY
@@ -35,6 +37,19 @@ def wait_for_ever():
     print("ready", flush=True)
     time.sleep(1e6)
 wait_for_ever()
+"""
+
+ASKING = """
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+from amb_ros.process import run_node
+def make():
+    node = Node("asking")
+    node.client = node.create_client(Trigger, "/silent")
+    node.client.wait_for_service()
+    node.asked = node.client.call_async(Trigger.Request())
+    return node
+raise SystemExit(run_node(make))
 """
 
 
@@ -79,6 +94,26 @@ def test_a_process_that_does_not_end_shows_where_it_hangs(graph: Graph) -> None:
         process.wait_for_end(0.2)
     assert "wait_for_ever" in str(caught.value)
     assert process.returncode == -signal.SIGKILL
+
+
+def test_a_node_that_waits_for_an_answer_leaves_the_graph_before_it_ends(graph: Graph) -> None:
+    asked = threading.Event()
+
+    def keep_silent(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        asked.set()
+        released.wait(TIMEOUT)
+        return response
+
+    released = threading.Event()
+    graph.node.create_service(Trigger, "/silent", keep_silent)
+    others = {path.name for path in SHARED_MEMORY.iterdir()}  # which it opens, too
+    process = graph.start_command([sys.executable, "-c", ASKING])
+    assert asked.wait(TIMEOUT)
+    segments = process.open_segments() - others
+    assert graph.stop(process) == (0, "")
+    released.set()
+    assert segments
+    assert not [name for name in segments if (SHARED_MEMORY / name).exists()]
 
 
 def test_a_killed_node_leaves_no_segment_behind(open_graph: Callable[[Path], Any], tmp_path: Path) -> None:

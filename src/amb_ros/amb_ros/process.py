@@ -7,8 +7,8 @@ import gc
 import os
 import signal
 import sys
-import threading
 from collections.abc import Callable, Sequence
+from typing import NoReturn
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
@@ -25,8 +25,8 @@ from amb_ros.leftovers import watch_for_leftovers
 SPIN_TIMEOUT = 0.1  # s
 
 
-def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
-    """Make the nodes, spin them on one EventsExecutor until SIGINT or SIGTERM, return the exit code of the process.
+def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> NoReturn:
+    """Make the nodes, spin them on one EventsExecutor until SIGINT or SIGTERM, end the process.
 
     A node that refuses its parameters raises an `AmbError`: its text goes to stderr as one line, and the code is 1.
     SIGUSR1 writes the stacks of all threads to stderr, for a process that hangs.
@@ -41,8 +41,11 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
     # word, and rclpy then knows nothing any more to shut down: no signal would end the process.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     code = _run(factories, end)
-    _leave_threads_behind(code)
-    return code
+    # Now: Python would wait for threads that still compute, whose results nobody wants any more, and then the
+    # destructors of libraries run while threads of other libraries still do, which hung under load.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 class _End:
@@ -76,8 +79,8 @@ class _End:
 
 def _run(factories: Sequence[Callable[[], Node]], end: _End) -> int:
     nodes: list[Node] = []
+    executor = end.executor = EventsExecutor()
     try:
-        executor = end.executor = EventsExecutor()
         for factory in factories:
             if end:
                 return 0
@@ -93,22 +96,12 @@ def _run(factories: Sequence[Callable[[], Node]], end: _End) -> int:
         pass
     finally:
         rclpy.try_shutdown()  # first: workers of the nodes then see that nobody waits for them any more
+        executor.shutdown()  # lets go of the nodes, or one with an open request would not leave the graph
         for node in reversed(nodes):
             node.destroy_node()
     return 0
 
 
-def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> int:
+def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> NoReturn:
     """`run_nodes` for one node: the body of every executable's `main`."""
-    return run_nodes([factory], args)
-
-
-def _leave_threads_behind(code: int) -> None:
-    """End the process here and now if a thread still computes, which Python would wait for.
-
-    Nobody wants its result any more, and what runs in compiled code cannot be broken off.
-    """
-    if any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread()):
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+    run_nodes([factory], args)
