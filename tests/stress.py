@@ -24,6 +24,7 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
 BUSY_LOOPS = 4
 KINDS = ("idle", "loaded", "nice")
+GRAPHS = ("--numprocesses", "4", "--dist", "loadfile")  # as `make test` runs them
 
 
 @contextlib.contextmanager
@@ -44,6 +45,7 @@ def run_once(kind: str, name: str, selection: list[str]) -> dict[str, object]:
     report.unlink(missing_ok=True)
     priority = ["nice", "-n", "19"] if kind == "nice" else []
     tests = [sys.executable, "-m", "pytest", "-m", "not slow", "-p", "no:cacheprovider", f"--junit-xml={report}"]
+    tests += GRAPHS
     began = time.monotonic()
     with report.with_suffix(".txt").open("w") as output, load(BUSY_LOOPS if kind == "loaded" else 0):
         code = subprocess.call([*priority, *tests, *selection], cwd=ROOT, stdout=output, stderr=subprocess.STDOUT)

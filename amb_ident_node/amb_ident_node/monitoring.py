@@ -9,9 +9,6 @@ from amb_core.records import LoopRecord
 from amb_core.regions import RegionClassifier, RegionParameters, RegionState
 from amb_core.telemetry import RepeatedSteps, describe_gaps
 
-REGION_MESSAGES = "region messages"
-"""Under this name the monitor's diagnostics count what it has published, which a recorder compares with its own."""
-
 
 class RegionWatch:
     """Classifies the telemetry of one run after the other.

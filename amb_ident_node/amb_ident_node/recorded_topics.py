@@ -25,6 +25,8 @@ from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
 
 PARAMETER_EVENTS, ROSOUT, DIAGNOSTICS = "/parameter_events", "/rosout", "/diagnostics"
 LAST_STEP = 2**64 - 1
+REGION_MESSAGES = "region messages"
+"""Under this name the monitor's diagnostics count what it has published, which a recorder compares with its own."""
 
 
 class RecordedTopic(NamedTuple):

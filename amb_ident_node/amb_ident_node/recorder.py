@@ -28,11 +28,11 @@ from amb_core.messages import ParameterValue
 from amb_core.parameters import Parameters, choice, quantity, switch
 from amb_ident_node.completeness import Mark
 from amb_ident_node.ledger import Ledger
-from amb_ident_node.monitoring import REGION_MESSAGES
 from amb_ident_node.recorded_topics import (
     OF_THE_GRAPH,
     PARAMETER_EVENTS,
     RECORDED,
+    REGION_MESSAGES,
     ROSOUT,
     RecordedTopic,
     end_of,

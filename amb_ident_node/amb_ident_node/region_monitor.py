@@ -22,7 +22,8 @@ from amb_core.parameters import choice, load_parameters, part_of, quantity
 from amb_core.plant import PlantParameters
 from amb_core.records import LoopRecord
 from amb_core.regions import Region, RegionParameters, RegionState
-from amb_ident_node.monitoring import REGION_MESSAGES, RegionWatch
+from amb_ident_node.monitoring import RegionWatch
+from amb_ident_node.recorded_topics import REGION_MESSAGES
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import LoopSamples, RegionMap, SimulatorState
 from amb_msgs.msg import RegionState as RegionStateMessage
