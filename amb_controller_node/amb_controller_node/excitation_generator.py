@@ -18,8 +18,8 @@ from amb_controller_node.parameters import GeneratorParameters
 from amb_core.errors import ExcitationError, ParameterError, RegionError
 from amb_core.excitation import Excitation as ExcitationParameters
 from amb_core.excitation import Playback, definition_of, excitation_from_request, generate
-from amb_core.messages import region_map_from_message
 from amb_core.parameters import Parameters
+from amb_core.recording.messages import region_map_from_message
 from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
 from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
@@ -32,7 +32,7 @@ from amb_ros.services import create_service
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
-    from amb_core.region_map import RegionMap
+    from amb_core.regions.region_map import RegionMap
 
 P = TypeVar("P", bound=Parameters)
 
@@ -109,8 +109,8 @@ class ExcitationGeneratorNode(Node):
         self, request: PreviewExcitation.Request, response: PreviewExcitation.Response
     ) -> PreviewExcitation.Response:
         # Loads what a generator that only starts excitations does not need.
-        from amb_core.control import ControllerParameters
         from amb_core.excitation_design import check_excitation
+        from amb_core.loop.control import ControllerParameters
         from amb_core.plant import PlantParameters
         from amb_core.regions import Region
 
@@ -140,7 +140,7 @@ class ExcitationGeneratorNode(Node):
     def _region_map(self, path: str) -> RegionMap:
         """The map of a file, or the last one that the region monitor has built."""
         if path:
-            from amb_core.region_map import RegionMap
+            from amb_core.regions.region_map import RegionMap
 
             return RegionMap.load(path)
         if self._last_map is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amb_core.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import Parameters, choice, quantity
 
 

@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 from amb_controller_node.excitation_input import ExcitationInput
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.control import PdController
+from amb_core.loop.control import PdController
 from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from amb_core.records import LoopRecord
-from amb_core.telemetry import RepeatedSteps, StepCoverage, describe_gaps
+from amb_core.loop.records import LoopRecord
+from amb_core.loop.telemetry import RepeatedSteps, StepCoverage, describe_gaps
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typing import Any, Literal, TypeVar
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.control import ControllerParameters
+from amb_core.analysis import RecordedLoop, read_loop
 from amb_core.errors import BagError, IdentificationError, ParameterError
 from amb_core.identification import (
     Focus,
@@ -29,10 +29,10 @@ from amb_core.identification import (
 )
 from amb_core.identification.controller_choice import PAPER, is_named_set, named_controller, needs_controller
 from amb_core.identification.identify import check_arguments
-from amb_core.identification.validation import RecordedLoop, read_loop
-from amb_core.messages import block_from_message, excitation_from_message
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import Parameters, choice, quantity
 from amb_core.plant import PlantParameters
+from amb_core.recording.messages import block_from_message, excitation_from_message
 from amb_ident_node.listening import LiveExperiment
 from amb_msgs import action, msg, srv
 from amb_ros import diagnostics, topics

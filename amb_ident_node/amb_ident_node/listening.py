@@ -6,10 +6,10 @@ import threading
 import time
 
 from amb_core.errors import IdentificationError
-from amb_core.experiments import AppliedExcitation, ExperimentBuffer, select_window
 from amb_core.identification import IdentificationData
-from amb_core.records import LoopRecord
-from amb_core.telemetry import RepeatedSteps
+from amb_core.loop.experiments import AppliedExcitation, ExperimentBuffer, select_window
+from amb_core.loop.records import LoopRecord
+from amb_core.loop.telemetry import RepeatedSteps
 
 QUIET = 0.2  # s; telemetry of a run that has just ended may still be under way: as long as nothing comes, it is not
 LONGEST_ARRIVAL = 2.0  # s

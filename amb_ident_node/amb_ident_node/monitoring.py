@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from amb_core.errors import RegionError
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
+from amb_core.loop.telemetry import RepeatedSteps, describe_gaps
 from amb_core.regions import RegionClassifier, RegionParameters, RegionState
-from amb_core.telemetry import RepeatedSteps, describe_gaps
 
 
 class RegionWatch:

@@ -22,10 +22,10 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from amb_core.bags import BagWriter
 from amb_core.errors import AmbError, BagError, ParameterError
-from amb_core.messages import ParameterValue
 from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_core.recording import BagWriter
+from amb_core.recording.messages import ParameterValue
 from amb_ident_node.completeness import Mark
 from amb_ident_node.ledger import Ledger
 from amb_ident_node.recorded_topics import (

@@ -10,9 +10,9 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from amb_core.bags import BagWriter
 from amb_core.errors import BagError
-from amb_core.messages import ParameterValue
+from amb_core.recording import BagWriter
+from amb_core.recording.messages import ParameterValue
 from amb_ident_node.completeness import Mark
 
 

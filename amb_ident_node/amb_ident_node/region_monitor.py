@@ -15,12 +15,12 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import BagError, RegionError
-from amb_core.messages import block_from_message, map_settings_from_message
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
 from amb_core.parameters import choice, load_parameters, part_of, quantity
 from amb_core.plant import PlantParameters
-from amb_core.records import LoopRecord
+from amb_core.recording.messages import block_from_message, map_settings_from_message
 from amb_core.regions import Region, RegionParameters, RegionState
 from amb_ident_node.monitoring import RegionWatch
 from amb_ident_node.recorded_topics import REGION_MESSAGES
@@ -37,7 +37,7 @@ from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
-    from amb_core.region_map import MapProgress
+    from amb_core.regions.region_map import MapProgress
 
 MEANINGS = {
     Region.A: "A, linear",
@@ -149,7 +149,7 @@ class RegionMonitorNode(Node):
         self, goal: BuildMap.Goal, feedback: Callable[[BuildMap.Feedback], None], cancelled: Callable[[], bool]
     ) -> BuildMap.Result:
         # In the worker. Loads the library of the cluster, which a monitor without a map does not need.
-        from amb_core.region_map import build_map
+        from amb_core.regions.region_map import build_map
         from amb_ros.region_maps import region_map_to_message
 
         settings = map_settings_from_message(goal)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from amb_core.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import AmplifierParameters, IntegrationParameters, Plant, PlantParameters
 from amb_core.plant.averaged import AveragedPlant, coil_references
 from amb_core.plant.kernel import layout

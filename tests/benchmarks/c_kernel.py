@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
 from amb_core.plant.kernel import layout
 from amb_core.plant.kernel.advance import advance as kernel_advance

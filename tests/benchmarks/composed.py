@@ -9,11 +9,11 @@ import sys
 import time
 
 from amb_bringup.client import AmbClient
-from amb_core.control import ControllerParameters, PdController
-from amb_core.loop import simulate
-from amb_core.messages import block_from_message
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.telemetry import merge_blocks
 from amb_core.plant import Plant
-from amb_core.telemetry import merge_blocks
+from amb_core.recording.messages import block_from_message
+from amb_core.simulation import simulate
 from amb_msgs.msg import LoopSamples
 from amb_ros.qos import HISTORY
 

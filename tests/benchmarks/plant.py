@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 
-from amb_core.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import IronParameters, Plant, PlantParameters, RotorParameters
 
 SAMPLES = 10_000

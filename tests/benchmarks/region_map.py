@@ -10,9 +10,9 @@ import time
 from pathlib import Path
 
 import amb_core.tasks.pool  # noqa: F401 - the clusters' library is loaded before the clock starts
-from amb_core.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
-from amb_core.region_map import MapSettings, build_map
+from amb_core.regions.region_map import MapSettings, build_map
 
 SWEEPS = 24
 

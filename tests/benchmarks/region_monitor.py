@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from amb_bringup.client import AmbClient
-from amb_core.control import ControllerParameters, PdController
 from amb_core.excitation import Sweep, generate
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
-from amb_core.records import LoopRecord
+from amb_core.simulation import simulate
 from amb_msgs.msg import LoopSamples, RegionState
 from amb_ros.qos import HISTORY
 

@@ -19,7 +19,7 @@ from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 
 from amb_bringup.packages import share_folder
-from amb_core.region_map import RegionMap
+from amb_core.regions.region_map import RegionMap
 from amb_ros.region_maps import region_map_to_message
 from tests.fuzz.hostile import interface
 

@@ -11,10 +11,10 @@ import pytest
 from rclpy.action import ActionClient
 
 from amb_bringup.client import AmbClient, ClientError
-from amb_core.messages import region_map_from_message
-from amb_core.region_map import MapProgress
-from amb_core.region_map import RegionMap as CoreMap
+from amb_core.recording.messages import region_map_from_message
 from amb_core.regions import Region
+from amb_core.regions.region_map import MapProgress
+from amb_core.regions.region_map import RegionMap as CoreMap
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import RegionMap, RegionState
 from amb_msgs.srv import PreviewExcitation

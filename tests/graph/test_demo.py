@@ -8,8 +8,8 @@ import pytest
 from amb_bringup.client import NODES
 from amb_bringup.demo import run_demo
 from amb_bringup.packages import share_folder
-from amb_core.bags import read_bag
 from amb_core.identification import StateSpaceModel
+from amb_core.recording import read_bag
 
 
 @pytest.mark.slow

@@ -13,11 +13,11 @@ import pytest
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
 
-from amb_core.control import ControllerParameters, PdController
 from amb_core.excitation import Multisine, Playback, Square, Sweep, definition_of, excitation_from_request, generate
 from amb_core.excitation.playback import checksum_of
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
+from amb_core.simulation import simulate
 from amb_msgs.msg import CurrentReference, Excitation, ExcitationStatus, RotorPosition
 from amb_msgs.srv import StartExcitation
 from amb_ros.qos import EVERY_STATE, LATCHED, STREAM

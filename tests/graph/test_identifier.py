@@ -17,11 +17,11 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.client import AmbClient, ClientError
-from amb_core.control import ControllerParameters, PdController
 from amb_core.identification import IdentificationProgress
 from amb_core.identification import StateSpaceModel as CoreModel
-from amb_core.messages import model_from_message
-from amb_core.records import LoopRecord
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
+from amb_core.recording.messages import model_from_message
 from amb_msgs.action import Identify as IdentifyAction
 from amb_msgs.msg import ExcitationStatus, LoopSamples, SimulatorState, StateSpaceModel
 from amb_msgs.srv import GetModel, Identify, StartRecording, StopRecording, Validate

@@ -12,10 +12,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 
-from amb_core.control import ControllerParameters, PdController
 from amb_core.excitation import Square, generate
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
+from amb_core.simulation import simulate
 from amb_msgs.msg import CurrentReference, RotorPosition, SimulatorState
 from amb_msgs.srv import Pause, RunSteps, StartExcitation, StopExcitation
 from amb_ros.qos import STREAM
@@ -26,7 +26,7 @@ from tests.graph.limits import TIMEOUT
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from amb_core.records import LoopRecord
+    from amb_core.loop.records import LoopRecord
     from tests.graph.conftest import Graph
     from tests.graph.processes import NodeProcess
 

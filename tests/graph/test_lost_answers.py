@@ -12,8 +12,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from amb_bringup.client import AmbClient, ClientError
-from amb_core.bags import read_bag
 from amb_core.errors import ParameterError
+from amb_core.recording import read_bag
 from amb_msgs.msg import LoopSamples, SimulatorState
 from amb_msgs.srv import GetModel, StartRecording, StopRecording
 from amb_ros import middleware

@@ -15,8 +15,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosbags.highlevel import AnyReader
 
-from amb_core.bags import Bag, read_bag
 from amb_core.errors import BagError
+from amb_core.recording import Bag, read_bag
 from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, RegionState, SimulatorState, StateSpaceModel
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import HISTORY, LATCHED

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from amb_core.bags import read_bag
 from amb_core.excitation import Sweep
-from amb_core.messages import region_state_from_message
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
+from amb_core.recording import read_bag
+from amb_core.recording.messages import region_state_from_message
 from amb_core.regions import Classification, Region, classify
 from amb_msgs.msg import LoopSamples, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording

@@ -13,8 +13,8 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 
-from amb_core.bags import read_bag
 from amb_core.excitation import Sweep
+from amb_core.recording import read_bag
 from amb_msgs.msg import LoopSamples, PlantState, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import EVERY_STATE, HISTORY, STREAM

@@ -14,9 +14,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from amb_core.bags import BagWriter, read_bag
-from amb_core.control import ControllerParameters
 from amb_core.errors import BagError
+from amb_core.loop.control import ControllerParameters
+from amb_core.recording import BagWriter, read_bag
 
 MESSAGES = Path(__file__).parents[2] / "amb_msgs" / "msg"
 TYPES = get_typestore(Stores.ROS2_JAZZY)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from amb_core.records import LoopRecord
-from amb_core.telemetry import RepeatedSteps
+from amb_core.loop.records import LoopRecord
+from amb_core.loop.telemetry import RepeatedSteps
 from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount
 from amb_ident_node.ledger import Ledger
 from amb_ros.namesakes import Namesakes

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from amb_core.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters, PdController
 
 T = 1e-4  # s
 

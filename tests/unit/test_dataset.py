@@ -21,7 +21,7 @@ from amb_core.identification.data import (
     restore,
     split_at_invalid,
 )
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 
 SAMPLE_TIME = 1e-4
 

@@ -11,8 +11,9 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from amb_core.analysis import read_bag_data, read_data
 from amb_core.errors import BagError, IdentificationError
-from amb_core.identification.data import IdentificationData, read_bag_data, read_data
+from amb_core.identification.data import IdentificationData
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):

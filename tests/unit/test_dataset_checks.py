@@ -25,7 +25,7 @@ from amb_core.identification.data.checks import (
     check_region,
     check_sample_time,
 )
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 
 SAMPLE_TIME = 1e-3
 INFO, WARNING, ERROR = Severity

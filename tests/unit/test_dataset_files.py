@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import io
 
+from amb_core.analysis import read_data
 from amb_core.errors import AmbError, IdentificationError
 from amb_core.identification.data import (
     Experiment,
@@ -21,7 +22,6 @@ from amb_core.identification.data import (
     detrend,
     merge,
     read_csv,
-    read_data,
     read_mat,
     read_npz,
     write_data,

@@ -14,14 +14,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import ExcitationError, RegionError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
 from amb_core.excitation_design import ExcitationCheck, check_excitation
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
-from amb_core.region_map import RegionMap
 from amb_core.regions import Region
+from amb_core.regions.region_map import RegionMap
 
 RATE = 10_000.0
 MAP = RegionMap.load(Path(__file__).parent / "data" / "paper_map.json")

@@ -11,14 +11,14 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.control import ControllerParameters
 from amb_core.errors import AmbError, ExcitationError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
 from amb_core.excitation_design import TrialBench, check_excitation, design_excitation, persistence
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
-from amb_core.region_map import RegionMap
 from amb_core.regions import Region
+from amb_core.regions.region_map import RegionMap
 
 RATE = 10_000.0
 MAP_FILE = Path(__file__).parent / "data" / "paper_map.json"

@@ -8,15 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from amb_core.errors import IdentificationError
-from amb_core.experiments import (
+from amb_core.loop.experiments import (
     AppliedExcitation,
     ExperimentBuffer,
     controller_of,
     last_experiment,
     select_window,
 )
-from amb_core.records import LoopRecord
-from amb_core.telemetry import StepCoverage, describe_gaps
+from amb_core.loop.records import LoopRecord
+from amb_core.loop.telemetry import StepCoverage, describe_gaps
 
 
 def excitation(first_step: int, steps: int, run: int = 1, number: int = 1, accepted: bool = True) -> AppliedExcitation:

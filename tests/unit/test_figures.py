@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from amb_core.figures import orbit_figure, response_figure
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 
 
 @pytest.fixture

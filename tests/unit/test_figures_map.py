@@ -15,9 +15,9 @@ from amb_core.figures.overlay import overlay_chart
 from amb_core.figures.region_map import map_chart, map_grid_chart
 from amb_core.figures.spectrum import spectrum_chart
 from amb_core.figures.surface import surface_chart
-from amb_core.records import LoopRecord
-from amb_core.region_map import AnalyticLine, Boundary, GridCell, MapSettings, MapSweep, RegionMap
+from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region
+from amb_core.regions.region_map import AnalyticLine, Boundary, GridCell, MapSettings, MapSweep, RegionMap
 from amb_core.subharmonics import SubharmonicSettings, SubharmonicSurface, SurfaceSettings, analyse
 
 

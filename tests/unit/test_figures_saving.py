@@ -15,7 +15,7 @@ from amb_core.figures.chart import Axis, Chart, Curve, Panel, Table
 from amb_core.figures.matplotlib_figure import draw_figure
 from amb_core.figures.plotly_page import draw_page
 from amb_core.figures.style import BLUE, REGIONS, Stroke
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 
 TITLE = "Response <of> the rotor"
 

@@ -12,7 +12,7 @@ from amb_core.errors import RegionError
 from amb_core.figures.chart import Curve, Panel, Rule, Span
 from amb_core.figures.sweep import sweep_chart, sweep_figure, sweep_page
 from amb_core.figures.thinning import extremes, thinned_path
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 from amb_core.regions import AxisState, Classification, Onset, Region, RegionState
 
 STEPS, RATE = 20_000, 10_000.0

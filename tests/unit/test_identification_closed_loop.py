@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification import closed_loop_poles, nrmse_fit, simulate_closed_loop
 from amb_core.identification.closed_loop import DivergenceError
-from amb_core.records import LoopRecord
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
 
 if TYPE_CHECKING:
     from conftest import LinearBearing

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification import StateSpaceModel, cva, identify, pbsid, ssarx
+from amb_core.loop.control import ControllerParameters
 
 if TYPE_CHECKING:
     from conftest import LinearBearing

@@ -10,7 +10,7 @@ import pytest
 
 from amb_core.errors import IdentificationError
 from amb_core.identification import StateSpaceModel, cva, n4sid, pbsid, pem, ssarx
-from amb_core.identification.predictor import fit_input_matrix, innovations
+from amb_core.identification.estimate.predictor import fit_input_matrix, innovations
 
 if TYPE_CHECKING:
     from conftest import LinearBearing

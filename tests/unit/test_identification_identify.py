@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification import IdentificationData, IdentificationProgress, estimate_uncertainty, identify
 from amb_core.identification.data import detrend, merge
-from amb_core.records import LoopRecord
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
 
 NOISE, FORCE = 2e-8, 0.1  # m, N: rms on sensors and rotor
 

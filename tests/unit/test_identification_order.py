@@ -11,9 +11,9 @@ import pytest
 from amb_core.errors import IdentificationError
 from amb_core.figures.order import order_chart
 from amb_core.identification import IdentificationData, OrderSelection, select_order
-from amb_core.identification.filter_bank import Modes, fit_gains
-from amb_core.identification.finite_memory import FiniteMemory, halves
-from amb_core.identification.scaled_data import ScaledData
+from amb_core.identification.estimate.filter_bank import Modes, fit_gains
+from amb_core.identification.estimate.finite_memory import FiniteMemory, halves
+from amb_core.identification.estimate.scaled_data import ScaledData
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "ident"))
 

@@ -10,8 +10,8 @@ import pytest
 
 from amb_core.errors import IdentificationError
 from amb_core.identification import StateSpaceModel, identify, pem, ssarx
-from amb_core.identification.filter_bank import Modes, fit_gains
-from amb_core.identification.predictor import innovations
+from amb_core.identification.estimate.filter_bank import Modes, fit_gains
+from amb_core.identification.estimate.predictor import innovations
 
 if TYPE_CHECKING:
     from conftest import LinearBearing

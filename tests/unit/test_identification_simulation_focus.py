@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification import (
     IdentificationData,
@@ -21,10 +20,11 @@ from amb_core.identification import (
     ssarx,
 )
 from amb_core.identification.data import merge
-from amb_core.identification.predictor import kalman_gain
-from amb_core.identification.simulation_focus import focus_simulation
-from amb_core.identification.simulation_focus_problem import SimulationProblem
-from amb_core.records import LoopRecord
+from amb_core.identification.estimate.predictor import kalman_gain
+from amb_core.identification.focus.focus import focus_simulation
+from amb_core.identification.focus.problem import SimulationProblem
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
 
 if TYPE_CHECKING:
     from conftest import LinearBearing

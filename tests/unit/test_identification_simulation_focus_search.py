@@ -10,9 +10,9 @@ import pytest
 
 from amb_core.errors import IdentificationError
 from amb_core.identification import StateSpaceModel
-from amb_core.identification.levenberg_marquardt import minimise
-from amb_core.identification.local_coordinates import balanced_predictor, local_directions
-from amb_core.identification.predictor import kalman_gain
+from amb_core.identification.estimate.levenberg_marquardt import minimise
+from amb_core.identification.estimate.local_coordinates import balanced_predictor, local_directions
+from amb_core.identification.estimate.predictor import kalman_gain
 
 if TYPE_CHECKING:
     from conftest import LinearBearing

@@ -11,7 +11,7 @@ import pytest
 from amb_core.errors import IdentificationError
 from amb_core.identification import IdentificationData, StateSpaceModel, estimate_uncertainty, pem, response_of
 from amb_core.identification.data.dataset import merge
-from amb_core.identification.predictor import innovations, kalman_gain
+from amb_core.identification.estimate.predictor import innovations, kalman_gain
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation.prediction import first_state
 

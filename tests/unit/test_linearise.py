@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.constants import mu_0
 
-from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import PlantError
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import (
     AmplifierParameters,
     IntegrationParameters,
@@ -20,6 +19,7 @@ from amb_core.plant import (
     linearize,
 )
 from amb_core.plant.averaged import AveragedPlant
+from amb_core.simulation import simulate
 from amb_core.step_response import fit_step_response
 
 AVERAGED = AmplifierParameters(switching=False)

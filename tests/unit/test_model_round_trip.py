@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from amb_core.errors import IdentificationError
 from amb_core.identification import StateSpaceModel
-from amb_core.messages import model_from_message
+from amb_core.recording.messages import model_from_message
 from amb_msgs.msg import StateSpaceModel as StateSpaceModelMessage
 from amb_ros.models import model_to_message
 

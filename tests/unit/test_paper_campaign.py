@@ -11,12 +11,12 @@ import pytest
 
 from amb_bringup.paper.campaign import run_campaign
 from amb_bringup.paper.page import paper_report
-from amb_bringup.paper.provenance import source_files
 from amb_bringup.paper.studies import OPENING, STUDIES, studies_named
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyError, StudyResult, Workplace
 from amb_core.errors import RegionError
 from amb_core.figures.chart import Axis, Chart, Curve, Panel
 from amb_core.figures.style import PLANT
+from amb_core.tasks.provenance import code_version
 
 
 class Drawing(Study):
@@ -94,22 +94,9 @@ def test_a_study_whose_files_are_gone_runs_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("study", STUDIES, ids=lambda study: study.name)
-def test_a_result_depends_on_every_module_that_its_study_imports_of_this_package(study: Study) -> None:
-    names = {file.stem for file in source_files(type(study).__module__)}
-    assert {"study", type(study).__module__.split(".")[-1]} <= names
-    if study.name in ("fig2", "fig3", "equations", "causes", "causes-slow-amplifier", "fig5", "fig8-9"):
-        assert "sweeps" in names
-    if study.name in ("fig13", "fig15", "arx"):
-        assert {"square_waves", "graph_experiment", "demo"} <= names  # the demo has the excitation and the order
-
-
-def test_a_changed_module_makes_a_result_outdated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = STUDIES[0].key()
-    changed = tmp_path / "sweeps.py"
-    changed.write_text("REST = 2.0")
-    files = [changed if file.name == "sweeps.py" else file for file in source_files(type(STUDIES[0]).__module__)]
-    monkeypatch.setattr("amb_bringup.paper.study.source_files", lambda module: tuple(files))
-    assert STUDIES[0].key() != before
+def test_a_result_depends_on_the_library_and_on_all_modules_of_this_package(study: Study) -> None:
+    assert study.describe()["library"] == code_version("amb_core")
+    assert study.describe()["studies"] == code_version("amb_bringup")
 
 
 def test_the_report_opens_with_a_sweep_and_the_map_and_counts_verdicts() -> None:

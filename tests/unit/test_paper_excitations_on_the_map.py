@@ -13,13 +13,13 @@ from amb_bringup.paper.studies.excitations_on_the_map import (
     judge_pulse_content,
     judge_pulses,
 )
-from amb_core.control import ControllerParameters
 from amb_core.excitation import WhiteNoise, generate
 from amb_core.excitation_design import ExcitationCheck, Trial, check_excitation
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
 from amb_core.plant import PlantParameters
-from amb_core.records import LoopRecord
-from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap
 from amb_core.regions import Onset, Region
+from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
 
 
 @pytest.fixture(scope="module")

@@ -15,9 +15,9 @@ from amb_bringup.paper.studies import arx, concurrent_sweep, multisine
 from amb_bringup.paper.studies.arx import LAGS, NOISES, SAME_ORDER, Transient
 from amb_core.errors import IdentificationError
 from amb_core.excitation import Square
-from amb_core.identification.arx import arx as identify_arx
-from amb_core.identification.sweep_error import SweepError, sweep_error
-from amb_core.records import LoopRecord
+from amb_core.identification.estimate.arx import arx as identify_arx
+from amb_core.identification.focus.sweep_error import SweepError, sweep_error
+from amb_core.loop.records import LoopRecord
 from amb_core.regions import Classification, Onset, Region
 
 
@@ -161,7 +161,7 @@ def test_a_bag_counts_as_kept_while_files_and_code_are_the_same(
     (bag / "squares.mcap").write_bytes(b"sample")
     assert not experiment.is_kept(tmp_path)
     experiment.keep(tmp_path)
-    monkeypatch.setattr(graph_experiment, "code_version", lambda sources: "another")
+    monkeypatch.setattr(graph_experiment, "code_version", lambda: "another")
     assert not experiment.is_kept(tmp_path)
 
 

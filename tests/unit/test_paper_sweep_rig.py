@@ -19,9 +19,9 @@ from amb_bringup.paper.studies.sweep_rig import (
     slow_component,
 )
 from amb_bringup.paper.sweeps import SweptBearing
-from amb_core.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
-from amb_core.records import LoopRecord
 from amb_core.regions import Classification
 
 STEPS = 40_000

@@ -21,9 +21,9 @@ from amb_bringup.paper.studies.sweep_one_axis import (
 )
 from amb_bringup.paper.studies.sweep_two_axes import gravity_claim, regions_claim
 from amb_bringup.paper.sweeps import SweptBearing, in_order, sweep_bearing
-from amb_core.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
-from amb_core.records import LoopRecord
 from amb_core.regions import AxisState, Classification, Onset, Region, RegionState
 
 STEPS, REST = 10_000, 1_000

@@ -13,9 +13,9 @@ from rclpy.node import Node
 
 from amb_bringup.client import NODES as CLIENT_NODES
 from amb_bringup.node_parameters import PARAMETERS, check_parameter_file
-from amb_core.control import ControllerParameters
 from amb_core.errors import ParameterError
-from amb_core.parameter_files import NODES, ParameterFile, full_name, of_rclpy
+from amb_core.files.parameter_files import NODES, ParameterFile, full_name, of_rclpy
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import load_parameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import RegionParameters

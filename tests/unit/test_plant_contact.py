@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from amb_core.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import AmplifierParameters, Plant, PlantParameters, RotorParameters
 from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.kernel import layout

@@ -5,9 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import PlantError
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import (
     AmplifierParameters,
     IntegrationParameters,
@@ -20,6 +19,7 @@ from amb_core.plant import (
 from amb_core.plant.closed_forms import current_gain, inductance, negative_stiffness
 from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.kernel import layout
+from amb_core.simulation import simulate
 
 
 def joined(traces: list[Trace]) -> dict[str, np.ndarray]:

@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from amb_core.control import ControllerParameters, PdController
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import (
     AmplifierParameters,
     IntegrationParameters,
@@ -26,6 +25,7 @@ from amb_core.plant.parameters import (
     IronParameters,
     SensorParameters,
 )
+from amb_core.simulation import simulate
 
 MASS, GRAVITY = 6.25, 9.81
 TWO_PI = 2.0 * np.pi

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from amb_core.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters, RotorParameters, Trace, linearize
 from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.modal_data import ModalData

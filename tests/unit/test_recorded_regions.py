@@ -12,11 +12,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.bags import BagWriter, read_bag
+from amb_core.analysis.recorded_regions import classify_run
 from amb_core.errors import BagError, RegionError
-from amb_core.recorded_regions import classify_run
-from amb_core.region_stretches import stretches
+from amb_core.recording import BagWriter, read_bag
 from amb_core.regions import Region
+from amb_core.regions.stretches import stretches
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):

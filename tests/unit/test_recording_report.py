@@ -11,10 +11,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner, Result
 
 from amb_bringup.cli import app
-from amb_core.bags import BagWriter, read_bag
-from amb_core.control import ControllerParameters
 from amb_core.errors import AmbError
-from amb_core.records import LoopRecord
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.recording import BagWriter, read_bag
 from amb_core.report import Prose
 from amb_core.report.recording import recording_report
 

@@ -9,8 +9,8 @@ import pytest
 
 from amb_core.errors import ParameterError, RegionError
 from amb_core.parameters import validate
-from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap
 from amb_core.regions import Region
+from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
 
 
 def sweep(amplitude, **frequencies):

@@ -8,12 +8,12 @@ from collections import deque
 
 import pytest
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import PlantError, RegionError
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
-from amb_core.region_map import Boundary, MapSettings, MapSweep, build_grid, build_map
 from amb_core.regions import Region
+from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, build_grid, build_map
 from amb_core.tasks import cluster, pool
 
 SHORT = MapSettings(

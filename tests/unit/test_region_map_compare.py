@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from amb_bringup.commands import map as command
-from amb_core.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import declarations, validate
 from amb_core.plant import PlantParameters
-from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap, analytic_lines, compare
-from amb_core.region_map.compare import AnalyticLine
 from amb_core.regions import Region
 from amb_core.regions.lines import command_gain
+from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap, analytic_lines, compare
+from amb_core.regions.region_map.compare import AnalyticLine
 
 CONTROLLER = ControllerParameters()
 

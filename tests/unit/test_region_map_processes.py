@@ -14,9 +14,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from amb_core.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
-from amb_core.region_map import MapSettings, RegionMap, build_map
+from amb_core.regions.region_map import MapSettings, RegionMap, build_map
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -27,9 +27,9 @@ SETTINGS = MapSettings(
 PROGRAM = """
 import sys
 from pathlib import Path
-from amb_core.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
-from amb_core.region_map import MapSettings, build_map
+from amb_core.regions.region_map import MapSettings, build_map
 
 settings = MapSettings.model_validate_json(sys.argv[1])
 build_map(

@@ -7,9 +7,9 @@ import random
 import numpy as np
 import pytest
 
-from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap
-from amb_core.region_map.refinement import Refinement
 from amb_core.regions import Region
+from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
+from amb_core.regions.region_map.refinement import Refinement
 
 AMPLITUDES = np.geomspace(5e-6, 100e-6, 1000)
 

@@ -8,9 +8,9 @@ import pytest
 from builtin_interfaces.msg import Time
 
 from amb_core.errors import RegionError
-from amb_core.messages import map_settings_from_message, region_map_from_message, region_state_from_message
-from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap
+from amb_core.recording.messages import map_settings_from_message, region_map_from_message, region_state_from_message
 from amb_core.regions import AxisState, Onset, Region, RegionState
+from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_ros.region_maps import region_map_to_message

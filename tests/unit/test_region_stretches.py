@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from amb_core.region_stretches import Stretch, beats, shares, stretches
 from amb_core.regions import AxisState, Onset, Region, RegionState
+from amb_core.regions.stretches import Stretch, beats, shares, stretches
 
 INTERVAL = 100
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from amb_core.errors import RegionError
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region, RegionParameters, RegionState
 from amb_ident_node.monitoring import RegionWatch
 

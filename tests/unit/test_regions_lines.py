@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import RegionError
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters, describe
 from amb_core.regions import lines
 
@@ -30,7 +30,7 @@ def test_sampled_law_has_a_smaller_derivative_at_high_frequency() -> None:
 
 
 def test_sampled_law_is_what_the_controller_does() -> None:
-    from amb_core.control import PdController
+    from amb_core.loop.control import PdController
 
     law = PdController(ControllerParameters(current_limit=100.0, derivative_filter=1e-4))
     reference = 1e-6 * np.sin(2.0 * np.pi * 700.0 * np.arange(4_000) / 10_000.0)

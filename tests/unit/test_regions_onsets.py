@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
 from amb_core.excitation import excitation_from_request, generate
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region, classify
 from amb_core.regions.slow_signal import variance_change
 from amb_core.regions.trend import TrendTest, kink

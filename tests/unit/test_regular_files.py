@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.bags import read_bag
+from amb_core.analysis import read_loop
 from amb_core.errors import AmbError, ParameterError
+from amb_core.files.regular_files import read_text
 from amb_core.identification import StateSpaceModel
-from amb_core.identification.validation import read_loop
 from amb_core.parameters import load_parameters
 from amb_core.plant import ModalData, PlantParameters
 from amb_core.plant.bh_table import read_bh_table
-from amb_core.region_map import RegionMap
-from amb_core.regular_files import read_text
+from amb_core.recording import read_bag
+from amb_core.regions.region_map import RegionMap
 
 READERS: dict[str, Callable[[Path], object]] = {
     ".yaml": lambda path: load_parameters(PlantParameters, path, "simulator"),

@@ -11,7 +11,7 @@ import pytest
 
 from amb_core.errors import AmbError
 from amb_core.figures import response_figure, response_page
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 from amb_core.report import Chart, Listing, Picture, Prose, Report, Section, Table, Verdict, write_report
 
 

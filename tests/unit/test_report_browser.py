@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from amb_core.figures import map_page, response_page
-from amb_core.records import LoopRecord
-from amb_core.region_map import Boundary, MapSettings, MapSweep, RegionMap
+from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region
+from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
 from amb_core.report import Chart, Prose, Report, Section, Table, Verdict, write_report
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import lti, step
 
-from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import IdentificationError
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters, RotorParameters
+from amb_core.simulation import simulate
 from amb_core.step_response import fit_step_response
 
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from amb_core.errors import ParameterError, RegionError
+from amb_core.loop.records import LoopRecord
 from amb_core.parameters import validate
-from amb_core.records import LoopRecord
 from amb_core.subharmonics import SubharmonicSettings, SurfaceSettings, analyse
 from amb_core.subharmonics.products import products_by_bin
 from amb_core.subharmonics.summary import spectrum_summary

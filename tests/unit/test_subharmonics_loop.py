@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import ExcitationError, ParameterError, RegionError
-from amb_core.loop_parameters import with_values
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
+from amb_core.simulation.parameters import with_values
 from amb_core.subharmonics import (
     VARIANTS,
     SubharmonicSettings,

@@ -5,24 +5,23 @@ from __future__ import annotations
 import json
 import logging
 import resource
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.control import ControllerParameters
 from amb_core.errors import RegionError
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
-from amb_core.region_map import Boundary, MapSettings, MapSweep
-from amb_core.region_map.sweep_run import SweepTask
 from amb_core.regions import Region, RegionParameters
+from amb_core.regions.region_map import Boundary, MapSettings, MapSweep
+from amb_core.regions.region_map.sweep_run import SweepTask
 from amb_core.subharmonics import SubharmonicSettings
 from amb_core.subharmonics.point import PointTask, SurfacePoint
 from amb_core.tasks import ResultCache, cache_folder
 from amb_core.tasks.cache import compute
+from amb_core.tasks.provenance import code_version
 from amb_sim_node.parameters import SimulatorParameters
 
 SWEEP = MapSweep(20e-6, {Region.B: Boundary(300.0, False)}, ((1240.0, 1260.0),), 900.0, 1234)
@@ -68,33 +67,23 @@ def test_the_content_of_data_files_counts(tmp_path):
     assert task(plant=plant).key() != before
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("module", "driver_only"),
-    [
-        ("region_map.sweep_run", ["region_map/" + name for name in ("build", "compare", "grid", "refinement")]),
-        ("subharmonics.point", ["subharmonics/" + name for name in ("causes", "surface")]),
-    ],
-)
-def test_all_code_that_a_task_runs_through_counts(module, driver_only):
-    program = f"""
-import sys
-from pathlib import Path
-import amb_core
-from amb_core.{module} import SOURCES
-root = Path(amb_core.__file__).parent
-counted = tuple(source if source.endswith(".py") else source + "/" for source in SOURCES)
-for name, module in sorted(sys.modules.items()):
-    path = str(Path(module.__file__).relative_to(root)) if name.startswith("amb_core") else ""
-    if path and not path.startswith(counted):
-        print(path)
-"""
-    uncounted = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
-    package = module.split(".")[0]
-    never_counted = {"__init__.py", f"{package}/__init__.py", "loop_parameters.py"} | {
-        f"tasks/{name}.py" for name in ("__init__", "cache", "provenance", "task")
-    }
-    assert set(uncounted.split()) <= never_counted | {f"{path}.py" for path in driver_only}
+@pytest.mark.parametrize("changed", ["__init__.py", "deep/kernel.py"])
+def test_every_module_of_a_package_counts_for_its_version(changed, tmp_path, monkeypatch):
+    name = f"library_{tmp_path.name}"
+    package = tmp_path / name
+    (package / "deep").mkdir(parents=True)
+    for file in ("__init__.py", "deep/kernel.py"):
+        (package / file).write_text("STEP = 1")
+    monkeypatch.syspath_prepend(tmp_path)
+    before = code_version.__wrapped__(name)
+    assert code_version.__wrapped__(name) == before
+    (package / changed).write_text("STEP = 2")
+    assert code_version.__wrapped__(name) != before
+
+
+@pytest.mark.parametrize("asked", [task(), PointTask(PlantParameters(), ControllerParameters(), SubharmonicSettings())])
+def test_a_task_depends_on_the_whole_library(asked):
+    assert asked.describe()["code"] == code_version("amb_core")
 
 
 def test_a_point_of_a_surface_is_found_again_as_it_was(tmp_path):

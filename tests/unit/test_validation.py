@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification import IdentificationData, StateSpaceModel, Validation, validate
 from amb_core.identification.data import detrend, merge
-from amb_core.identification.predictor import kalman_gain
+from amb_core.identification.estimate.predictor import kalman_gain
 from amb_core.identification.validation import check_residuals, predict
 from amb_core.identification.validation.report import WIDTH
+from amb_core.loop.control import ControllerParameters
 
 NOISE, FORCE = 2e-8, 0.1  # m, N: rms on sensors and rotor
 CONTROLLER = ControllerParameters()

@@ -13,13 +13,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner, Result
 
 from amb_bringup.cli import app
-from amb_core.bags import BagWriter
-from amb_core.control import ControllerParameters
+from amb_core.analysis import read_loop
 from amb_core.errors import AmbError, IdentificationError
 from amb_core.identification import StateSpaceModel, ssarx
 from amb_core.identification.data import IdentificationData, write_data
-from amb_core.identification.validation import read_loop
-from amb_core.records import LoopRecord
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.recording import BagWriter
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification import IdentificationData, StateSpaceModel, pem, ssarx
 from amb_core.identification.data import Experiment, merge
@@ -16,6 +15,7 @@ from amb_core.identification.frequency_response import response_of
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response, find_period
 from amb_core.identification.uncertainty import estimate_uncertainty
 from amb_core.identification.validation import compare_responses
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters, linearize
 
 NOISE, FORCE = 2e-8, 0.1  # m, N: rms on sensors and rotor

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from row import Row
 from scipy.constants import mu_0
 
-from amb_core.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import (
     AmplifierParameters,
     IntegrationParameters,

@@ -27,7 +27,7 @@ from scipy.constants import mu_0
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from amb_core.control import PdController
+from amb_core.loop.control import PdController
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.eddy import solid_journal_terms
 

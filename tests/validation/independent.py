@@ -10,7 +10,7 @@ from implicit_plant import ImplicitPlant
 from numpy.typing import NDArray
 from row import Row
 
-from amb_core.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import AmplifierParameters, IntegrationParameters, Plant, PlantParameters, RotorParameters
 from amb_core.plant.parameters import (
     ConverterParameters,

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from amb_bringup.command_line import INTERRUPTED
 from amb_bringup.commands import (
     bag,
     compare,
@@ -24,6 +23,7 @@ from amb_bringup.commands import (
     subharmonics,
     validate,
 )
+from amb_bringup.exit_codes import INTERRUPTED
 from amb_core.errors import AmbError
 
 

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from amb_bringup.connection import ClientError, GraphConnection
+from amb_core.files.parameter_files import NODES
 from amb_core.identification import IdentificationProgress, StateSpaceModel
-from amb_core.messages import model_from_message, region_map_from_message, region_state_from_message
-from amb_core.parameter_files import NODES
+from amb_core.recording.messages import model_from_message, region_map_from_message, region_state_from_message
 from amb_msgs.action import BuildMap, Identify
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_msgs.msg import SimulatorState
@@ -40,8 +40,8 @@ from amb_ros.qos import HISTORY, LATCHED
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
-    from amb_core.region_map import MapProgress, RegionMap
     from amb_core.regions import Region, RegionState
+    from amb_core.regions.region_map import MapProgress, RegionMap
 
 __all__ = ["NODES", "AmbClient", "ClientError", "RunEnd", "StartedExcitation"]
 
@@ -229,14 +229,14 @@ class AmbClient(GraphConnection):
         cancelled : callable, optional
             Asked while waiting; when it is true the goal is cancelled. Finished sweeps stay in the cache.
         **settings
-            As in `amb_core.region_map.MapSettings`, SI units; what is not given takes its default.
+            As in `amb_core.regions.region_map.MapSettings`, SI units; what is not given takes its default.
 
         Returns
         -------
         RegionMap
             That of the sweeps so far if cancelled; it is then not `complete`.
         """
-        from amb_core.region_map import MapProgress
+        from amb_core.regions.region_map import MapProgress
 
         def on_feedback(message: Any) -> None:
             told = message.feedback

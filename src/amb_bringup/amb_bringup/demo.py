@@ -15,16 +15,16 @@ from pathlib import Path
 from amb_bringup.client import AmbClient
 from amb_bringup.launcher import Graph, launch_file
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.bags import read_bag
-from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import AmbError
 from amb_core.excitation import Square, generate
 from amb_core.figures import save_loop_figures
 from amb_core.identification import StateSpaceModel, simulate_closed_loop
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
-from amb_core.records import LoopRecord
+from amb_core.recording import read_bag
+from amb_core.simulation import simulate
 from amb_core.step_response import fit_step_response
 from amb_sim_node.parameters import SimulatorParameters
 

@@ -21,7 +21,7 @@ from typing import Any
 import yaml
 
 from amb_bringup.packages import LaunchError, find_executable, share_folder
-from amb_core.regular_files import read_text, shown
+from amb_core.files.regular_files import read_text, shown
 
 NODE_KEYS = ("pkg", "exec", "name", "namespace", "output", "args", "param", "remap", "env")
 ARGUMENT_KEYS = ("name", "default", "description")

@@ -19,7 +19,7 @@ PARAMETERS: dict[str, type[Parameters]] = {
     "region_monitor": RegionMonitorParameters,
     "identifier": IdentifierParameters,
 }
-"""Every node of `amb_core.parameter_files.NODES`, and what it takes from a parameter file."""
+"""Every node of `amb_core.files.parameter_files.NODES`, and what it takes from a parameter file."""
 
 
 def check_parameter_file(path: str | Path) -> None:

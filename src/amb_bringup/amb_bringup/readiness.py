@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from amb_bringup.client import AmbClient
-from amb_core.parameter_files import NODES
+from amb_core.files.parameter_files import NODES
 from amb_msgs.msg import SimulatorState
 from amb_ros import topics
 from amb_sim_node.simulator import MODE_NAMES

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from amb_core.errors import ParameterError
-from amb_core.parameter_files import NODES, ParameterFile, full_name
+from amb_core.files.parameter_files import NODES, ParameterFile, full_name
 
 CLOSE = 0.85  # likeness, 0 to 1, from which a name is taken for another one misspelt
 

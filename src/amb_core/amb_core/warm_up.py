@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from amb_core.control import ControllerParameters, PdController
 from amb_core.excitation import Square, generate
 from amb_core.identification import identify
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.parameters import validate
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import classify
+from amb_core.simulation import simulate
 
 
 def warm_up() -> None:

@@ -12,10 +12,10 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
-from amb_core.bags import read_bag
-from amb_core.bags.layout import layout_hash
-from amb_core.bags.storage import Definition, open_storage
 from amb_core.errors import BagError
+from amb_core.recording import read_bag
+from amb_core.recording.layout import layout_hash
+from amb_core.recording.storage import Definition, open_storage
 from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, PlantState, SimulatorState
 from amb_ros.definitions import message_definition
 from amb_ros.qos import HISTORY, LATCHED

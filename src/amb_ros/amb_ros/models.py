@@ -1,4 +1,4 @@
-"""Identified models as messages, without losing a bit; `amb_core.messages.model_from_message` is the way back."""
+"""Identified models as messages, bit for bit; `amb_core.recording.messages.model_from_message` is the way back."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from amb_core.errors import ParameterError, one_line
-from amb_core.messages import parameters_from_messages
 from amb_core.parameters import Declaration
+from amb_core.recording.messages import parameters_from_messages
 
 
 def guard_parameter_services(node: Node, declared: Iterable[Declaration]) -> None:

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from amb_core.errors import ParameterError
-from amb_core.parameter_files import of_rclpy
+from amb_core.files.parameter_files import of_rclpy
 from amb_core.parameters import Declaration, Parameters, declarations, flatten, validate
 from amb_ros.parameter_services import guard_parameter_services
 

@@ -1,4 +1,4 @@
-"""Region maps as messages, without losing a bit; `amb_core.messages.region_map_from_message` is the way back."""
+"""Region maps as messages, bit for bit; `amb_core.recording.messages.region_map_from_message` is the way back."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import ArrayLike
 
-from amb_core.region_map import RegionMap
-from amb_core.region_map.region_map import BOUNDARIES
+from amb_core.regions.region_map import RegionMap
+from amb_core.regions.region_map.region_map import BOUNDARIES
 from amb_msgs.msg import RegionMap as RegionMapMessage
 
 

@@ -1,4 +1,4 @@
-"""Regions as messages; `amb_core.messages.region_state_from_message` is the way back."""
+"""Regions as messages; `amb_core.recording.messages.region_state_from_message` is the way back."""
 
 from __future__ import annotations
 

@@ -11,8 +11,8 @@ from rclpy.client import Client
 from rclpy.node import Node, NodeNameNonExistentError
 
 from amb_core.errors import ParameterError
-from amb_core.messages import ParameterValue, parameters_from_messages
 from amb_core.parameters import Parameters, part_of
+from amb_core.recording.messages import ParameterValue, parameters_from_messages
 from amb_ros.requests import POLL_PERIOD, ask
 
 P = TypeVar("P", bound=Parameters)

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 from scipy.signal import cont2discrete
 
-from amb_core.control import ControllerParameters, PdController
 from amb_core.excitation import excitation_from_request, generate
 from amb_core.identification import StateSpaceModel
-from amb_core.records import LoopRecord
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
 
 ORDER = 10
 SAMPLE_TIME = 1e-4  # s

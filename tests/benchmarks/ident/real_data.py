@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from amb_core.identification import nrmse_fit
-from amb_core.identification.predictor import innovations
+from amb_core.identification.estimate.predictor import innovations
 
 FILE = "CD_player_arm_dat.mat"
 ORDER = 16  # the first minimum of BIC with PEM

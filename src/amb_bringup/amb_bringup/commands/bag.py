@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from amb_core.bags import Bag
+    from amb_core.recording import Bag
 
 app = typer.Typer(help="Look into bags, play them.", no_args_is_help=True)
 
@@ -26,7 +26,7 @@ def info(bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap 
     from rich.console import Console
     from rich.table import Table
 
-    from amb_core.bags import read_bag
+    from amb_core.recording import read_bag
 
     content = read_bag(bag)
     console = Console()

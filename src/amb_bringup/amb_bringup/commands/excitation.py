@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from amb_core.control import ControllerParameters
     from amb_core.excitation_design import DesignedExcitation, ExcitationCheck, Trial
+    from amb_core.loop.control import ControllerParameters
     from amb_core.plant import PlantParameters
-    from amb_core.region_map import RegionMap
     from amb_core.regions import RegionParameters
+    from amb_core.regions.region_map import RegionMap
 
     Loop = tuple[ControllerParameters, PlantParameters, RegionParameters | None]
 
@@ -155,12 +155,12 @@ def _given(options: dict[str, Any]) -> dict[str, Any]:
 def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:
     """The map, and the loop: that of a parameter file, or the one the map was made with."""
     from amb_bringup.commands.inputs import load_loop, load_regions
-    from amb_core.control import ControllerParameters
     from amb_core.errors import RegionError
     from amb_core.excitation_design.notes import made_with
+    from amb_core.loop.control import ControllerParameters
     from amb_core.plant import PlantParameters
-    from amb_core.region_map import RegionMap
     from amb_core.regions import RegionParameters
+    from amb_core.regions.region_map import RegionMap
 
     if not _exists(map_file):
         raise RegionError(f"region map {map_file}: there is no such file; `amb map` makes one (results/map/map.json)")

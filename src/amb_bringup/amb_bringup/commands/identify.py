@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from amb_core.control import ControllerParameters
     from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress
+    from amb_core.loop.control import ControllerParameters
 
 UNITS = 1e6
 """Micrometres in a metre."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 import typer
 
 if TYPE_CHECKING:
-    from amb_core.control import ControllerParameters
+    from amb_core.loop.control import ControllerParameters
     from amb_core.parameters import Parameters
     from amb_core.plant import PlantParameters
     from amb_core.regions import RegionParameters
@@ -28,7 +28,7 @@ def parameter_file(params: Path | None) -> Path:
 def load_loop(params: Path | None) -> tuple[PlantParameters, ControllerParameters]:
     """Plant and controller of a parameter file of all nodes; what their nodes would refuse is refused."""
     from amb_controller_node.parameters import PdControllerParameters
-    from amb_core.control import ControllerParameters
+    from amb_core.loop.control import ControllerParameters
     from amb_core.plant import PlantParameters
     from amb_sim_node.parameters import SimulatorParameters
 

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from amb_bringup.command_line import INTERRUPTED
 from amb_bringup.commands.inputs import ParamsOption
+from amb_bringup.exit_codes import INTERRUPTED
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from amb_core.control import ControllerParameters
+    from amb_core.loop.control import ControllerParameters
     from amb_core.plant import PlantParameters
-    from amb_core.region_map import Comparison, GridCell, MapProgress, RegionMap
     from amb_core.regions import Region
+    from amb_core.regions.region_map import Comparison, GridCell, MapProgress, RegionMap
 
 
 def region_map(
@@ -73,7 +73,7 @@ def region_map(
     from amb_bringup.commands.results import make_folder
     from amb_core.errors import RegionError
     from amb_core.parameters import validate
-    from amb_core.region_map import MapSettings, build_grid, build_map
+    from amb_core.regions.region_map import MapSettings, build_grid, build_map
 
     names = MapSettings.model_fields
     given = {name: value for name, value in locals().items() if name in names and value is not None}
@@ -139,7 +139,7 @@ class _Interrupt:
 
 def _ranges(found: RegionMap) -> str:
     """The frequencies at which each region begins, as text."""
-    from amb_core.region_map import BOUNDARIES
+    from amb_core.regions.region_map import BOUNDARIES
 
     return ", ".join(f"{region.name} {_range(found, region)}" for region in BOUNDARIES if _range(found, region))
 
@@ -173,7 +173,7 @@ def _write_map(
     """Map, summary and figures, and the tables on the console."""
     from amb_bringup.commands.results import write_json
     from amb_core.figures import map_figure, map_page, save_figure
-    from amb_core.region_map import analytic_lines, compare
+    from amb_core.regions.region_map import analytic_lines, compare
 
     found.save(out / "map.json")
     lines = analytic_lines(plant, controller, found.settings.axes)
@@ -193,7 +193,7 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
 
     from amb_bringup.commands.results import make_folder, write_json
     from amb_core.figures import map_grid_figure, map_grid_page, save_figure
-    from amb_core.region_map import BOUNDARIES, analytic_lines, compare
+    from amb_core.regions.region_map import BOUNDARIES, analytic_lines, compare
 
     summaries, problems = [], []
     table = Table(*cells[0].values, "sweeps", "B (Hz)", "C (Hz)", "D (Hz)", title="Grid of region maps")
@@ -254,7 +254,7 @@ def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
 def _boundary_table(found: RegionMap) -> Table:
     from rich.table import Table
 
-    from amb_core.region_map import BOUNDARIES
+    from amb_core.regions.region_map import BOUNDARIES
 
     table = Table(title="Where the regions begin; * by ordinary resonance")
     table.add_column("amplitude (um)", justify="right")

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from amb_core.recorded_regions import RecordedRegions
+    from amb_core.analysis.recorded_regions import RecordedRegions
     from amb_core.regions import Onset, Region
 
 
@@ -28,9 +28,9 @@ def regions(
 
     from amb_bringup.commands.progress import working
     from amb_bringup.commands.results import make_folder
-    from amb_core.bags import read_bag
+    from amb_core.analysis.recorded_regions import classify_run
     from amb_core.errors import RegionError
-    from amb_core.recorded_regions import classify_run
+    from amb_core.recording import read_bag
 
     if axes not in ("", "x", "y", "xy"):
         raise RegionError(f"--axes {axes} is not allowed; it must be x, y or xy")
@@ -49,7 +49,7 @@ def regions(
 
 def _summary(found: RecordedRegions, bag: Path) -> dict[str, Any]:
     """What was found as plain JSON values, times in s and frequencies in Hz."""
-    from amb_core.region_stretches import beats, shares, stretches
+    from amb_core.regions.stretches import beats, shares, stretches
 
     record, told = found.record, found.classification
     parts = stretches(told.states)
@@ -111,7 +111,7 @@ def _frequency(found: RecordedRegions, step: int) -> float | None:
 
 
 def _print(console: Console, found: RecordedRegions, summary: dict[str, Any]) -> None:
-    from amb_core.telemetry import describe_gaps
+    from amb_core.loop.telemetry import describe_gaps
 
     if found.gaps:
         what = "missing" if found.gaps == found.missing else "missing or not finite"

@@ -25,8 +25,8 @@ def report(
     from amb_bringup.commands.inputs import model_order
     from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder, names_file
-    from amb_core.bags import read_bag
     from amb_core.identification.controller_choice import named_controller
+    from amb_core.recording import read_bag
     from amb_core.report import write_report
     from amb_core.report.recording import recording_report
 

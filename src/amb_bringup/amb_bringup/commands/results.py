@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from amb_core.errors import AmbError
-from amb_core.regular_files import is_folder, shown
+from amb_core.files.regular_files import is_folder, shown
 
 
 class ResultError(AmbError):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from amb_bringup.commands.progress import Stages
-    from amb_core.control import ControllerParameters
+    from amb_core.loop.control import ControllerParameters
     from amb_core.plant import PlantParameters
     from amb_core.subharmonics import (
         Line,
@@ -127,7 +127,7 @@ def subharmonics(
 def _load(params: Path | None, change: list[str]) -> tuple[PlantParameters, ControllerParameters]:
     from amb_bringup.commands.inputs import load_loop, typed_value
     from amb_core.errors import ParameterError
-    from amb_core.loop_parameters import with_values
+    from amb_core.simulation.parameters import with_values
 
     values = {}
     for text in change:
@@ -142,8 +142,8 @@ def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectru
     """Spectrum of the last experiment of a bag, from the time of the fade-in on; refused if it lacks the tones."""
     from dataclasses import replace
 
-    from amb_core.bags import read_bag
     from amb_core.errors import RegionError
+    from amb_core.recording import read_bag
     from amb_core.subharmonics import analyse
 
     record = read_bag(bag).experiment(-1, 0)
@@ -168,7 +168,7 @@ def _simulate(
     causes: bool,
 ) -> dict[str, dict[str, SubharmonicSpectrum]]:
     """Spectra by loop and test; the loop as given, and if asked for with one effect switched off at a time."""
-    from amb_core.loop_parameters import with_values
+    from amb_core.simulation.parameters import with_values
     from amb_core.subharmonics import VARIANTS, run_subharmonics
     from amb_core.subharmonics.run import check
 

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from amb_bringup.exit_codes import NOT_VALIDATED
+
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from amb_core.identification.validation import RecordedLoop
-
-NOT_VALIDATED = 3
-"""Exit code; 1 is an error, 2 a wrong command line."""
+    from amb_core.analysis import RecordedLoop
 
 RunOption = Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")]
 FirstStepOption = Annotated[
@@ -100,8 +99,8 @@ def load_recorded(
     from dataclasses import replace
 
     from amb_bringup.commands.progress import working
+    from amb_core.analysis import read_loop
     from amb_core.identification.controller_choice import named_controller
-    from amb_core.identification.validation import read_loop
 
     chosen = {"run": run, "first_step": first_step, "steps": steps}
     default = {"run": None, "first_step": -1, "steps": 0}

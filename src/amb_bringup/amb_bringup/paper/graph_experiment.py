@@ -23,14 +23,14 @@ from amb_bringup.launcher import Graph, own_domain
 from amb_bringup.packages import share_folder
 from amb_bringup.paper.study import Claim, StudyError
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.bags import read_bag
-from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import BagError
 from amb_core.excitation import Excitation, ExcitationSignal, generate
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
-from amb_core.records import LoopRecord
+from amb_core.recording import read_bag
+from amb_core.simulation import simulate
 from amb_core.tasks.provenance import code_version
 from amb_sim_node.parameters import SimulatorParameters
 
@@ -153,7 +153,7 @@ class GraphExperiment:
     def _version(self) -> str:
         """Checksum of all that decides what is in the bag."""
         described = json.dumps([self.name, SETTLING, self.excitation.kind, self.excitation.model_dump()])
-        digest = hashlib.sha256((code_version(("",)) + described).encode())
+        digest = hashlib.sha256((code_version() + described).encode())
         files = [_parameter_file(), launcher.launch_file("bearing"), Path(__file__)]
         files += [Path(inspect.getfile(module)) for module in _MODULES]
         for package in _PACKAGES:

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 
 from amb_bringup.paper.study import StudyError, Workplace
-from amb_core.control import ControllerParameters
 from amb_core.errors import AmbError, IdentificationError
 from amb_core.excitation import Excitation, generate
 from amb_core.excitation_design import Trial, TrialBench
 from amb_core.identification import IdentificationData, StateSpaceModel, closed_loop_poles, nrmse_fit
+from amb_core.identification.estimate.methods import estimate
 from amb_core.identification.experiment_simulation import simulate_experiment
-from amb_core.identification.methods import estimate
 from amb_core.identification.progress import Watch
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.tasks import ResultCache, Task
 from amb_core.tasks.provenance import code_version
@@ -96,7 +96,7 @@ class ModelTask(Task[ModelTrial]):
             "samples": self.data.samples,
             "method": self.method,
             "order": self.order,
-            "library": code_version(("",)),
+            "library": code_version(),
             "module": hashlib.sha256(Path(__file__).read_bytes()).hexdigest(),
         }
 

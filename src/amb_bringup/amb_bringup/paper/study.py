@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from amb_bringup.packages import share_folder
-from amb_bringup.paper.provenance import source_files
 from amb_core.errors import AmbError
 from amb_core.figures.chart import Chart
 from amb_core.figures.matplotlib_figure import draw_figure
@@ -159,11 +158,14 @@ class Study(Task[StudyResult]):
         return True
 
     def describe(self) -> dict[str, Any]:
-        """Name and versions: of the library, of what its module imports of this package, and of the bearing."""
-        modules = hashlib.sha256()
-        for file in (*source_files(type(self).__module__), share_folder("amb_bringup") / "config" / "paper.yaml"):
-            modules.update(Path(file).read_bytes())
-        return {"study": self.name, "library": code_version(("",)), "modules": modules.hexdigest()}
+        """Name and versions: of the library, of the studies, and of the bearing."""
+        bearing = share_folder("amb_bringup") / "config" / "paper.yaml"
+        return {
+            "study": self.name,
+            "library": code_version(),
+            "studies": code_version("amb_bringup"),
+            "bearing": hashlib.sha256(bearing.read_bytes()).hexdigest(),
+        }
 
     @staticmethod
     def to_json(result: StudyResult, /) -> dict[str, Any]:

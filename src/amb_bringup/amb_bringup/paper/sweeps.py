@@ -9,15 +9,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters, PdController
 from amb_core.excitation import ExcitationSignal, Sweep, generate
 from amb_core.figures.sweep_comparison import SweepCase, onset_summary
-from amb_core.loop import simulate
-from amb_core.loop_parameters import with_values
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
-from amb_core.records import LoopRecord
 from amb_core.regions import Classification, Onset, Region, RegionState, classify
 from amb_core.report import Answer
+from amb_core.simulation import simulate
+from amb_core.simulation.parameters import with_values
 
 ONE_AXIS = {"magnetic_circuit.actuators": "differential"}
 """The paper's bearing with 1 DOF: electromagnets above and below the rotor."""
@@ -95,7 +95,7 @@ def sweep_bearing(
     amplitude : float
         Of the reference (m).
     values : mapping, optional
-        What differs from the paper's bearing, by the names of `amb_core.loop_parameters`.
+        What differs from the paper's bearing, by the names of `amb_core.simulation.parameters`.
     axis : str
         The axis that is swept.
     """

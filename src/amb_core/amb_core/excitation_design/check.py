@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal
 from amb_core.excitation.signal import excited_spans
@@ -14,10 +13,11 @@ from amb_core.excitation_design.content import Content, content_of
 from amb_core.excitation_design.load import AxisLoad, amplitude_margin
 from amb_core.excitation_design.notes import made_with, notes_on
 from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.plant.closed_forms import inductance
-from amb_core.region_map import RegionMap
 from amb_core.regions import Region
+from amb_core.regions.region_map import RegionMap
 
 
 def check_excitation(

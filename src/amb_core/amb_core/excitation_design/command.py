@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters
-from amb_core.region_map import RegionMap
+from amb_core.loop.control import ControllerParameters
 from amb_core.regions import Region
 from amb_core.regions.lines import command_gain
+from amb_core.regions.region_map import RegionMap
 
 ABOVE_A = (Region.B, Region.C, Region.D)
 GRID = 400

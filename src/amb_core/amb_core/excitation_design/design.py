@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
@@ -15,9 +14,10 @@ from amb_core.excitation_design.notes import made_with
 from amb_core.excitation_design.persistence import Persistence, persistence
 from amb_core.excitation_design.result import ExcitationCheck
 from amb_core.excitation_design.trial import Trial, TrialBench
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
-from amb_core.region_map import RegionMap
 from amb_core.regions import Region, RegionParameters
+from amb_core.regions.region_map import RegionMap
 
 DESIGNED_KINDS = ("square", "multisine", "prbs")
 

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters
 from amb_core.excitation_design.command import ABOVE_A, clipped_fundamental, limits
 from amb_core.excitation_design.content import Content, line_frequencies
-from amb_core.region_map import RegionMap
+from amb_core.loop.control import ControllerParameters
 from amb_core.regions import Region
 from amb_core.regions.lines import command_gain
+from amb_core.regions.region_map import RegionMap
 
 WINDOW = 0.25  # s, about the shortest span over which the classifier tells a drift
 MARGIN_ERROR = 1e-3

@@ -7,13 +7,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import ParameterError, RegionError
 from amb_core.excitation import ExcitationSignal
 from amb_core.excitation_design.result import AxisCheck
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import Parameters, flatten, validate
 from amb_core.plant import PlantParameters
-from amb_core.region_map import RegionMap
+from amb_core.regions.region_map import RegionMap
 
 P = TypeVar("P", bound=Parameters)
 

@@ -14,15 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal
 from amb_core.excitation.signal import excited_spans
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.linearise import linearize
-from amb_core.records import LoopRecord
 from amb_core.regions import Onset, Region, RegionParameters, classify
+from amb_core.simulation import simulate
 
 
 @dataclass(frozen=True)

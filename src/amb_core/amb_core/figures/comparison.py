@@ -18,7 +18,7 @@ from amb_core.figures.style import MODELS, PLANT, REFERENCE, UM, Stroke
 from amb_core.figures.thinning import extremes
 from amb_core.identification.frequency_response import FrequencyResponse
 from amb_core.identification.validation import Validation, nrmse_fit
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 
 TITLE = "Closed loop of model and controller next to the data"
 DEVIATIONS = "deviations alone"

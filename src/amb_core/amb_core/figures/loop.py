@@ -12,7 +12,7 @@ from amb_core.figures.saving import save_figure
 from amb_core.figures.style import MODEL, PLANT, REFERENCE, UM, Stroke
 from amb_core.figures.thinning import extremes, thinned_path
 from amb_core.identification.validation import nrmse_fit
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 
 HIDDEN = 0.2e-6  # movement in an orbit that is narrower than its line (m)
 

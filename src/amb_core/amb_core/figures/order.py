@@ -7,7 +7,7 @@ import numpy as np
 from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Points, Rule, Table
 from amb_core.figures.renderers import renderers
 from amb_core.figures.style import BLUE, GREEN, VERMILION, Marker, Stroke
-from amb_core.identification.order_selection import OrderSelection
+from amb_core.identification.estimate.order_selection import OrderSelection
 
 ORDER = "order"
 

@@ -14,7 +14,7 @@ from amb_core.regions import Region
 
 if TYPE_CHECKING:
     from amb_core.excitation_design import AxisCheck, ExcitationCheck
-    from amb_core.region_map import RegionMap
+    from amb_core.regions.region_map import RegionMap
 
 HEARD = 1e-4  # share of the power below which a point is not drawn
 REACH = 20.0  # factor by which the figure may go below the smallest amplitude of the map

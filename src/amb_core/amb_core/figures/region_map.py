@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from amb_core.figures.chart import Axis, Band, Chart, Curve, HoverGrid, Item, Note, Panel, Points, Table
 from amb_core.figures.renderers import renderers
 from amb_core.figures.style import BLUE, GREEN, GREY, REGIONS, UM, Stroke, region_label
-from amb_core.region_map import BOUNDARIES, RegionMap
 from amb_core.regions import Region
+from amb_core.regions.region_map import BOUNDARIES, RegionMap
 
 if TYPE_CHECKING:
-    from amb_core.region_map import AnalyticLine, GridCell
+    from amb_core.regions.region_map import AnalyticLine, GridCell
 
 POINTS = 300  # amplitudes at which boundaries are drawn
 HOVER = (60, 90)  # amplitudes and frequencies at which a page tells the region
@@ -36,7 +36,7 @@ def map_chart(region_map: RegionMap, lines: Sequence[AnalyticLine] = (), title: 
     region_map : RegionMap
         The map.
     lines : sequence of AnalyticLine, optional
-        From `amb_core.region_map.analytic_lines`; shown within the map's amplitudes and frequencies.
+        From `amb_core.regions.region_map.analytic_lines`; shown within the map's amplitudes and frequencies.
     title : str
         Title of the figure.
     """
@@ -58,7 +58,7 @@ def map_grid_chart(cells: Sequence[GridCell], title: str = "Region maps over par
     Parameters
     ----------
     cells : sequence of GridCell
-        From `amb_core.region_map.build_grid`, at least one with a map.
+        From `amb_core.regions.region_map.build_grid`, at least one with a map.
     title : str
         Title of the figure.
     """

@@ -14,9 +14,9 @@ from amb_core.figures.renderers import renderers
 from amb_core.figures.style import PLANT, REGIONS, UM, region_label
 from amb_core.figures.sweep import rises
 from amb_core.figures.thinning import extremes
-from amb_core.records import LoopRecord
-from amb_core.region_stretches import stretches
+from amb_core.loop.records import LoopRecord
 from amb_core.regions import Classification, Region
+from amb_core.regions.stretches import stretches
 
 SPANS = 400  # of the axis of which the extremes are drawn: the panels are small
 ROOM = 1.03  # free to the right, so that a line at the end is seen

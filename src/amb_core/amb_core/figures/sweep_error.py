@@ -5,7 +5,7 @@ from __future__ import annotations
 from amb_core.figures.chart import Axis, Chart, Curve, Panel, Table
 from amb_core.figures.renderers import renderers
 from amb_core.figures.style import BLUE, UM, VERMILION, Stroke
-from amb_core.identification.sweep_error import SweepError
+from amb_core.identification.focus.sweep_error import SweepError
 
 LOOKS = (Stroke(BLUE, "solid"), Stroke(VERMILION, "dash"))
 
@@ -16,7 +16,7 @@ def sweep_error_chart(errors: SweepError, title: str = "Error of the model over 
     Parameters
     ----------
     errors : SweepError
-        What `amb_core.identification.sweep_error` found.
+        What `amb_core.identification.focus.sweep_error` found.
     title : str
         Title of the figure.
     """

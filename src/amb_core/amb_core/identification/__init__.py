@@ -6,22 +6,22 @@
 
 from amb_core.identification.closed_loop import closed_loop_poles, simulate_closed_loop
 from amb_core.identification.conversion import to_continuous, to_predictor, to_scipy
-from amb_core.identification.cva import cva
 from amb_core.identification.data import IdentificationData
+from amb_core.identification.estimate.cva import cva
+from amb_core.identification.estimate.methods import METHODS, Method
+from amb_core.identification.estimate.order_selection import OrderSelection, select_order
+from amb_core.identification.estimate.pbsid import pbsid
+from amb_core.identification.estimate.pem import pem
+from amb_core.identification.estimate.reduction import Reduction, reduce_balanced
+from amb_core.identification.estimate.ssarx import ssarx
+from amb_core.identification.estimate.subspace import n4sid
+from amb_core.identification.focus.focus import focus_simulation
 from amb_core.identification.frequency_response import FrequencyResponse, response_of
 from amb_core.identification.identify import Focus, Identification, identify
-from amb_core.identification.methods import METHODS, Method
-from amb_core.identification.model import StateSpaceModel
-from amb_core.identification.order_selection import OrderSelection, select_order
-from amb_core.identification.pbsid import pbsid
-from amb_core.identification.pem import pem
 from amb_core.identification.progress import IdentificationProgress
-from amb_core.identification.reduction import Reduction, reduce_balanced
-from amb_core.identification.simulation_focus import focus_simulation
-from amb_core.identification.ssarx import ssarx
-from amb_core.identification.subspace import n4sid
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import Validation, nrmse_fit, validate
+from amb_core.model.state_space import StateSpaceModel
 
 __all__ = [
     "METHODS",

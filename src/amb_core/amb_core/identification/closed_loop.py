@@ -10,11 +10,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import STATE_SIZE, ControllerParameters, pack_gains, pd_update
 from amb_core.errors import IdentificationError
-from amb_core.identification.model import StateSpaceModel
-from amb_core.identification.small_matrices import add_product, set_product
-from amb_core.records import LoopRecord
+from amb_core.identification.estimate.small_matrices import add_product, set_product
+from amb_core.loop.control import STATE_SIZE, ControllerParameters, pack_gains, pd_update
+from amb_core.loop.records import LoopRecord
+from amb_core.model.state_space import StateSpaceModel
 
 DIVERGED = 1e-2  # m, beyond any air gap of the bearings meant here
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import load_parameters
 
 PAPER = "paper"

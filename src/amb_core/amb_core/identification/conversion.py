@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.errors import IdentificationError
-from amb_core.identification.model import StateSpaceModel
+from amb_core.model.state_space import StateSpaceModel
 
 if TYPE_CHECKING:
     import control

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from amb_core.control import ControllerParameters
 from amb_core.identification.closed_loop import simulate_closed_loop
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.validation.prediction import first_state
-from amb_core.records import LoopRecord
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.model.state_space import StateSpaceModel
 
 
 def simulate_experiment(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from amb_core.errors import IdentificationError
-from amb_core.identification.model import StateSpaceModel
+from amb_core.model.state_space import StateSpaceModel
 
 LEVEL = 0.99
 """Confidence of bands unless another is asked for."""

@@ -9,22 +9,22 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles
 from amb_core.identification.controller_choice import needs_controller
 from amb_core.identification.data import DataReport, IdentificationData, check_data
 from amb_core.identification.data.checks import check_amount, check_excitation
+from amb_core.identification.estimate.methods import METHODS, estimate
+from amb_core.identification.estimate.order_selection import OrderSelection, select_order
+from amb_core.identification.estimate.scaled_data import check_order
 from amb_core.identification.experiment_simulation import simulate_experiment
-from amb_core.identification.methods import METHODS, estimate
-from amb_core.identification.model import StateSpaceModel
-from amb_core.identification.order_selection import OrderSelection, select_order
+from amb_core.identification.focus.focus import focus_simulation
 from amb_core.identification.progress import Cancelled, Progress, Watch
-from amb_core.identification.scaled_data import check_order
-from amb_core.identification.simulation_focus import focus_simulation
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import nrmse_fit
-from amb_core.records import LoopRecord
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.model.state_space import StateSpaceModel
 
 Focus = Literal["prediction", "simulation"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.constants import mu_0
 
 from amb_core.errors import PlantError
-from amb_core.regular_files import read_text, shown
+from amb_core.files.regular_files import read_text, shown
 
 _LARGEST = 5.0  # T
 

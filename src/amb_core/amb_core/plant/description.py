@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant.averaged import coil_references, flux_embedding
 from amb_core.plant.linearise import linearize
 from amb_core.plant.network import COIL_AXES, COIL_POLES, POLES, active_coils

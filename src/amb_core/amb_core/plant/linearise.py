@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters, pack_gains
 from amb_core.errors import PlantError
+from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant.averaged import AveragedPlant, flux_embedding
 from amb_core.plant.network import POLES, active_coils
 from amb_core.plant.operating_point import OperatingPoint, point_at, point_held_by

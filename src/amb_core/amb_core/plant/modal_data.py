@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
-from amb_core.regular_files import open_regular, shown
+from amb_core.files.regular_files import open_regular, shown
 
 _SKEW_TOLERANCE = 1e-6
 """Largest symmetric part of the gyroscopic matrix, relative to its largest element: room for files in single."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import PlantError
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant.averaged import AveragedPlant, coil_references
 from amb_core.plant.plant import Plant
 

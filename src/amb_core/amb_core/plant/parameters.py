@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from amb_core.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import Parameters, choice, fixed, quantity, switch
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import PdController
 from amb_core.errors import PlantError
+from amb_core.loop.control import PdController
 from amb_core.plant.iron import initial_iron
 from amb_core.plant.kernel import iron_paths, layout
 from amb_core.plant.kernel.advance import advance

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import RegionError
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 from amb_core.regions.axis import AxisClassifier, gain
 from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory

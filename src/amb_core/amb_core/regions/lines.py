@@ -15,8 +15,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import RegionError
+from amb_core.loop.control import ControllerParameters
 
 
 def command_gain(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from amb_core.analysis import read_bag_data
 from amb_core.errors import IdentificationError
 from amb_core.figures.bode import bode_page
 from amb_core.figures.comparison import comparison_page
@@ -15,15 +16,14 @@ from amb_core.figures.order import order_page
 from amb_core.figures.residuals import residuals_page
 from amb_core.identification import Identification, identify
 from amb_core.identification.controller_choice import PAPER, needs_controller
-from amb_core.identification.data import read_bag_data
 from amb_core.identification.validation import Validation, validate
 from amb_core.parameters import part_of
 from amb_core.plant import PlantParameters
 from amb_core.report.document import Block, Chart, Listing, Prose, Section, Table
 
 if TYPE_CHECKING:
-    from amb_core.bags import Bag
-    from amb_core.control import ControllerParameters
+    from amb_core.loop.control import ControllerParameters
+    from amb_core.recording import Bag
 
 
 def identified_sections(

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
 from amb_core.errors import AmbError
 from amb_core.figures.loop import orbit_page
 from amb_core.figures.style import UM, region_label
 from amb_core.figures.sweep import onset_text, rises, sweep_page
-from amb_core.recorded_regions import RecordedRegions, classify_run
-from amb_core.region_stretches import shares, stretches
+from amb_core.loop.telemetry import describe_gaps
+from amb_core.regions.stretches import shares, stretches
 from amb_core.report.document import Block, Chart, Prose, Report, Section, Table
-from amb_core.telemetry import describe_gaps
 
 if TYPE_CHECKING:
-    from amb_core.bags import Bag
-    from amb_core.control import ControllerParameters
-    from amb_core.records import LoopRecord
+    from amb_core.loop.control import ControllerParameters
+    from amb_core.loop.records import LoopRecord
+    from amb_core.recording import Bag
 
 
 def recording_report(
@@ -54,7 +54,7 @@ def recording_report(
     IdentificationError
         If no method takes the order.
     """
-    from amb_core.identification.scaled_data import check_order  # takes a while to import
+    from amb_core.identification.estimate.scaled_data import check_order  # takes a while to import
 
     if order != "auto":
         check_order(order)

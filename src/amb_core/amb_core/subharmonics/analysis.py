@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import RegionError
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 from amb_core.subharmonics.products import Product, products_by_bin
 from amb_core.subharmonics.results import Line, SlowComponent, State, SubharmonicSpectrum
 from amb_core.subharmonics.settings import WHOLE, SubharmonicSettings

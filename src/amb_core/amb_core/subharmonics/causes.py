@@ -15,7 +15,7 @@ class Variant:
     name : str
         What is different, in words.
     values : dict
-        Parameters that are changed, named as `amb_core.loop_parameters` has it.
+        Parameters that are changed, named as `amb_core.simulation.parameters` has it.
     """
 
     name: str

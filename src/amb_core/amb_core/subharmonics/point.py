@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from amb_core.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import part_of
 from amb_core.plant import PlantParameters
 from amb_core.subharmonics.results import State, SubharmonicSpectrum
@@ -13,13 +13,6 @@ from amb_core.subharmonics.run import run_subharmonics
 from amb_core.subharmonics.settings import SubharmonicSettings
 from amb_core.tasks.provenance import code_version, file_checksums
 from amb_core.tasks.task import Task
-
-SOURCES = (
-    "control.py", "errors.py", "loop.py", "parameters.py", "records.py", "excitation", "plant",
-    "subharmonics/analysis.py", "subharmonics/point.py", "subharmonics/products.py", "subharmonics/results.py",
-    "subharmonics/run.py", "subharmonics/settings.py",
-)  # fmt: skip
-"""Modules and packages of amb_core that a point depends on: a change in one of them outdates results."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +65,7 @@ class PointTask(Task[SurfacePoint]):
             "plant": self.plant.model_dump(),
             "controller": self.controller.model_dump(),
             "files": file_checksums(self.plant),
-            "code": code_version(SOURCES),
+            "code": code_version(),
         }
 
     def run(self) -> SurfacePoint:

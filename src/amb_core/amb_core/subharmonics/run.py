@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters, PdController
 from amb_core.errors import ExcitationError, RegionError
 from amb_core.excitation import Tones, generate
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
+from amb_core.simulation import simulate
 from amb_core.subharmonics.analysis import analyse, block_periods
 from amb_core.subharmonics.results import SubharmonicSpectrum
 from amb_core.subharmonics.settings import WHOLE, SubharmonicSettings

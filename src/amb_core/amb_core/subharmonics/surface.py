@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import RegionError
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.subharmonics.point import PointTask, SurfacePoint
 from amb_core.subharmonics.results import SubharmonicSurface

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import sys
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-import amb_core
 from amb_core.plant import PlantParameters
 
 LIBRARIES = ("llvmlite", "numba", "numpy", "scipy")
 
 
 @cache
-def code_version(sources: tuple[str, ...]) -> str:
-    """Checksum of modules and packages of amb_core (paths below it), and of the versions of Python and libraries."""
-    root = Path(amb_core.__file__).parent
+def code_version(package: str = "amb_core") -> str:
+    """Checksum of all modules of a package, and of the versions of Python and libraries.
+
+    Of all of them: a list of those that a result depends on would be wrong one day, without a word.
+    """
+    (root,) = map(Path, importlib.import_module(package).__path__)
     digest = hashlib.sha256(sys.version.encode())
     for library in LIBRARIES:
         digest.update(f"{library}=={version(library)}".encode())
-    for source in sources:
-        for path in [root / source] if source.endswith(".py") else sorted((root / source).rglob("*.py")):
-            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    for path in sorted(root.rglob("*.py")):
+        digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
     return digest.hexdigest()
 
 

@@ -15,7 +15,7 @@ from amb_core.figures.style import UM
 from amb_core.figures.sweep import onset_text, sweep_chart
 from amb_core.figures.sweep_error import sweep_error_chart
 from amb_core.identification import simulate_closed_loop
-from amb_core.identification.sweep_error import SweepError, sweep_error
+from amb_core.identification.focus.sweep_error import SweepError, sweep_error
 from amb_core.regions import Classification, Region, classify
 
 SWEEP = Sweep(amplitude=50e-6, frequency_start=11.0, frequency_end=400.0, duration=5.0, axes="both")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from amb_bringup.paper.studies.frequency_amplitude_graph import paper_map
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
-from amb_core.control import ControllerParameters
 from amb_core.excitation import Square, WhiteNoise, generate
 from amb_core.excitation_design import ExcitationCheck, Trial, TrialBench, check_excitation
 from amb_core.figures.overlay import overlay_chart
 from amb_core.figures.trial import trial_chart
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
-from amb_core.region_map import RegionMap
 from amb_core.regions import Region
+from amb_core.regions.region_map import RegionMap
 from amb_core.report import Answer
 
 RATE = ControllerParameters().sample_rate

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult
 from amb_bringup.paper.sweeps import ONE_AXIS, REST, SLOW_AMPLIFIER, SLOW_NOTE, SWEEP, paper_sweep
-from amb_core.control import ControllerParameters, PdController
 from amb_core.figures.force import force_chart, force_speed_chart
-from amb_core.loop_parameters import with_values
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.force_law import (
     ForceTrajectory,
@@ -24,9 +24,9 @@ from amb_core.plant.force_law import (
     trace_gap,
 )
 from amb_core.plant.trace import Trace
-from amb_core.records import LoopRecord
-from amb_core.region_stretches import stretches
 from amb_core.regions import Region, classify
+from amb_core.regions.stretches import stretches
+from amb_core.simulation.parameters import with_values
 
 AMPLITUDE = 15e-6  # m, as in Fig. 2
 WINDOWS = (150.0, 600.0, 1_050.0)  # Hz of the input in the middle of what is traced: in regions A, B and C

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
 from amb_bringup.paper.sweeps import SWEEP, sweep_bearing
-from amb_core.control import ControllerParameters
 from amb_core.figures.region_map import map_chart
 from amb_core.figures.sweep_comparison import sweep_comparison_chart
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
-from amb_core.region_map import Comparison, MapSettings, RegionMap, analytic_lines, build_map, compare
 from amb_core.regions import Region
+from amb_core.regions.region_map import Comparison, MapSettings, RegionMap, analytic_lines, build_map, compare
 from amb_core.report import Answer
 
 SHOWN = (10e-6, 20e-6, 35e-6, 60e-6)  # m, amplitudes whose responses are drawn

@@ -17,7 +17,7 @@ from amb_core.figures.loop import orbit_chart, response_chart
 from amb_core.figures.style import UM
 from amb_core.figures.thinning import extremes, thinned_path
 from amb_core.identification import Identification, StateSpaceModel, nrmse_fit, simulate_closed_loop
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 from amb_core.report import Answer
 
 REPLICATES = 90.0  # percent; fit of both axes from which on the model is said to replicate the response

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
-from amb_core.control import ControllerParameters
 from amb_core.figures.spectrum import spectrum_chart
 from amb_core.figures.surface import surface_chart
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.report import Answer
 from amb_core.subharmonics import (

@@ -17,16 +17,16 @@ from amb_bringup.paper.sweeps import (
     order_verdict,
     sweep_bearing,
 )
-from amb_core.control import ControllerParameters, PdController
 from amb_core.excitation import Multisine, generate
 from amb_core.figures.sweep import sweep_chart
 from amb_core.figures.sweep_comparison import sweep_comparison_chart
 from amb_core.identification import Identification, identify, nrmse_fit, simulate_closed_loop
-from amb_core.loop import simulate
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
-from amb_core.records import LoopRecord
 from amb_core.regions import Region
 from amb_core.report import Answer
+from amb_core.simulation import simulate
 
 AMPLITUDE = 15e-6  # m; the paper does not tell its own
 VOLTAGES = (300.0, 150.0, 75.0, 50.0, 30.0)  # V, of the supply: from that of table 1 to that of the slow amplifier

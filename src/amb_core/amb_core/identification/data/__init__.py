@@ -1,16 +1,16 @@
-"""Data for identification: experiments from bags and files, made fit for estimation, and checked."""
+"""Data for identification: experiments, made fit for estimation, checked, and kept in files."""
 
-from amb_core.identification.data.bag_data import read_bag_data
 from amb_core.identification.data.checks import DataReport, Finding, Severity, check_data
 from amb_core.identification.data.conditioning import advance_inputs, decimate, detrend, restore, split_at_invalid
 from amb_core.identification.data.csv_files import read_csv
 from amb_core.identification.data.dataset import Gap, IdentificationData, merge
 from amb_core.identification.data.experiment import Experiment
-from amb_core.identification.data.files import read_data, write_data
+from amb_core.identification.data.files import READERS, write_data
 from amb_core.identification.data.mat_files import read_mat
 from amb_core.identification.data.npz_files import read_npz
 
 __all__ = [
+    "READERS",
     "DataReport",
     "Experiment",
     "Finding",
@@ -22,9 +22,7 @@ __all__ = [
     "decimate",
     "detrend",
     "merge",
-    "read_bag_data",
     "read_csv",
-    "read_data",
     "read_mat",
     "read_npz",
     "restore",

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.files.file_errors import reading
+from amb_core.files.regular_files import open_regular
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.matrix_data import needed_sample_time
-from amb_core.identification.file_errors import reading
-from amb_core.regular_files import open_regular
 
 _COMMENT = "# amb_core "
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*$")

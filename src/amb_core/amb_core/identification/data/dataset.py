@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data.experiment import Experiment, line
-from amb_core.records import LoopRecord
+from amb_core.loop.records import LoopRecord
 
 
 @dataclass(frozen=True)

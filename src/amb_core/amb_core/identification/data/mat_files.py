@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.files.file_errors import reading
+from amb_core.files.matlab import cell, load_variables, save_variables, texts
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.matrix_data import data_of_matrix, needed_sample_time, only_matrix
-from amb_core.identification.file_errors import reading
-from amb_core.identification.matlab import cell, load_variables, save_variables, texts
 
 _NAMES = {
     "input_names": "InputName",

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from amb_core.files.file_errors import reading
+from amb_core.files.regular_files import open_regular
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.matrix_data import data_of_matrix, only_matrix
-from amb_core.identification.file_errors import reading
-from amb_core.regular_files import open_regular
 
 _DATA_FIELDS = ("sample_time", "input_names", "output_names", "input_units", "output_units")
 _EXPERIMENT_FIELDS = tuple(item.name for item in fields(Experiment))

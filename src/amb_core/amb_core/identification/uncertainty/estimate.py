@@ -24,14 +24,14 @@ from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.local_coordinates import local_directions
-from amb_core.identification.model import StateSpaceModel
-from amb_core.identification.predictor import experiments
-from amb_core.identification.scaled_data import ScaledData
+from amb_core.identification.estimate.local_coordinates import local_directions
+from amb_core.identification.estimate.predictor import experiments
+from amb_core.identification.estimate.scaled_data import ScaledData
 from amb_core.identification.uncertainty.directions import Directions
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.identification.uncertainty.sensitivity import Sensitivity, sensitivity
 from amb_core.identification.validation.prediction import first_state, predicted_states
+from amb_core.model.state_space import StateSpaceModel
 
 _LEAST_SINGULAR_VALUE = 1e-10  # of the normalised sensitivities, relative to the largest; good data stay above 1e-4
 _LEAST_SQUARE = 1e-28  # of a Hankel singular value, relative to the largest

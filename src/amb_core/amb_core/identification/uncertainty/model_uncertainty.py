@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, normal_quantile, response_of, transfers
-from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.uncertainty.directions import Directions, response_changes
 from amb_core.identification.uncertainty.samples import Sampler
+from amb_core.model.state_space import StateSpaceModel
 
 _INFLATED = 1.25  # inflation from which on innovations are not white; even few data scatter less
 _FAR = 2.0  # distance from which on the model is another than the estimate; the true system is at 1

@@ -17,8 +17,8 @@ from scipy import linalg
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.frequency_response import transfers
-from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.uncertainty.directions import Directions, response_changes
+from amb_core.model.state_space import StateSpaceModel
 
 _FREQUENCIES = np.geomspace(1e-4, 1.0, 200)  # at which responses are compared, relative to half the sample rate
 _MOST_DRAWS = 100  # of each model, until its predictor is stable

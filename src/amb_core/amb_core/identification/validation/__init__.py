@@ -3,7 +3,6 @@
 from amb_core.identification.validation.fit import nrmse_fit
 from amb_core.identification.validation.frequency import BandComparison, FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
-from amb_core.identification.validation.recorded import RecordedLoop, read_loop
 from amb_core.identification.validation.residuals import ChiSquareTest, ResidualTests, check_residuals
 from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop, simulate_records
 from amb_core.identification.validation.validate import HORIZONS, Validation, validate
@@ -15,7 +14,6 @@ __all__ = [
     "ClosedLoop",
     "FrequencyComparison",
     "Prediction",
-    "RecordedLoop",
     "ResidualTests",
     "Validation",
     "check_closed_loop",
@@ -23,7 +21,6 @@ __all__ = [
     "compare_responses",
     "nrmse_fit",
     "predict",
-    "read_loop",
     "simulate_records",
     "validate",
 ]

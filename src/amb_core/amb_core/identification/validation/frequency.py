@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError, PlantError
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, response_of
-from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response
+from amb_core.loop.control import ControllerParameters
+from amb_core.model.state_space import StateSpaceModel
 
 if TYPE_CHECKING:
     from amb_core.identification.uncertainty import ModelUncertainty

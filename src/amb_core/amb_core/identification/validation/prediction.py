@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.model import StateSpaceModel
-from amb_core.identification.small_matrices import add_product, set_product
+from amb_core.identification.estimate.small_matrices import add_product, set_product
 from amb_core.identification.validation.fit import nrmse_fit
+from amb_core.model.state_space import StateSpaceModel
 
 _CURVE_POINTS = 20  # horizons between the first and the last asked for, for the curve of fit over horizon
 _MEMORY = 5_000  # samples from which the first state of an experiment is estimated

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles, simulate_closed_loop
-from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.validation.fit import nrmse_fit
-from amb_core.records import LoopRecord
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.model.state_space import StateSpaceModel
 
 NEEDED_FIT = 90.0
 """Closed-loop fit of each output that a validated model has (percent)."""

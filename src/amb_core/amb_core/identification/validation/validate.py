@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from amb_core.control import ControllerParameters
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData, restore
-from amb_core.identification.model import StateSpaceModel
 from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
 from amb_core.identification.validation.report import report_text, report_values, summary_line
 from amb_core.identification.validation.residuals import LAGS, NEGLIGIBLE, ResidualTests, check_residuals
 from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop
+from amb_core.loop.control import ControllerParameters
+from amb_core.model.state_space import StateSpaceModel
 
 if TYPE_CHECKING:
     from amb_core.identification.uncertainty import ModelUncertainty

@@ -1,0 +1,146 @@
+"""The regions that a recorded run went through: its telemetry classified, with what else the bag knows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.errors import RegionError
+from amb_core.loop.records import LoopRecord
+from amb_core.parameters import part_of
+from amb_core.regions import Classification, Onset, Region, RegionParameters, classify
+
+if TYPE_CHECKING:
+    from amb_core.recording import Bag
+
+MONITOR_NODE, SIMULATOR_NODE = "region_monitor", "simulator"
+
+
+@dataclass(frozen=True)
+class RecordedRegions:
+    """A recorded run and its regions.
+
+    Attributes
+    ----------
+    run : int
+        The run.
+    record : LoopRecord
+        From its first to its last step; NaN where there is no telemetry.
+    frequency : ndarray, shape (steps,), or None
+        Input frequency as the excitations of the bag have it (Hz), NaN where there is none; None if nowhere.
+    classification : Classification
+        Of all parts between gaps; the onsets are the first ones of the run.
+    missing : list of (int, int)
+        Spans (first step, step after the last) without telemetry.
+    gaps : list of (int, int)
+        These, and spans with samples that are not finite; the classification restarts after each.
+    delevitated : bool
+        Whether the simulator ended the run since the rotor delevitated.
+    parameters : RegionParameters
+        Thresholds: those of the recorded region monitor, or else the defaults with the radius of the recorded bearing.
+    """
+
+    run: int
+    record: LoopRecord
+    frequency: NDArray[np.float64] | None
+    classification: Classification
+    missing: list[tuple[int, int]]
+    gaps: list[tuple[int, int]]
+    delevitated: bool
+    parameters: RegionParameters
+
+
+def classify_run(bag: Bag, run: int | None = None) -> RecordedRegions:
+    """Classify the telemetry of a run, by default the last one of a bag.
+
+    Raises
+    ------
+    BagError
+        If the bag has no telemetry, or none of this run.
+    RegionError
+        If no sample is finite, or the sample time does not fit the thresholds.
+    """
+    spans = bag.spans(run) if bag.runs else []
+    if not spans:
+        bag.telemetry(run)  # says what is there instead
+    run = bag.runs[-1] if run is None else run
+    first_step, stop = spans[0][0], spans[-1][1]
+    frequency = bag.input_frequency(first_step, stop, run)
+    ended = bag.delevitation(run)
+    parameters = _parameters(bag)
+    records = [bag.telemetry(run, start, end) for start, end in spans]
+    usable = [part for record in records for part in _finite_parts(record)]
+    parts = []
+    for part in usable or records:
+        try:
+            parts.append(classify(part, parameters, delevitated=ended == part.first_step + part.steps))
+        except RegionError as problem:
+            raise RegionError(f"bag {bag.path}, run {run}: {problem}") from None
+    return RecordedRegions(
+        run,
+        _joined(records),
+        frequency if np.isfinite(frequency).any() else None,
+        _joined_classification(parts, first_step, frequency),
+        _between(spans, first_step, stop),
+        _between([(part.first_step, part.first_step + part.steps) for part in usable], first_step, stop),
+        ended is not None,
+        parameters,
+    )
+
+
+def _finite_parts(record: LoopRecord) -> list[LoopRecord]:
+    """A record without the samples of reference and position that are not finite."""
+    finite = np.isfinite(record.reference).all(axis=1) & np.isfinite(record.position).all(axis=1)
+    edges = np.flatnonzero(np.diff(finite, prepend=False, append=False))
+    starts, stops = edges[::2].tolist(), edges[1::2].tolist()
+    return [record.window(record.first_step + start, stop - start) for start, stop in zip(starts, stops, strict=True)]
+
+
+def _between(spans: Sequence[tuple[int, int]], first_step: int, stop: int) -> list[tuple[int, int]]:
+    """What spans of steps leave out between two steps."""
+    ends = [(first_step, first_step), *spans, (stop, stop)]
+    return [(end, start) for (_, end), (start, _) in pairwise(ends) if start > end]
+
+
+def _parameters(bag: Bag) -> RegionParameters:
+    nodes = {node.rsplit("/", 1)[-1]: values for node, values in bag.parameters().items()}
+    if MONITOR_NODE in nodes:
+        return part_of(RegionParameters, nodes[MONITOR_NODE])
+    radius = nodes.get(SIMULATOR_NODE, {}).get("rotor.backup_bearing_radius")
+    return part_of(RegionParameters, {} if radius is None else {"backup_bearing_radius": radius})
+
+
+def _joined(records: Sequence[LoopRecord]) -> LoopRecord:
+    """One record from the first step to the last, NaN where there is none."""
+    first, last = records[0], records[-1]
+    signals = np.full((3, last.first_step + last.steps - first.first_step, 2), np.nan)
+    for record in records:
+        start = record.first_step - first.first_step
+        signals[:, start : start + record.steps] = record.reference, record.position, record.current
+    return LoopRecord(first.first_step, first.sample_time, *signals)
+
+
+def _joined_classification(
+    parts: Sequence[Classification], first_step: int, frequency: NDArray[np.float64]
+) -> Classification:
+    """All states, and the first onset of each region; with the known input frequency where there is one."""
+
+    def first(onsets: Iterable[dict[Region, Onset]]) -> dict[Region, Onset]:
+        found: dict[Region, Onset] = {}
+        for part in onsets:
+            for region, onset in part.items():
+                row = min(onset.step - first_step, len(frequency) - 1)
+                known = float(frequency[row]) if np.isfinite(frequency[row]) else onset.input_frequency
+                found.setdefault(region, replace(onset, input_frequency=known))
+        return dict(sorted(found.items()))
+
+    return Classification(
+        [state for part in parts for state in part.states],
+        first(part.onsets for part in parts),
+        (first(part.axis_onsets[0] for part in parts), first(part.axis_onsets[1] for part in parts)),
+    )

@@ -1,6 +1,0 @@
-"""Bags: MCAP files in rosbag2 folders, written message by message and read as loop records."""
-
-from amb_core.bags.reader import Bag, TopicInfo, read_bag
-from amb_core.bags.writer import BagWriter
-
-__all__ = ["Bag", "BagWriter", "TopicInfo", "read_bag"]

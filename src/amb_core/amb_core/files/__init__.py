@@ -1,0 +1,1 @@
+"""Files as they are read and written everywhere: regular ones of bounded size, parameter files, MATLAB files."""

@@ -1,0 +1,28 @@
+"""Errors of reading a file, as one line that names it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from amb_core.errors import IdentificationError
+from amb_core.files.regular_files import shown
+
+
+@contextmanager
+def reading(what: str, path: Path) -> Iterator[None]:
+    """Turn every error of the block into an IdentificationError that begins with `what` and the path.
+
+    Parsers of zip, JSON, text, NumPy and MATLAB files each have errors of their own for a damaged file.
+    """
+    name = shown(path)
+    try:
+        yield
+    except IdentificationError as problem:
+        raise IdentificationError(f"{what} {name}: {problem}") from None
+    except OSError as problem:
+        raise IdentificationError(f"{what} {name}: cannot be read: {problem.strerror or problem}") from None
+    except Exception as problem:
+        reason = " ".join(str(problem).split()) or type(problem).__name__
+        raise IdentificationError(f"{what} {name}: is damaged or of another kind: {reason}") from None

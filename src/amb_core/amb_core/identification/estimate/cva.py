@@ -1,0 +1,47 @@
+"""Subspace identification by canonical variate analysis (CVA).
+
+The states are the canonical variates of past and future outputs given the future inputs (see `state_regression` for the
+rest). As of the other classic methods the future inputs are taken to be independent of past noise: feedback biases it.
+
+Source: W. E. Larimore, Canonical variate analysis in identification, filtering, and adaptive control, 29th IEEE
+Conference on Decision and Control, 1990.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from amb_core.identification.estimate.data_triangle import PastRegression, RidgeRegression
+from amb_core.identification.estimate.scaled_data import Samples
+from amb_core.identification.estimate.state_regression import identify_by_states
+from amb_core.model.state_space import StateSpaceModel
+
+
+def cva(
+    inputs: Samples,
+    outputs: Samples,
+    sample_time: float,
+    order: int = 10,
+    past: int | None = None,
+    future: int | None = None,
+    source: str = "",
+) -> StateSpaceModel:
+    """Identify a state-space model of a given order; means are removed from the data and kept as its offsets.
+
+    Parameters, the defaults of the horizons and errors are those of `ssarx`.
+    """
+    return identify_by_states(inputs, outputs, sample_time, order, past, future, source, "cva", _future_map)
+
+
+def _future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:
+    """Future outputs that the past explains beyond the future inputs, weighted by what it leaves unexplained."""
+    triangle, p = regression.triangle, regression.triangle.p
+    outputs = np.hstack([triangle.at(ahead)[:, :p] for ahead in range(triangle.future)])
+    inputs = linalg.orth(np.hstack([triangle.at(ahead)[:, p:] for ahead in range(triangle.future)]))
+    outputs, past = (columns - inputs @ (inputs.T @ columns) for columns in (outputs, regression.columns))
+    observed = RidgeRegression(past).coefficients(outputs, ridge)
+    unexplained = outputs - past @ observed
+    covariance = unexplained.T @ unexplained + np.finfo(float).eps * np.eye(outputs.shape[1])
+    return np.asarray(linalg.solve_triangular(linalg.cholesky(covariance, lower=True), observed.T, lower=True).T)

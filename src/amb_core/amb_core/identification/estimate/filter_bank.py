@@ -1,0 +1,257 @@
+"""The predictor as a bank of second-order filters, and the factor of their signals that all least squares work on.
+
+In modal coordinates the predictor's matrix F = A - K C is block-diagonal, with blocks M of size 2 and columns C_M of C.
+With t = tr M and d = det M the contribution of a block to the prediction is
+
+    C_M (z I - M)^-1 G w = C_M (z I - (t I - M)) G v,    v = w / (z^2 - t z + d),
+
+where w holds inputs and outputs, G the block's rows of (B, K). The derivatives by the entries of M are sums of v, z v
+and the once more filtered s = v / (z^2 - t z + d), z s. So four signals per block and channel are all that is needed of
+the data, whatever the number of parameters. The first state of each experiment enters as one more channel, an
+impulse before its first sample. An odd order is padded with a state that is neither reached nor seen.
+
+Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 10.3 (gradients by filtering).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from amb_core.identification.estimate.predictor import experiments
+
+_BLOCK = 1_000  # samples whose signals are held at once
+_SMALLEST_SINGULAR_VALUE = 1e-12  # of the regressors, relative to the largest
+
+
+@dataclass(frozen=True)
+class Modes:
+    """F and C in block-diagonal coordinates.
+
+    Attributes
+    ----------
+    m : ndarray, shape (blocks, 2, 2)
+        Diagonal blocks of F.
+    c : ndarray, shape (blocks, p, 2)
+        Their columns of C.
+    order : int
+        States without padding; those of the last block may be one more.
+    """
+
+    m: NDArray[np.float64]
+    c: NDArray[np.float64]
+    order: int
+
+    @classmethod
+    def of(cls, f: NDArray[np.float64], c: NDArray[np.float64]) -> Modes:
+        """Block-diagonal form with an orthonormal basis per block, of F with independent pairs of modes.
+
+        A block holds a pair of complex modes or two neighbouring real ones, which may become complex or change places.
+
+        Raises
+        ------
+        LinAlgError
+            If pairs of modes are not independent, as those of a multiple eigenvalue may be.
+        """
+        n = len(f)
+        values, vectors = np.linalg.eig(f)
+        reals = np.flatnonzero(values.imag == 0.0)
+        reals = reals[np.argsort(-values[reals].real, kind="stable")]
+        bases = [np.column_stack([vectors[:, i].real, vectors[:, i].imag]) for i in np.flatnonzero(values.imag > 0.0)]
+        bases += [vectors[:, reals[i : i + 2]].real for i in range(0, len(reals), 2)]
+        basis = np.hstack([np.linalg.qr(columns)[0] for columns in bases])
+        f, c = np.linalg.solve(basis, f @ basis), c @ basis
+        blocks = (n + 1) // 2
+        f, c = np.pad(f, (0, 2 * blocks - n)), np.pad(c, ((0, 0), (0, 2 * blocks - n)))
+        m = np.array([f[i : i + 2, i : i + 2] for i in range(0, n, 2)])
+        c = np.array([c[:, i : i + 2] for i in range(0, n, 2)])
+        return cls(m, c / np.maximum(np.linalg.norm(c, axis=(1, 2), keepdims=True), np.finfo(float).tiny), n)
+
+    @property
+    def trace(self) -> NDArray[np.float64]:
+        """The trace t of each block."""
+        return np.asarray(np.trace(self.m, axis1=1, axis2=2))
+
+    @property
+    def determinant(self) -> NDArray[np.float64]:
+        """The determinant d of each block."""
+        return np.asarray(np.linalg.det(self.m))
+
+    @property
+    def adjoint(self) -> NDArray[np.float64]:
+        """The matrices t I - M, shape (blocks, 2, 2)."""
+        return self.trace[:, np.newaxis, np.newaxis] * np.eye(2) - self.m
+
+    @property
+    def radius(self) -> float:
+        """Largest magnitude of an eigenvalue of F."""
+        return float(np.max(np.abs(np.linalg.eigvals(self.m))))
+
+    def matrices(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """F and C without padding."""
+        n = self.order
+        return linalg.block_diag(*self.m)[:n, :n], np.hstack(list(self.c))[:, :n]
+
+    def moved(self, step: NDArray[np.float64]) -> Modes:
+        """The modes after a step in the coordinates of `Fit.sensitivity`."""
+        split = self.m.size
+        return Modes(
+            self.m + step[:split].reshape(self.m.shape), self.c + step[split:].reshape(self.c.shape), self.order
+        )
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The best predictor with given modes.
+
+    Attributes
+    ----------
+    modes : Modes
+        F and C.
+    gains : ndarray, shape (blocks, 2, channels)
+        Effect of inputs, outputs and the impulse before each experiment on the states: B, K, every x[0].
+    covariance : ndarray, shape (p, p)
+        Mean products of the one-step prediction errors.
+    errors : ndarray, shape (p * rows,)
+        Weighted errors, one output after the other, in the coordinates of the factor.
+    sensitivity : ndarray, shape (p * rows, parameters)
+        Derivatives of the weighted predictions by the entries of `modes.m`, then `modes.c`, with the gains adapted.
+    """
+
+    modes: Modes
+    gains: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    sensitivity: NDArray[np.float64]
+
+    def matrices(self, inputs: int) -> tuple[NDArray[np.float64], ...]:
+        """A, B, C, K of a model with that many inputs, and x[0] of each experiment, shape (experiments, n)."""
+        f, c = self.modes.matrices()
+        gains = np.vstack(list(self.gains))[: self.modes.order]
+        b, k, initial_states = np.split(gains, [inputs, inputs + len(c)], axis=1)
+        return f + k @ c, b, c, k, initial_states.T
+
+
+def fit_gains(
+    modes: Modes,
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    lengths: Sequence[int] | None = None,
+) -> Fit:
+    """Least-squares gains for given modes (variable projection), with errors and sensitivities.
+
+    Parameters
+    ----------
+    modes : Modes
+        Stable predictor modes.
+    inputs, outputs : ndarray, shapes (steps, m), (steps, p)
+        Data without offsets, each column scaled to the order of 1.
+    weight : ndarray, shape (p, p)
+        Errors are weighted as weight @ error; the sum of squares is taken.
+    lengths : sequence of int, optional
+        Steps of each experiment; one experiment by default.
+    """
+    return best_gains(modes, _factor(modes, inputs, outputs, experiments(len(inputs), lengths)), weight)
+
+
+def best_gains(modes: Modes, factor: NDArray[np.float64], weight: NDArray[np.float64]) -> Fit:
+    """As `fit_gains`, from a factor of the filters' signals (block, kind, channel) and the outputs."""
+    p, blocks = len(weight), len(modes.m)
+    signals = factor[:, :-p].reshape(len(factor), blocks, 4, -1)
+    regressors = gain_sensitivity(modes, signals, weight)
+    targets = (weight @ factor[:, -p:].T).reshape(-1)
+    scale = np.linalg.norm(regressors, axis=0)
+    scale[scale == 0.0] = 1.0  # padding
+    left, singular, right = linalg.svd(regressors / scale, full_matrices=False, check_finite=False)
+    kept = singular > _SMALLEST_SINGULAR_VALUE * singular[0]
+    left, singular, right = left[:, kept], singular[kept], right[kept]
+    along = left.T @ targets
+    gains = (right.T @ (along / singular) / scale).reshape(blocks, 2, -1)
+    errors = targets - left @ along
+    sensitivity = _sensitivity(modes, gains, signals, weight)
+    unweighted = np.linalg.solve(weight, errors.reshape(p, -1))
+    return Fit(modes, gains, unweighted @ unweighted.T, errors, sensitivity - left @ (left.T @ sensitivity))
+
+
+def gain_sensitivity(modes: Modes, signals: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Derivatives of the weighted predictions by the gains (block, state, channel), shape (p * rows, gains)."""
+    v, zv, c = signals[:, :, 0], signals[:, :, 1], weight @ modes.c
+    by_gain = np.einsum("bia,rbj->irbaj", c, zv) - np.einsum("bia,rbj->irbaj", c @ modes.adjoint, v)
+    return np.asarray(by_gain.reshape(len(weight) * len(signals), -1))
+
+
+def _sensitivity(
+    modes: Modes, gains: NDArray[np.float64], signals: NDArray[np.float64], weight: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Derivatives of the weighted predictions by the entries of `modes.m`, then `modes.c`, the gains held."""
+    v, zv, s, zs = (signals[:, :, kind] for kind in range(4))
+    adjoint, c = modes.adjoint, weight @ modes.c
+    trace, determinant = modes.trace[:, np.newaxis, np.newaxis], modes.determinant[:, np.newaxis, np.newaxis]
+    rows = len(weight) * len(signals)
+    by_c = np.einsum("bac,rbc->rba", gains, zv) - np.einsum("bac,rbc->rba", adjoint @ gains, v)
+    by_m = np.empty((len(weight), len(signals), *modes.m.shape))
+    for row, column in np.ndindex(2, 2):
+        change = np.zeros((2, 2))
+        change[row, column] = 1.0
+        # C (z I - M)^-1 change (z I - M)^-1 G w, with z^2 of the numerator divided by the denominator.
+        by_v = c @ change
+        by_zs = c @ (trace * change - adjoint @ change - change @ adjoint)
+        by_s = c @ (adjoint @ change @ adjoint - determinant * change)
+        by_m[..., row, column] = sum(
+            np.einsum("bia,bac,rbc->irb", left, gains, signal, optimize=True)
+            for left, signal in ((by_v, v), (by_zs, zs), (by_s, s))
+        )
+    return np.hstack([by_m.reshape(rows, -1), np.einsum("il,rba->irbla", weight, by_c).reshape(rows, -1)])
+
+
+def _factor(
+    modes: Modes, inputs: NDArray[np.float64], outputs: NDArray[np.float64], parts: list[slice]
+) -> NDArray[np.float64]:
+    """Triangular factor of the filters' signals (block, kind, channel) and the outputs, over the root of the steps."""
+    steps, measured = len(inputs), inputs.shape[1] + outputs.shape[1]
+    w = np.hstack([inputs, outputs, np.zeros((steps, len(parts)))])
+    triangle = np.zeros((0, len(modes.m) * 4 * w.shape[1] + outputs.shape[1]))
+    for index, experiment in enumerate(parts):
+        state = np.zeros((len(modes.m), 4, w.shape[1]))
+        state[:, 1, measured + index] = 1.0  # z v of the impulse one step before the first sample
+        for start in range(experiment.start, experiment.stop, _BLOCK):
+            part = slice(start, min(start + _BLOCK, experiment.stop))
+            signals = np.empty((len(w[part]), *state.shape))
+            _filter(modes.trace, modes.determinant, w[part], state, signals)
+            rows = np.vstack([triangle, np.hstack([signals.reshape(len(signals), -1), outputs[part]])])
+            triangle = np.asarray(np.linalg.qr(rows, mode="r"))  # NumPy's is a third faster than SciPy's
+    return triangle / math.sqrt(steps)
+
+
+def filtered(modes: Modes, w: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signals v, z v, s, z s of every block and channel of w, from rest, shape (steps, blocks, 4, channels)."""
+    signals = np.empty((len(w), len(modes.m), 4, w.shape[1]))
+    _filter(modes.trace, modes.determinant, w, np.zeros(signals.shape[1:]), signals)
+    return signals
+
+
+@numba.njit(cache=True)
+def _filter(
+    trace: NDArray[np.float64],
+    determinant: NDArray[np.float64],
+    w: NDArray[np.float64],
+    state: NDArray[np.float64],
+    signals: NDArray[np.float64],
+) -> None:
+    """Fill in v, z v, s, z s of every block and channel, shape (steps, blocks, 4, channels); advance `state`."""
+    for step in range(len(w)):
+        signals[step] = state
+        for block in range(len(trace)):
+            t, d = trace[block], determinant[block]
+            now = state[block]
+            for channel in range(w.shape[1]):
+                v, zv, s, zs = now[0, channel], now[1, channel], now[2, channel], now[3, channel]
+                now[0, channel], now[1, channel] = zv, t * zv - d * v + w[step, channel]
+                now[2, channel], now[3, channel] = zs, t * zs - d * s + v

@@ -1,0 +1,98 @@
+"""The methods of identification by name, and what they make of a data set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any, Literal
+
+from amb_core.identification.data import IdentificationData
+from amb_core.identification.estimate.cva import cva
+from amb_core.identification.estimate.pbsid import pbsid
+from amb_core.identification.estimate.pem import MOST_ITERATIONS, pem
+from amb_core.identification.estimate.scaled_data import Samples
+from amb_core.identification.estimate.ssarx import ssarx
+from amb_core.identification.estimate.subspace import n4sid_horizons
+from amb_core.identification.progress import Watch
+from amb_core.model.state_space import StateSpaceModel
+
+Method = Literal["pem", "ssarx", "pbsid", "cva", "n4sid", "moesp"]
+
+
+def _subspace(
+    method: Callable[..., StateSpaceModel],
+    inputs: Samples,
+    outputs: Samples,
+    sample_time: float,
+    order: int,
+    watch: Watch,
+) -> list[StateSpaceModel]:
+    watch.tell("subspace", 0, 1)
+    model = method(inputs, outputs, sample_time, order)
+    watch.tell("subspace", 1, 1)
+    return [model]
+
+
+def _pem(inputs: Samples, outputs: Samples, sample_time: float, order: int, watch: Watch) -> list[StateSpaceModel]:
+    (start,) = _subspace(ssarx, inputs, outputs, sample_time, order, watch)
+    return [pem(inputs, outputs, start, lambda iteration, cost: watch.tell("pem", iteration, MOST_ITERATIONS, cost))]
+
+
+def _horizons(
+    method: Literal["n4sid", "moesp"], inputs: Any, outputs: Any, sample_time: float, order: int, watch: Watch
+) -> list[StateSpaceModel]:
+    watch.tell("subspace", 0, 1)
+    models = n4sid_horizons(inputs, outputs, sample_time, order, method=method)
+    watch.tell("subspace", 1, 1)
+    return models
+
+
+METHODS: dict[str, Callable[[Samples, Samples, float, int, Watch], list[StateSpaceModel]]] = {
+    "pem": _pem,
+    "ssarx": partial(_subspace, ssarx),
+    "pbsid": partial(_subspace, pbsid),
+    "cva": partial(_subspace, cva),
+    "n4sid": partial(_horizons, "n4sid"),
+    "moesp": partial(_horizons, "moesp"),
+}
+
+
+def estimate(data: IdentificationData, order: int, method: str, watch: Watch, source: str) -> list[StateSpaceModel]:
+    """The model of a method, or its several ones, with the names of the data and about their operating point.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data that the checks have passed.
+    order : int
+        Number of states.
+    method : str
+        One of `METHODS`.
+    watch : Watch
+        Told how far it is.
+    source : str
+        Where the data come from, kept in the models.
+
+    Raises
+    ------
+    IdentificationError
+        If order or data do not suit the method, or the data determine no model.
+    """
+    inputs: Samples = [item.inputs for item in data.experiments]
+    outputs: Samples = [item.outputs for item in data.experiments]
+    if len(data.experiments) == 1:  # n4sid and moesp take one array only
+        inputs, outputs = inputs[0], outputs[0]
+    return [
+        replace(
+            model,
+            input_offset=model.input_offset + data.input_offset,
+            output_offset=model.output_offset + data.output_offset,
+            input_names=data.input_names,
+            output_names=data.output_names,
+            input_units=data.input_units,
+            output_units=data.output_units,
+            source=source,
+        )
+        for model in METHODS[method](inputs, outputs, data.sample_time, order, watch)
+    ]

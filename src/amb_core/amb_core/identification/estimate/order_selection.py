@@ -1,0 +1,253 @@
+"""How many states the data show: singular values, the criteria of Akaike and Schwarz, cross-validation.
+
+The criteria weigh the size of the one-step prediction errors against the number of parameters, and hold for estimates
+of maximum likelihood: subspace models alone, which are not, make them prefer too many states. So each order's subspace
+model is refined as `pem` does, on predictors of finite memory (see `finite_memory`), which takes a few milliseconds an
+iteration. Every order uses the same two factors of the data.
+
+Predictors of a lightly damped plant remember more: cut off, that of the true order is not the best, and more states
+make up for the cut. So the best order and its neighbours are compared again, by what `pem` makes of all samples.
+
+Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 16.4 and 16.6; G. Schwarz, Estimating
+the dimension of a model, Annals of Statistics 6 (1978).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+from threadpoolctl import threadpool_limits
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.data import IdentificationData
+from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
+from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
+from amb_core.identification.estimate.finite_memory import FiniteMemory, halves
+from amb_core.identification.estimate.pem import MOST_EXPERIMENTS, cost_of, minimise
+from amb_core.identification.estimate.scaled_data import ScaledData, check_order
+from amb_core.identification.estimate.ssarx import future_map
+from amb_core.identification.estimate.state_regression import (
+    RIDGES,
+    best_predictor,
+    horizons,
+    predictor_matrices,
+    shortest_horizon,
+)
+from amb_core.identification.progress import Cancelled, Progress, Watch
+
+HIGHEST = 14
+"""The highest order tried unless others are asked for."""
+
+_MEMORY = 200  # steps; longer ones cost time
+_LEAST_GAIN = 1e-4  # of the squared errors: far below what a state must gain for the criterion of Schwarz
+_MOST_ITERATIONS = 12
+_REACH = 2  # orders on either side that the best one is compared with: those of one mode less or more
+_RIDGES = RIDGES[::3]
+_LARGEST_RADIUS = 1.0 - 1e-6  # of a start's predictor modes
+
+
+@dataclass(frozen=True)
+class OrderSelection:
+    """Criteria over the order of the model.
+
+    Attributes
+    ----------
+    orders : tuple of int
+        The orders tried, rising.
+    singular_values : ndarray, shape (values,)
+        How strongly each state shows in the future outputs, relative to the strongest: those of the subspace method.
+    aic, bic : ndarray, shape (orders,)
+        Criteria of Akaike and of Schwarz, less their least values; infinite where the order has no model.
+    validation_error : ndarray, shape (orders,)
+        Cross-validation: one-step prediction error, on half the data, of the model estimated from the other half; rms
+        relative to the signals', geometric mean over the outputs. Infinite where the order has no model.
+    """
+
+    orders: tuple[int, ...]
+    singular_values: NDArray[np.float64]
+    aic: NDArray[np.float64]
+    bic: NDArray[np.float64]
+    validation_error: NDArray[np.float64]
+
+    @property
+    def chosen(self) -> int:
+        """The order of the least criterion of Schwarz."""
+        return self._best(self.bic)
+
+    @property
+    def best_by_aic(self) -> int:
+        """The order of the least criterion of Akaike; it tends to too many states."""
+        return self._best(self.aic)
+
+    @property
+    def best_by_validation(self) -> int:
+        """The order of the least validation error."""
+        return self._best(self.validation_error)
+
+    @property
+    def at_the_end(self) -> bool:
+        """Whether the chosen order is the highest of several tried, so that a higher one may be better."""
+        return len(self.orders) > 1 and self.chosen == self.orders[-1]
+
+    def _best(self, criterion: NDArray[np.float64]) -> int:
+        return self.orders[int(np.argmin(criterion))]
+
+
+def select_order(
+    data: IdentificationData,
+    orders: Sequence[int] | None = None,
+    progress: Progress | None = None,
+    cancelled: Cancelled | None = None,
+) -> OrderSelection:
+    """Compare models of several orders.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data of the plant, in open or closed loop.
+    orders : sequence of int, optional
+        The orders to try; by default all from 1 to `HIGHEST` that the data suffice for.
+    progress, cancelled : callable, optional
+        See `identify`; the stage is `order`.
+
+    Raises
+    ------
+    IdentificationError
+        If an order is not allowed, the data are too few or determine no model, or the selection is called off.
+    """
+    watch = Watch(progress, cancelled)
+    tried = tuple(sorted(set(orders))) if orders is not None else tuple(range(1, HIGHEST + 1))
+    if not tried:
+        raise IdentificationError("there are no orders to choose from")
+    for order in tried:
+        check_order(order)
+    watch.tell("order", 0, _total(tried))
+    scaled = ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
+    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
+    with threadpool_limits(limits=1, user_api="blas"):
+        try:
+            return _compare(scaled, tried if orders is not None else _affordable(scaled, tried), watch)
+        except (linalg.LinAlgError, ValueError) as problem:
+            reason = " ".join(str(problem).split())
+            raise IdentificationError(f"no order can be chosen from {data.samples} samples: {reason}") from None
+
+
+def _affordable(data: ScaledData, orders: tuple[int, ...]) -> tuple[int, ...]:
+    """The orders up to the highest for which the samples suffice, or the lowest, which then says how many it needs."""
+    highest = orders[0]
+    for order in orders:
+        try:
+            horizons(data, order)
+        except IdentificationError:
+            break
+        highest = order
+    return tuple(order for order in orders if order <= highest)
+
+
+def _compare(data: ScaledData, orders: tuple[int, ...], watch: Watch) -> OrderSelection:
+    past, future = horizons(data, orders[-1])
+    triangle = DataTriangle(data, past, future)
+    regression = PastRegression(triangle, triangle.best_past(shortest_horizon(orders[-1])))
+    maps = [future_map(regression, float(ridge)) for ridge in _RIDGES]
+    p, q = triangle.p, triangle.q
+    memory = min(_MEMORY, max(data.lengths) // 4)
+    first, second, first_steps, second_steps = halves(data, memory)
+    whole = FiniteMemory.of(first + second, first_steps + second_steps, p)
+    training, validation = FiniteMemory.of(first, first_steps, p), FiniteMemory.of(second, second_steps, p)
+    likelihood, error = np.full(len(orders), np.inf), np.full(len(orders), np.inf)
+    for number, order in enumerate(orders):
+        watch.tell("order", number, _total(orders))
+        fit = _fit(regression, maps, whole, order)
+        if fit is None:
+            continue
+        likelihood[number] = 2.0 * len(data.inputs) * cost_of(fit)
+        trained = _refine(fit.modes, training, p)
+        if trained is not None:
+            spread = float(np.linalg.slogdet(validation.error_covariance(trained))[1])
+            error[number] = math.exp(0.5 * spread / p)
+    if not np.isfinite(likelihood).any():
+        raise IdentificationError(f"the data determine no model of the orders {orders[0]} to {orders[-1]}")
+    parameters = np.array(orders, dtype=np.float64) * (p + q)  # of A, B, C, K less those of the state's coordinates
+    watch.tell("order", len(orders), _total(orders))
+    done = len(orders)
+    if len(data.lengths) <= MOST_EXPERIMENTS:
+        done = _refine_around_the_best(data, regression, orders, likelihood, math.log(whole.steps) * parameters, watch)
+    watch.tell("order", done, done)
+    aic, bic = likelihood + 2.0 * parameters, likelihood + math.log(whole.steps) * parameters
+    strengths = linalg.svdvals(regression.columns @ maps[0])
+    return OrderSelection(orders, strengths / strengths[0], aic - aic.min(), bic - bic.min(), error)
+
+
+def _refine_around_the_best(
+    data: ScaledData,
+    regression: PastRegression,
+    orders: tuple[int, ...],
+    likelihood: NDArray[np.float64],
+    penalty: NDArray[np.float64],
+    watch: Watch,
+) -> int:
+    """Put in, for the best order and those near it, the likelihood of what `pem` makes of all samples.
+
+    Returns what is done then, in the steps of the progress.
+    """
+
+    def whole(modes: Modes, weight: NDArray[np.float64]) -> Fit:
+        return fit_gains(modes, data.inputs, data.outputs, weight, data.lengths)
+
+    refined: set[int] = set()
+    while True:
+        best = orders[int(np.argmin(likelihood + penalty))]
+        near = [number for number, order in enumerate(orders) if abs(order - best) <= _REACH and number not in refined]
+        done = len(orders) + len(refined)
+        if not near:
+            return done
+        total = max(_total(orders), done + len(near))
+        for step, number in enumerate(near, start=done):
+            watch.tell("order", step, total)
+            refined.add(number)
+            try:
+                a, c, k = best_predictor(data, regression, orders[number], future_map)
+                start = Modes.of(a - k @ c, c)
+                fit = minimise(start, whole, len(c), partial(_tell_cost, watch, step, total))
+            except (IdentificationError, linalg.LinAlgError):
+                continue
+            likelihood[number] = min(likelihood[number], 2.0 * len(data.inputs) * cost_of(fit))
+
+
+def _total(orders: Sequence[int]) -> int:
+    """Steps of the progress, as far as they can be foreseen: each order, and the best one and its neighbours again."""
+    return len(orders) + min(len(orders), 2 * _REACH + 1)
+
+
+def _tell_cost(watch: Watch, step: int, total: int, _iteration: int, cost: float) -> None:
+    watch.tell("order", step, total, cost)
+
+
+def _fit(regression: PastRegression, maps: list[NDArray[np.float64]], memory: FiniteMemory, order: int) -> Fit | None:
+    """The refined fit from the best of the subspace models; None where there is none."""
+    best: Fit | None = None
+    for future in maps:
+        try:
+            a, _, c, k = predictor_matrices(regression, future, order)
+            modes = Modes.of(a - k @ c, c)
+            if not modes.radius < _LARGEST_RADIUS:
+                continue
+            fit = memory.best(modes, np.eye(len(c)))
+        except (IdentificationError, linalg.LinAlgError):
+            continue
+        if best is None or cost_of(fit) < cost_of(best):
+            best = fit
+    return None if best is None else _refine(best.modes, memory, len(best.covariance))
+
+
+def _refine(modes: Modes, memory: FiniteMemory, outputs: int) -> Fit | None:
+    try:
+        return minimise(modes, memory.best, outputs, None, _MOST_ITERATIONS, _LEAST_GAIN)
+    except linalg.LinAlgError:
+        return None

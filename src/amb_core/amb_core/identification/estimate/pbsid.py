@@ -1,0 +1,52 @@
+"""Predictor-based subspace identification (PBSID), consistent on data of a closed loop.
+
+The Markov parameters of a long ARX model, shifted and stacked, are the product of the predictor's extended
+observability and controllability matrices; applied to the past it gives the predicted future outputs of unknown future
+signals, whose strongest directions are the state (see `state_regression` for the rest).
+
+Sources: A. Chiuso, The role of vector autoregressive modeling in predictor-based subspace identification, Automatica 43
+(2007); G. van der Veen, J.-W. van Wingerden, M. Bergamasco, M. Lovera and M. Verhaegen, Closed-loop subspace
+identification methods: an overview, IET Control Theory and Applications 7 (2013).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from amb_core.identification.estimate.data_triangle import PastRegression
+from amb_core.identification.estimate.scaled_data import Samples
+from amb_core.identification.estimate.state_regression import identify_by_states
+from amb_core.model.state_space import StateSpaceModel
+
+
+def pbsid(
+    inputs: Samples,
+    outputs: Samples,
+    sample_time: float,
+    order: int = 10,
+    past: int | None = None,
+    future: int | None = None,
+    source: str = "",
+) -> StateSpaceModel:
+    """Identify a state-space model of a given order; means are removed from the data and kept as its offsets.
+
+    Parameters, the defaults of the horizons and errors are those of `ssarx`.
+    """
+    return identify_by_states(inputs, outputs, sample_time, order, past, future, source, "pbsid", _future_map)
+
+
+def _future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:
+    """Shifted Markov parameters: what z[k-lag] adds to the output at k + ahead is that of lag + ahead."""
+    triangle = regression.triangle
+    now = triangle.at(0)[:, : triangle.p]
+    markov = regression.coefficients(now, ridge)
+    errors = now - regression.columns @ markov
+    # In units of the innovations all outputs count alike.
+    markov = linalg.solve_triangular(linalg.cholesky(errors.T @ errors, lower=True), markov.T, lower=True).T
+    shifted = np.zeros((len(markov), triangle.p * min(triangle.future, regression.steps)))
+    for ahead in range(shifted.shape[1] // triangle.p):
+        kept = len(markov) - ahead * triangle.q
+        shifted[:kept, ahead * triangle.p : (ahead + 1) * triangle.p] = markov[len(markov) - kept :]
+    return shifted

@@ -1,0 +1,167 @@
+"""Prediction-error identification (PEM) of the innovations form, for plants that may be unstable.
+
+Gauss-Newton with Levenberg-Marquardt damping over the modes of the predictor, F = A - K C and C in block-diagonal
+coordinates that are renewed at every step; B, K and x[0] are the least-squares solution for each F and C (variable
+projection, with Kaufman's simplification of the derivative). Errors are weighted by the inverse of their covariance at
+the last step, so every accepted step lowers the determinant of the covariance, which the maximum-likelihood estimate
+minimises. The model is simulated nowhere but as predictor, whose F stays stable however unstable A is.
+
+Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 7.4 and 10.2; G. Golub and V. Pereyra,
+Separable nonlinear least squares: the variable projection method and its applications, Inverse Problems 19 (2003);
+T. McKelvey, A. Helmersson and T. Ribarits, Data driven local coordinates for multivariable linear systems and their
+application to system identification, Automatica 40 (2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+from threadpoolctl import threadpool_limits
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
+from amb_core.identification.estimate.levenberg_marquardt import Damping, damped_step
+from amb_core.identification.estimate.scaled_data import Samples, ScaledData
+from amb_core.model.state_space import StateSpaceModel
+
+MOST_ITERATIONS = 22
+MOST_EXPERIMENTS = 10  # each has a first state of its own, and time grows with their square
+_LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
+_LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
+
+
+def pem(
+    inputs: Samples,
+    outputs: Samples,
+    start: StateSpaceModel,
+    progress: Callable[[int, float], None] | None = None,
+    most_iterations: int = MOST_ITERATIONS,
+    source: str = "",
+) -> StateSpaceModel:
+    """Improve a model until its one-step prediction errors on the data are as small as they get.
+
+    Parameters
+    ----------
+    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2), or lists of such
+        Control current references (A) and positions (m) of one experiment, or of each of several, which cost more each.
+        Means over all are removed and kept as the model's offsets.
+    start : StateSpaceModel
+        Where to start: gives order, sample time, A, C and K. B and the initial state are estimated anew.
+    progress : callable, optional
+        Called as progress(iteration, cost) with the start as iteration 0 and after every step that lowers the cost,
+        half the logarithm of the determinant of the covariance of the errors, scaled by the data's variances.
+        What it raises ends the search.
+    most_iterations : int
+        Steps tried, taken or not, after which the search ends, converged or not.
+    source : str
+        Where the data come from, kept in the model.
+
+    Raises
+    ------
+    IdentificationError
+        If the start has an unstable predictor or does not suit the data, or the data determine no model.
+    """
+    data = ScaledData.of(inputs, outputs)
+    if start.b.shape[1] != data.inputs.shape[1] or len(start.c) != data.outputs.shape[1]:
+        raise IdentificationError(
+            f"the start has {start.b.shape[1]} inputs and {len(start.c)} outputs, not those of the data"
+        )
+    if len(data.lengths) > MOST_EXPERIMENTS:
+        raise IdentificationError(
+            f"{len(data.lengths)} experiments are not allowed; allowed: up to {MOST_EXPERIMENTS}, use the longest"
+        )
+    unknowns = start.order * (len(data.lengths) + 2 * data.outputs.shape[1] + data.inputs.shape[1])
+    if data.outputs.size <= unknowns:
+        raise IdentificationError(
+            f"{len(data.outputs)} samples are too few for the {unknowns} unknowns of order {start.order}"
+        )
+    radius = float(np.max(np.abs(np.linalg.eigvals(start.a - start.k @ start.c))))
+    if not radius < _LARGEST_RADIUS:
+        raise IdentificationError(f"the start must have a stable predictor; its spectral radius is {radius:.6g}")
+    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
+    with threadpool_limits(limits=1, user_api="blas"):
+        try:
+            modes = Modes.of(start.a - start.k @ start.c, start.c / data.output_scale[:, np.newaxis])
+
+            def best(trial: Modes, weight: NDArray[np.float64]) -> Fit:
+                return fit_gains(trial, data.inputs, data.outputs, weight, data.lengths)
+
+            fit = minimise(modes, best, data.outputs.shape[1], progress, most_iterations)
+            a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
+            return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source)
+        except (linalg.LinAlgError, ValueError) as problem:
+            reason = " ".join(str(problem).split())
+            raise IdentificationError(
+                f"no model of order {start.order} from {len(data.inputs)} samples: {reason}"
+            ) from None
+
+
+def minimise(
+    modes: Modes,
+    best: Callable[[Modes, NDArray[np.float64]], Fit],
+    outputs: int,
+    progress: Callable[[int, float], None] | None = None,
+    most_iterations: int = MOST_ITERATIONS,
+    least_gain: float = _LEAST_GAIN,
+) -> Fit:
+    """The fit of the least determinant of the covariance of the errors that is found from `modes` on.
+
+    Parameters
+    ----------
+    modes : Modes
+        Where to start.
+    best : callable
+        Called as best(modes, weight) for the best fit with these modes, its errors weighted.
+    outputs : int
+        Number of outputs p.
+    progress, most_iterations : see `pem`
+    least_gain : float
+        Relative decrease of the squared errors, as far as it can be foreseen, at which the search ends.
+
+    Raises
+    ------
+    LinAlgError
+        If the start determines no fit.
+    """
+    fit = best(modes, _weight(best(modes, np.eye(outputs)).covariance))
+    iteration, cost, damping = 0, cost_of(fit), Damping()
+    if progress is not None:
+        progress(iteration, cost)
+    while iteration < most_iterations:
+        step, promised, possible = damped_step(fit.sensitivity, fit.errors, damping.value)
+        if not possible >= least_gain:
+            break
+        iteration += 1
+        trial = _try(fit.modes.moved(step), best, _weight(fit.covariance))
+        if trial is None or not cost_of(trial) < cost:
+            damping.refused()
+            continue
+        damping.taken(2.0 * (cost - cost_of(trial)) / len(fit.covariance) / promised)
+        fit, cost = trial, cost_of(trial)
+        if progress is not None:
+            progress(iteration, cost)
+    return fit
+
+
+def _try(modes: Modes, best: Callable[[Modes, NDArray[np.float64]], Fit], weight: NDArray[np.float64]) -> Fit | None:
+    """The fit with these modes in renewed coordinates; None where they make no stable predictor."""
+    if not modes.radius < _LARGEST_RADIUS:
+        return None
+    try:
+        return best(Modes.of(*modes.matrices()), weight)
+    except linalg.LinAlgError:
+        return None
+
+
+def cost_of(fit: Fit) -> float:
+    """Half the logarithm of the determinant of the covariance of the errors."""
+    return 0.5 * float(np.linalg.slogdet(fit.covariance)[1])
+
+
+def _weight(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverse Cholesky factor: weighted errors have the unit matrix as covariance."""
+    factor = linalg.cholesky(covariance, lower=True)
+    return np.asarray(linalg.solve_triangular(factor, np.eye(len(covariance)), lower=True))

@@ -1,0 +1,193 @@
+"""The one-step predictor of a model in innovations form, and the input matrix that fits it best.
+
+With F = A - K C the predictor of a model without direct feedthrough is
+
+    x[k+1] = F x[k] + B u[k] + K y[k],    yhat[k] = C x[k].
+
+F is stable even where A is not, so unstable plants are predicted without an open-loop simulation. For given A, C and K
+the prediction is linear in B and x[0], which makes their best values a linear least-squares problem. Data of several
+experiments are one after the other; each experiment has its own x[0].
+
+Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 4.3 and 10.6.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.estimate.small_matrices import add_product, set_matrix_product, set_product
+
+_BLOCK = 10_000  # samples whose regressors are held at once
+_SMALLEST_SINGULAR_VALUE = 1e-9  # of the regressors, relative to the largest; good data stay above 1e-6
+
+
+def fit_input_matrix(
+    a: NDArray[np.float64],
+    c: NDArray[np.float64],
+    k: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+    lengths: Sequence[int] | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """B and each x[0] with the least sum of squared one-step prediction errors, for D = 0.
+
+    Parameters
+    ----------
+    a, c, k : ndarray, shapes (n, n), (p, n), (n, p)
+        Matrices of the predictor; A - K C must be stable.
+    inputs, outputs : ndarray, shapes (steps, m), (steps, p)
+        Data without offsets, each column scaled to the order of 1.
+    lengths : sequence of int, optional
+        Steps of each experiment; one experiment by default.
+
+    Returns
+    -------
+    b, initial_states : ndarray, shapes (n, m), (experiments, n)
+
+    Raises
+    ------
+    IdentificationError
+        If the data do not determine B.
+    """
+    n, m = len(a), inputs.shape[1]
+    f, c = np.ascontiguousarray(a - k @ c), np.ascontiguousarray(c)
+    unexplained = innovations(a, np.zeros((n, m)), c, k, np.zeros(n), inputs, outputs, lengths)
+    factors = [experiment_factor(f, c, inputs[part], unexplained[part]) for part in experiments(len(inputs), lengths)]
+    # The first rows of a factor hold an experiment's x[0]; whatever B is, they can be met. The others are for B alone.
+    rows = np.vstack([factor[n:, n:] for factor in factors])
+    solution, _, _, singular_values = linalg.lstsq(rows[:, :-1], rows[:, -1])
+    if singular_values[-1] < _SMALLEST_SINGULAR_VALUE * singular_values[0]:
+        raise IdentificationError("the data do not tell the effects of the inputs apart; excite the axes independently")
+    first_states = [linalg.lstsq(factor[:n, :n], factor[:n, -1] - factor[:n, n:-1] @ solution)[0] for factor in factors]
+    return solution.reshape(m, n).T, np.array(first_states)
+
+
+def experiments(steps: int, lengths: Sequence[int] | None) -> list[slice]:
+    """Where each experiment lies in data of that many steps."""
+    stops = list(itertools.accumulate(lengths if lengths is not None else [steps]))
+    return [slice(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
+
+
+def experiment_factor(
+    f: NDArray[np.float64], c: NDArray[np.float64], inputs: NDArray[np.float64], unexplained: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Triangular factor of the derivatives of yhat by x[0] and vec(B), and of what they are to explain."""
+    n, m = len(f), inputs.shape[1]
+    sensitivity = np.hstack([np.eye(n), np.zeros((n, n * m))])  # of the predictor's state
+    factor = np.zeros((0, n + n * m + 1))
+    for start in range(0, len(inputs), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        regressors = np.empty((len(inputs[part]), len(c), n + n * m))
+        sensitivity = _regress(f, c, inputs[part], sensitivity, np.empty_like(sensitivity), regressors)
+        rows = np.dstack([regressors, unexplained[part, :, np.newaxis]]).reshape(-1, n + n * m + 1)
+        factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))
+    return factor
+
+
+def kalman_gain(
+    a: NDArray[np.float64],
+    c: NDArray[np.float64],
+    q: NDArray[np.float64],
+    r: NDArray[np.float64],
+    s: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Gain K of the stationary Kalman filter, with which A - K C is stable, shape (n, p).
+
+    Parameters
+    ----------
+    a, c : ndarray, shapes (n, n), (p, n)
+        System matrices.
+    q, r, s : ndarray, shapes (n, n), (p, p), (n, p)
+        Covariances of the noise of the states, of the outputs, and of both.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no such gain.
+    """
+    n = len(a)
+    try:
+        variance = linalg.solve_discrete_are(a.T, c.T, q, r, s=s)
+    except (linalg.LinAlgError, ValueError):
+        raise IdentificationError(
+            f"the Kalman gain of order {n} does not exist; lower the order or excite both axes more"
+        ) from None
+    k = np.linalg.solve(c @ variance @ c.T + r, (a @ variance @ c.T + s).T).T
+    radius = float(np.max(np.abs(np.linalg.eigvals(a - k @ c))))
+    if not radius < 1.0:
+        raise IdentificationError(f"the predictor of order {n} is unstable (spectral radius {radius:.6g})")
+    return np.asarray(k)
+
+
+def innovations(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    c: NDArray[np.float64],
+    k: NDArray[np.float64],
+    initial_states: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+    lengths: Sequence[int] | None = None,
+) -> NDArray[np.float64]:
+    """One-step prediction errors, shape (steps, p), of data without offsets.
+
+    `initial_states` has shape (experiments, n), or (n,) where all experiments start alike; for `lengths` see
+    `fit_input_matrix`.
+    """
+    predictions = np.empty_like(outputs)
+    parts = experiments(len(inputs), lengths)
+    f, b, c, k = (np.ascontiguousarray(matrix) for matrix in (a - k @ c, b, c, k))
+    for part, first in zip(parts, np.broadcast_to(initial_states, (len(parts), len(a))), strict=True):
+        _predict(f, b, c, k, first.copy(), np.empty(len(a)), inputs[part], outputs[part], predictions[part])
+    return outputs - predictions
+
+
+@numba.njit(cache=True)
+def _regress(
+    f: NDArray[np.float64],
+    c: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+    sensitivity: NDArray[np.float64],
+    advanced: NDArray[np.float64],
+    regressors: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Fill in the derivatives of yhat by x[0] and vec(B), shape (steps, p, n + n m); return those of the last state.
+
+    `sensitivity`, the derivatives of the first state, and `advanced` are overwritten.
+    """
+    for step in range(len(inputs)):
+        set_matrix_product(c, sensitivity, regressors[step])
+        set_matrix_product(f, sensitivity, advanced)
+        for column in range(inputs.shape[1]):
+            for row in range(len(f)):
+                advanced[row, (column + 1) * len(f) + row] += inputs[step, column]
+        sensitivity, advanced = advanced, sensitivity
+    return sensitivity
+
+
+@numba.njit(cache=True)
+def _predict(
+    f: NDArray[np.float64],
+    b: NDArray[np.float64],
+    c: NDArray[np.float64],
+    k: NDArray[np.float64],
+    state: NDArray[np.float64],
+    advanced: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+    predictions: NDArray[np.float64],
+) -> None:
+    """Fill in yhat, shape (steps, p), from the state at the first step; `advanced` is work space of its shape."""
+    for step in range(len(inputs)):
+        set_product(c, state, predictions[step])
+        set_product(f, state, advanced)
+        add_product(b, inputs[step], advanced)
+        add_product(k, outputs[step], advanced)
+        state, advanced = advanced, state

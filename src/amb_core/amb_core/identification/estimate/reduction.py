@@ -1,0 +1,124 @@
+"""Balanced reduction of an identified model, which may be unstable.
+
+The model is split into its unstable part, which is kept as it is, and its stable part, which is balanced and truncated.
+
+Sources: B. C. Moore, Principal component analysis in linear systems, IEEE Trans. Autom. Control 26 (1981); C. S. Hsu
+and D. Hou, Reducing unstable linear control systems via real Schur transformation, Electronics Letters 27 (1991); for
+the bound U. M. Al-Saggaf and G. F. Franklin, An error bound for a discrete reduced order model of a linear
+multivariable system, IEEE Trans. Autom. Control 32 (1987).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import ctrlsys
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.estimate.predictor import kalman_gain
+from amb_core.model.state_space import StateSpaceModel
+
+_BOUNDARY = 1.0 - 1e-9  # magnitude of a pole from which on it belongs to the unstable part, as integrators do
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """A model of lower order and what it lost.
+
+    Attributes
+    ----------
+    model : StateSpaceModel
+        The reduced model; `fit` is empty, and its innovation covariance is the one of the full model: validate it.
+    hankel_singular_values : ndarray
+        Those of the stable part of the full model, largest first (m/A); the first of them are kept.
+    unstable_states : int
+        Number of states of the unstable part, all of which are kept.
+    error_bound : float
+        Upper bound of the largest singular value of the difference of the two frequency responses (m/A): twice the sum
+        of the Hankel singular values left out.
+    """
+
+    model: StateSpaceModel
+    hankel_singular_values: NDArray[np.float64]
+    unstable_states: int
+    error_bound: float
+
+
+def reduce_balanced(model: StateSpaceModel, order: int) -> Reduction:
+    """Reduce a model to an order by balanced truncation of the stable part of its deterministic part.
+
+    Kalman gain and initial state go along into the coordinates that are kept. Where that leaves the predictor unstable,
+    the gain is the one of the Kalman filter for the same noise.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The model.
+    order : int
+        Number of states wanted.
+
+    Raises
+    ------
+    IdentificationError
+        If the order is below 1 or the number of unstable poles, or above that of the states that matter.
+    """
+    unstable, into, out_of, values = _balanced(model)
+    least, most = max(1, unstable), len(into)
+    if not least <= order <= most:
+        raise IdentificationError(
+            f"order {order} is not allowed; allowed: {least} to {most}, since the model has {unstable} poles "
+            f"that are not stable and {most - unstable} stable states that matter"
+        )
+    into, out_of = into[:order], out_of[:, :order]
+    a, c, k = into @ model.a @ out_of, model.c @ out_of, into @ model.k
+    if np.max(np.abs(np.linalg.eigvals(a - k @ c))) >= 1.0:
+        noise = model.innovation_covariance
+        k = kalman_gain(a, c, k @ noise @ k.T, noise, k @ noise)
+    reduced = replace(
+        model,
+        a=a,
+        b=into @ model.b,
+        c=c,
+        k=k,
+        initial_state=into @ model.initial_state,
+        method=f"{model.method}, reduced from order {model.order}",
+        fit=np.empty(0),
+    )
+    return Reduction(reduced, values, unstable, 2.0 * float(values[order - unstable :].sum()))
+
+
+def _balanced(
+    model: StateSpaceModel,
+) -> tuple[int, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Number of unstable states, transformation into them and the balanced stable states, out of them, singular values.
+
+    The transformations have shapes (q, n), (n, q), for the q states that are unstable or matter.
+    """
+    schur, basis, unstable = linalg.schur(
+        model.a, output="real", sort=lambda real, imaginary=0.0: np.hypot(real, imaginary) >= _BOUNDARY
+    )
+    coupling = linalg.solve_sylvester(
+        schur[:unstable, :unstable], -schur[unstable:, unstable:], -schur[:unstable, unstable:]
+    )
+    into, out_of = basis.T.copy(), basis.copy()
+    into[:unstable] -= coupling @ basis.T[unstable:]
+    out_of[:, unstable:] += basis[:, :unstable] @ coupling
+    stable = model.order - unstable
+    if not stable:
+        return unstable, into, out_of, np.empty(0)
+    a, b, c = schur[unstable:, unstable:], into[unstable:] @ model.b, model.c @ out_of[:, unstable:]
+    # SLICOT finds the factors of the Gramians without the Gramians, so that small singular values are right too.
+    *_, values, out_of_balanced, into_balanced, kept, _, info = ctrlsys.ab09ax(
+        "D", "B", "F", stable, b.shape[1], c.shape[0], stable, *map(np.asfortranarray, (a, b, c)), 0.0
+    )
+    if info != 0:
+        raise IdentificationError(f"the stable part of the model cannot be balanced (SLICOT AB09AX, info {info})")
+    return (
+        unstable,
+        np.vstack([into[:unstable], into_balanced[:kept] @ into[unstable:]]),
+        np.hstack([out_of[:, :unstable], out_of[:, unstable:] @ out_of_balanced[:, :kept]]),
+        values,
+    )

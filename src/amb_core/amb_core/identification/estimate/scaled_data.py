@@ -1,0 +1,159 @@
+"""Data of the closed loop made fit for estimation: checked, without means, each signal scaled to unit variance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.estimate.predictor import innovations
+from amb_core.model.state_space import StateSpaceModel
+
+HIGHEST_ORDER = 30
+_CHANNELS = 2  # inputs, and outputs: two axes
+_SMALLEST_MAGNITUDE = 1e-30  # far from the limits of floating point, so that variances are neither zero nor infinite
+_SMALLEST_EIGENVALUE = 1e-12  # of the correlation matrix of all signals
+
+Samples = NDArray[np.float64] | Sequence[NDArray[np.float64]]  # of one experiment, or of each of several
+
+
+@dataclass(frozen=True)
+class ScaledData:
+    """Inputs and outputs with mean 0 and variance 1, and what leads back to the original units.
+
+    Attributes
+    ----------
+    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2)
+        The scaled signals, experiments one after the other.
+    lengths : tuple of int
+        Steps of each experiment.
+    input_offset, output_offset, input_scale, output_scale : ndarray, shape (2,)
+        Means and standard deviations of the originals (A, m).
+    """
+
+    inputs: NDArray[np.float64]
+    outputs: NDArray[np.float64]
+    lengths: tuple[int, ...]
+    input_offset: NDArray[np.float64]
+    output_offset: NDArray[np.float64]
+    input_scale: NDArray[np.float64]
+    output_scale: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, inputs: Samples, outputs: Samples) -> ScaledData:
+        """Check and scale control current references (A) and positions (m), both of shape (steps, 2).
+
+        Of several experiments, given as two lists of such arrays, the mean over all is removed.
+
+        Raises
+        ------
+        IdentificationError
+            If a signal is not finite, constant, absurdly large or small, or follows from the others, or if inputs and
+            outputs differ in length or are not two each.
+        """
+        inputs, input_lengths = _joined("input", inputs)
+        outputs, lengths = _joined("output", outputs)
+        if input_lengths != lengths:
+            raise IdentificationError(
+                f"inputs and outputs must have the same numbers of samples, not {input_lengths} and {lengths}"
+            )
+        _check_samples("input", inputs)
+        _check_samples("output", outputs)
+        input_offset, output_offset = inputs.mean(axis=0), outputs.mean(axis=0)
+        input_scale, output_scale = inputs.std(axis=0), outputs.std(axis=0)
+        u, y = (inputs - input_offset) / input_scale, (outputs - output_offset) / output_scale
+        _check_independence(np.hstack([u, y]))
+        return cls(u, y, lengths, input_offset, output_offset, input_scale, output_scale)
+
+    def model(
+        self,
+        a: NDArray[np.float64],
+        b: NDArray[np.float64],
+        c: NDArray[np.float64],
+        k: NDArray[np.float64],
+        initial_states: NDArray[np.float64],
+        sample_time: float,
+        method: str,
+        source: str,
+    ) -> StateSpaceModel:
+        """A model of the scaled signals in the original units, with the covariance of its innovations on these data.
+
+        Its initial state is that of the first experiment.
+        """
+        errors = innovations(a, b, c, k, initial_states, self.inputs, self.outputs, self.lengths)
+        return StateSpaceModel(
+            a=a,
+            b=b / self.input_scale,
+            c=c * self.output_scale[:, np.newaxis],
+            d=np.zeros((len(c), b.shape[1])),
+            k=k / self.output_scale,
+            innovation_covariance=errors.T @ errors / len(errors) * np.outer(self.output_scale, self.output_scale),
+            input_offset=self.input_offset,
+            output_offset=self.output_offset,
+            initial_state=initial_states[0],
+            sample_time=sample_time,
+            method=method,
+            source=source,
+            samples=len(errors),
+        )
+
+
+def check_order(order: int) -> None:
+    """Refuse an order that no method takes.
+
+    Raises
+    ------
+    IdentificationError
+        If the order is no whole number, below 1 or above `HIGHEST_ORDER`.
+    """
+    if isinstance(order, bool) or not isinstance(order, (int, np.integer)):
+        raise IdentificationError(
+            f"an order of type {type(order).__name__} is not allowed; allowed: whole numbers from 1 to {HIGHEST_ORDER}"
+        )
+    if not 1 <= order <= HIGHEST_ORDER:
+        raise IdentificationError(f"order {order} is not allowed; allowed: 1 to {HIGHEST_ORDER}")
+
+
+def _joined(kind: str, samples: Samples) -> tuple[NDArray[np.float64], tuple[int, ...]]:
+    """All experiments in one array, and the steps of each."""
+    parts = [samples] if isinstance(samples, np.ndarray) else [np.asarray(part) for part in samples]
+    for part in parts:
+        if part.ndim != 2 or part.shape[1] != _CHANNELS or not len(part):
+            raise IdentificationError(
+                f"{kind}s of shape {part.shape} are not allowed; allowed: (steps, {_CHANNELS}), one column for each of "
+                f"two {kind}s, with one step or more"
+            )
+    if not parts:
+        raise IdentificationError(f"there are no {kind}s; at least one experiment is needed")
+    return np.ascontiguousarray(np.vstack(parts), dtype=np.float64), tuple(len(part) for part in parts)
+
+
+def _check_samples(kind: str, samples: NDArray[np.float64]) -> None:
+    finite = np.isfinite(samples).all(axis=1)
+    if not finite.all():
+        step = int(np.argmin(finite))
+        raise IdentificationError(f"{kind} is not finite at sample {step}: {samples[step].tolist()}")
+    for axis, name in enumerate("xy"):
+        if np.ptp(samples[:, axis]) == 0.0:
+            raise IdentificationError(
+                f"{kind} of axis {name} is constant at {samples[0, axis]:g}; both axes must move to be identified"
+            )
+        largest = float(np.max(np.abs(samples[:, axis])))
+        if not _SMALLEST_MAGNITUDE < largest < 1.0 / _SMALLEST_MAGNITUDE:
+            raise IdentificationError(
+                f"{kind} of axis {name} has a largest magnitude of {largest:g} (A or m); "
+                f"allowed: {_SMALLEST_MAGNITUDE:g} to {1.0 / _SMALLEST_MAGNITUDE:g}"
+            )
+
+
+def _check_independence(signals: NDArray[np.float64]) -> None:
+    """Refuse signals (inputs, then outputs, each with mean 0 and variance 1) of which one follows from the others."""
+    eigenvalues = np.linalg.eigvalsh(signals.T @ signals / len(signals))
+    if eigenvalues[0] < _SMALLEST_EIGENVALUE:
+        raise IdentificationError(
+            "inputs and outputs of the two axes are not independent (one is a sum of multiples of the others); "
+            "excite the axes independently"
+        )

@@ -1,0 +1,69 @@
+"""Subspace identification (SSARX) that stays consistent on data of a closed loop.
+
+With the Markov parameters of a long ARX model the part of the future outputs that stems from future inputs and outputs
+is removed, so what is left depends on the past alone, whether there is feedback or not. Its canonical correlations with
+the past give the state (see `state_regression` for the rest).
+
+Source: M. Jansson, Subspace identification and ARX modeling, 13th IFAC Symposium on System Identification, 2003.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from amb_core.identification.estimate.data_triangle import PastRegression
+from amb_core.identification.estimate.scaled_data import Samples
+from amb_core.identification.estimate.state_regression import identify_by_states
+from amb_core.model.state_space import StateSpaceModel
+
+
+def ssarx(
+    inputs: Samples,
+    outputs: Samples,
+    sample_time: float,
+    order: int = 10,
+    past: int | None = None,
+    future: int | None = None,
+    source: str = "",
+) -> StateSpaceModel:
+    """Identify a state-space model of a given order; means are removed from the data and kept as its offsets.
+
+    Parameters
+    ----------
+    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2), or lists of such
+        Control current references (A) and positions (m) of one experiment, or of each of several.
+    sample_time : float
+        Sample time of the data (s).
+    order : int
+        Number of states n.
+    past, future : int, optional
+        Horizons (steps), each at least half the order, so that n states can be told apart. By default the past is that
+        of the ARX model of the best Akaike criterion, the future twice the order.
+    source : str
+        Where the data come from, kept in the model.
+
+    Raises
+    ------
+    IdentificationError
+        If order or horizons do not suit the data or the data determine no model; one line that says why.
+    """
+    return identify_by_states(inputs, outputs, sample_time, order, past, future, source, "ssarx", future_map)
+
+
+def future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:
+    """Future outputs of unknown future signals, each weighted by what the past leaves unexplained of them."""
+    triangle = regression.triangle
+    p, q = triangle.p, triangle.q
+    outputs = np.hstack([triangle.at(ahead)[:, :p] for ahead in range(triangle.future)])
+    markov = regression.coefficients(outputs[:, :p], ridge).T  # columns for z[k-1], z[k-2], ...
+    for ahead in range(1, triangle.future):
+        lags = min(ahead, regression.steps)
+        known = np.hstack([triangle.at(ahead - lag) for lag in range(1, lags + 1)])
+        outputs[:, ahead * p : (ahead + 1) * p] -= known @ markov[:, : lags * q].T
+    observed = regression.coefficients(outputs, ridge)
+    unexplained = outputs - regression.columns @ observed
+    covariance = unexplained.T @ unexplained + np.finfo(float).eps * np.eye(outputs.shape[1])
+    weight = linalg.cholesky(covariance, lower=True)
+    return np.asarray(linalg.solve_triangular(weight, observed.T, lower=True).T)

@@ -1,0 +1,151 @@
+"""What the subspace methods SSARX, PBSID and CVA share: horizons, choice of the ridge, and the last regressions.
+
+Each method gives a map from the past of inputs and outputs to the state; least squares on the state then give the
+predictor. The feedthrough is zero throughout, since the position answers after the current reference.
+
+The length of the past is that of the autoregressive model of the best Akaike criterion. The ridge, without which
+band-limited data leave the map undetermined, is the one whose state-space model has the smallest one-step prediction
+errors on the data.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+from threadpoolctl import threadpool_limits
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
+from amb_core.identification.estimate.predictor import experiments, fit_input_matrix, innovations, kalman_gain
+from amb_core.identification.estimate.scaled_data import Samples, ScaledData, check_order
+from amb_core.model.state_space import StateSpaceModel
+
+_LONGEST_PAST = 60  # steps; by then the predictor of a bearing has forgotten most, at any noise worth the name
+_SAMPLES_PER_STEP = 20  # at least, so that short data leave the long ARX model enough freedom
+_LEAST_STRENGTH = 1e-12  # of a state, relative to the strongest; beyond it is rounding
+RIDGES = np.logspace(-14, -2, 13)  # relative to the largest eigenvalue of the past's covariance
+
+# From the past's regression and a ridge to the map from past to state before weighting: rows z[k-1] ... z[k-past],
+# columns the predicted future outputs, weighted so that their strongest directions are the states to keep.
+FutureMap = Callable[[PastRegression, float], NDArray[np.float64]]
+
+
+def identify_by_states(
+    inputs: Samples,
+    outputs: Samples,
+    sample_time: float,
+    order: int,
+    past: int | None,
+    future: int | None,
+    source: str,
+    method: str,
+    future_map: FutureMap,
+) -> StateSpaceModel:
+    """The model of a method that is told by its map from the past to the weighted future.
+
+    Parameters and errors are those of `ssarx`.
+    """
+    check_order(order)
+    data = ScaledData.of(inputs, outputs)
+    steps, shortest = len(data.inputs), shortest_horizon(order)
+    longest, future = horizons(data, order, past, future)
+    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
+    with threadpool_limits(limits=1, user_api="blas"):
+        try:
+            triangle = DataTriangle(data, longest, future)
+            used = triangle.best_past(shortest) if past is None else past
+            a, c, k = best_predictor(data, PastRegression(triangle, used), order, future_map)
+            b, initial_states = fit_input_matrix(a, c, k, data.inputs, data.outputs, data.lengths)
+            return data.model(a, b, c, k, initial_states, sample_time, method, source)
+        except (linalg.LinAlgError, ValueError) as problem:
+            reason = " ".join(str(problem).split())
+            raise IdentificationError(f"no model of order {order} from {steps} samples: {reason}") from None
+
+
+def shortest_horizon(order: int) -> int:
+    """Fewest steps of past and of future that tell that many states apart."""
+    return math.ceil(order / 2) + 1
+
+
+def horizons(data: ScaledData, order: int, past: int | None = None, future: int | None = None) -> tuple[int, int]:
+    """The longest past and the future (steps) to use for an order, where they are not given.
+
+    Raises
+    ------
+    IdentificationError
+        If a horizon is too short for the order, or the samples are too few.
+    """
+    steps = len(data.inputs)
+    shortest = shortest_horizon(order)
+    longest = max(shortest, min(_LONGEST_PAST, steps // _SAMPLES_PER_STEP)) if past is None else past
+    future = max(shortest, 2 * order) if future is None else future
+    for name, horizon in (("past", longest), ("future", future)):
+        if horizon < shortest:
+            raise IdentificationError(
+                f"{name} {horizon} is not allowed; allowed: at least {shortest} for order {order}"
+            )
+    usable = sum(max(length - longest - future, 0) for length in data.lengths)
+    needed = (data.inputs.shape[1] + data.outputs.shape[1]) * (longest + future + 1) + 1
+    if usable < needed:
+        lost = f", each less {longest + future} for the horizons," if len(data.lengths) > 1 else ""
+        needed += longest + future if len(data.lengths) == 1 else 0
+        raise IdentificationError(f"{steps} samples{lost} are too few for order {order}; at least {needed} are needed")
+    return longest, future
+
+
+def best_predictor(
+    data: ScaledData, regression: PastRegression, order: int, future_map: FutureMap
+) -> tuple[NDArray[np.float64], ...]:
+    """A, C and K of the ridge with the smallest one-step prediction errors."""
+    best, least, reason = None, math.inf, IdentificationError(f"no ridge gives a predictor of order {order}")
+    for ridge in RIDGES:
+        try:
+            a, b, c, k = predictor_matrices(regression, future_map(regression, float(ridge)), order)
+        except IdentificationError as problem:
+            reason = problem
+            continue
+        errors = innovations(a, b, c, k, np.zeros(order), data.inputs, data.outputs, data.lengths)
+        errors = np.vstack([errors[part][regression.steps :] for part in experiments(len(errors), data.lengths)])
+        size = float(np.linalg.slogdet(errors.T @ errors)[1])
+        if size < least:
+            best, least = (a, c, k), size
+    if best is None:
+        raise reason
+    return best
+
+
+def predictor_matrices(
+    regression: PastRegression, future_map: NDArray[np.float64], order: int
+) -> tuple[NDArray[np.float64], ...]:
+    """A, B, C and the Kalman gain K from what a `FutureMap` gives.
+
+    Raises
+    ------
+    IdentificationError
+        If the data show fewer states, or no Kalman gain exists.
+    """
+    triangle, steps = regression.triangle, regression.steps
+    directions, strengths, _ = linalg.svd((regression.columns @ future_map).T, full_matrices=False, check_finite=False)
+    if not strengths[order - 1] > _LEAST_STRENGTH * strengths[0]:
+        raise IdentificationError(f"the data show fewer than {order} states; lower the order")
+    strengths = strengths[:order]
+    to_state = future_map @ directions[:, :order] / strengths  # states of variance 1
+    z_now, state, advanced = triangle.at(0), regression.columns @ to_state, triangle.before(steps, lead=1) @ to_state
+    c = linalg.lstsq(state, z_now[:, : triangle.p])[0].T
+    errors = z_now[:, : triangle.p] - state @ c.T
+    # The controller answers within the sample, so the errors correlate with the inputs and must be regressors too.
+    regressors = np.hstack([state, errors, z_now[:, triangle.p :]])
+    transition = linalg.lstsq(regressors, advanced)[0]
+    a, k, b = (part.T for part in np.split(transition, [order, order + triangle.p]))
+    # A model of too low an order leaves residuals; with them K is the gain of the Kalman filter, which is stable.
+    residuals = advanced - regressors @ transition
+    r = errors.T @ errors
+    # States that are seen equally well: the input matrix is then well determined by the data, however weak a state is.
+    ratio = np.divide.outer(strengths, strengths)
+    a, b, c, k = a * ratio, b * strengths[:, np.newaxis], c / strengths, k * strengths[:, np.newaxis]
+    q = residuals.T @ residuals * np.outer(strengths, strengths) + k @ r @ k.T
+    return a, b, c, kalman_gain(a, c, q, r, k @ r)

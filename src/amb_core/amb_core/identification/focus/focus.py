@@ -1,0 +1,102 @@
+"""Simulation focus: a model whose closed loop with the known controller answers to the reference as the real one does.
+
+PEM makes the one-step prediction errors small; where the order is too low for the plant, or the plant not linear, the
+model with the best predictions is not the one with the best simulation. Here the simulated closed loop, driven by the
+reference alone, is fitted to the measured positions. An open-loop simulation of the unstable plant is never made.
+
+Gauss-Newton with Levenberg-Marquardt damping over data-driven local coordinates of (A, B, C), which are renewed at
+every step, and over the initial state of each experiment. K, which the simulation does not see, is estimated last, so
+that the model stays in innovations form.
+
+Sources: as for `local_coordinates` and `levenberg_marquardt`; L. Ljung, System Identification, 2nd ed., Prentice Hall,
+1999, sections 7.3 (output errors) and 8.4 (what a model of too low an order converges to).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import linalg
+from threadpoolctl import threadpool_limits
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.data import IdentificationData
+from amb_core.identification.estimate.levenberg_marquardt import minimise
+from amb_core.identification.focus.gain import fit_kalman_gain
+from amb_core.identification.focus.problem import SimulationProblem
+from amb_core.identification.progress import Cancelled, Progress, Watch
+from amb_core.loop.control import ControllerParameters
+from amb_core.model.state_space import StateSpaceModel
+
+MOST_ITERATIONS = 20
+_LEAST_GAIN = 1e-3  # relative decrease of the squared errors at which the search ends: 0.05 % of what a fit lacks
+
+
+def focus_simulation(
+    model: StateSpaceModel,
+    data: IdentificationData,
+    controller: ControllerParameters,
+    progress: Progress | None = None,
+    cancelled: Cancelled | None = None,
+    *,
+    free_offset: bool = False,
+    most_iterations: int = MOST_ITERATIONS,
+) -> StateSpaceModel:
+    """Improve a model until its closed loop follows the measured positions as well as it can.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Where to start; its predictor and its closed loop must be stable. Its offsets are those of the data where
+        nothing was taken away from them.
+    data : IdentificationData
+        Currents (A), positions (m) and references (m); experiments without reference are left out.
+    controller : ControllerParameters
+        The controller of the experiments, current limit included.
+    progress : callable, optional
+        Called at every iteration, with the mean square of the errors, relative to the variance of each position, as
+        cost.
+    cancelled : callable, optional
+        Asked at every iteration whether the identification has been called off.
+    free_offset : bool
+        Whether the output offset, which is the mean of the data in a model from `pem`, may change as well. A change of
+        the input offset is none of its own: the state can take it on.
+    most_iterations : int
+        Steps tried, taken or not.
+
+    Returns
+    -------
+    StateSpaceModel
+        Never with larger errors than `model`; closed loop and predictor are stable. The initial state is that of the
+        first experiment that has a reference.
+
+    Raises
+    ------
+    IdentificationError
+        If no experiment has a reference, the data are too few or not finite, the start is not stable, or the
+        identification is called off.
+    """
+    watch = Watch(progress, cancelled)
+    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
+    with threadpool_limits(limits=1, user_api="blas"):
+        try:
+            problem = SimulationProblem(model, data, controller, free_offset)
+
+            def tell(iteration: int, squares: float) -> None:
+                watch.tell("simulation focus", iteration, most_iterations, squares / problem.samples)
+
+            found = minimise(
+                problem.start, problem.squares, problem.linearise, problem.move, tell, most_iterations, _LEAST_GAIN
+            )
+            focused = fit_kalman_gain(found.model, *problem.deviations(found), found.initial_states)
+        except (linalg.LinAlgError, ValueError) as failure:
+            reason = " ".join(str(failure).split())
+            raise IdentificationError(f"no simulation focus for the model of order {model.order}: {reason}") from None
+    return replace(
+        focused,
+        initial_state=found.initial_states[0],
+        method=f"{model.method}, simulation focus",
+        samples=problem.samples,
+        fit=np.empty(0),
+    )

@@ -1,0 +1,76 @@
+"""The Kalman gain of a model whose A, B and C are given: the one with the smallest one-step prediction errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from amb_core.identification.estimate.levenberg_marquardt import minimise
+from amb_core.identification.estimate.predictor import experiment_factor, experiments, innovations, kalman_gain
+from amb_core.model.state_space import StateSpaceModel
+
+_LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
+_LEAST_GAIN = 1e-4  # relative decrease of the squared errors at which the search ends
+_MOST_ITERATIONS = 15
+
+Arrays = NDArray[np.float64]
+
+
+def fit_kalman_gain(
+    model: StateSpaceModel, inputs: Sequence[Arrays], outputs: Sequence[Arrays], initial_states: Arrays
+) -> StateSpaceModel:
+    """The model with K and the covariance of the innovations estimated anew, everything else as it is.
+
+    Errors are weighted by the inverse of their covariance with the gain at the start: the model's own K where that
+    makes a stable predictor, otherwise the Kalman filter's for the same noise.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Gives A, B and C, and K and the covariance of the innovations to start from.
+    inputs, outputs : sequences of ndarray, shapes (steps, 2), (steps, 2)
+        Currents (A) and positions (m) of each experiment, without the offsets of the model.
+    initial_states : ndarray, shape (experiments, n)
+        State at the first sample of each.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no gain that makes a stable predictor.
+    """
+    lengths = [len(part) for part in inputs]
+    joined_inputs, joined_outputs = np.vstack(inputs), np.vstack(outputs)
+    noise = model.innovation_covariance
+    first = kalman_gain(model.a, model.c, model.k @ noise @ model.k.T, noise, model.k @ noise)
+
+    def errors_of(k: Arrays) -> Arrays:
+        return innovations(model.a, model.b, model.c, k, initial_states, joined_inputs, joined_outputs, lengths)
+
+    errors = errors_of(first)
+    weight = np.linalg.inv(linalg.cholesky(errors.T @ errors / len(errors), lower=True))
+
+    def squares(k: Arrays) -> float:
+        return float(np.sum((errors_of(k) @ weight.T) ** 2))
+
+    def linearise(k: Arrays) -> tuple[Arrays, Arrays]:
+        f, errors = model.a - k @ model.c, errors_of(k)
+        # K acts on the errors as an input matrix does on inputs.
+        factors = [
+            experiment_factor(f, weight @ model.c, errors[part], errors[part] @ weight.T)
+            for part in experiments(len(errors), lengths)
+        ]
+        rows = np.vstack([factor[:, model.order :] for factor in factors])
+        return rows[:, :-1], rows[:, -1]
+
+    def move(k: Arrays, step: Arrays) -> Arrays | None:
+        moved = k + step.reshape(k.T.shape).T
+        radius = float(np.max(np.abs(np.linalg.eigvals(model.a - moved @ model.c))))
+        return moved if radius < _LARGEST_RADIUS else None
+
+    k = minimise(first, squares, linearise, move, most_iterations=_MOST_ITERATIONS, least_gain=_LEAST_GAIN)
+    errors = errors_of(k)
+    return replace(model, k=k, innovation_covariance=errors.T @ errors / len(errors))

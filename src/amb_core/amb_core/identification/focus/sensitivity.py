@@ -1,0 +1,179 @@
+"""How the simulated closed loop answers to small changes of the model: derivatives by forward simulation.
+
+With the state x, the deviation u of the control current references from their offset, and the simulated position y,
+
+    dx[k+1] = A dx[k] + B du[k] + dA x[k] + dB u[k],    dy[k] = C dx[k] + dC x[k] + dy_offset,
+
+where du is the answer of the control law to dy, which is linear as long as the current stays below its limit. A current
+at its limit does not answer: its du is 0, while the derivative in the law still follows dy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.identification.closed_loop import recall
+from amb_core.identification.estimate.small_matrices import add_product, set_product
+from amb_core.loop.control import STATE_SIZE, ControllerParameters, pack_gains, pd_update
+from amb_core.loop.records import LoopRecord
+from amb_core.model.state_space import StateSpaceModel
+
+_BLOCK = 1_000  # samples whose derivatives are held at once
+
+Arrays = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Directions in which a model changes.
+
+    Attributes
+    ----------
+    of_a, of_b, of_c : ndarray, shapes (n, n, q), (n, 2, q), (2, n, q)
+        Changes of A, B and C along each.
+    of_offset : ndarray, shape (2, r)
+        Changes of the output offset along further ones (m).
+    """
+
+    of_a: Arrays
+    of_b: Arrays
+    of_c: Arrays
+    of_offset: Arrays
+
+    @property
+    def count(self) -> int:
+        """Number of directions q + r."""
+        return self.of_a.shape[2] + self.of_offset.shape[1]
+
+
+def sensitivity_factor(
+    model: StateSpaceModel,
+    controller: ControllerParameters,
+    record: LoopRecord,
+    first_current: Arrays | None,
+    directions: Directions,
+    scale: Arrays,
+) -> Arrays:
+    """Triangular factor of derivatives and errors of the simulated positions.
+
+    Parameters
+    ----------
+    model, controller, first_current
+        As in `simulate_closed_loop`, in a loop that does not diverge.
+    record : LoopRecord
+        The measured loop.
+    directions : Directions
+        Changes of the model.
+    scale : ndarray, shape (2,)
+        Errors and derivatives of each position are divided by it (m).
+
+    Returns
+    -------
+    ndarray, shape (n + q + r + 1, n + q + r + 1)
+        Columns: derivatives by the initial state, along the directions, and the errors, measured less simulated.
+    """
+    n, columns = model.order, model.order + directions.count
+    gains, linear = pack_gains(controller), pack_gains(controller.model_copy(update={"current_limit": np.inf}))
+    change = np.zeros((n, columns))  # of the state
+    change[:, :n] = np.eye(n)
+    by_state = np.ascontiguousarray(np.concatenate([directions.of_a, directions.of_b], axis=1))
+    law, law_change = np.zeros(STATE_SIZE), np.zeros((columns, STATE_SIZE))
+    offset_change = np.zeros((2, columns))
+    offset_change[:, n : n + directions.of_offset.shape[1]] = directions.of_offset
+    state = model.initial_state.copy()
+    if first_current is not None:
+        output = model.c @ state + model.output_offset
+        recall(law, gains, controller, output, record.reference[0], first_current)
+        first = model.c @ change + offset_change
+        first[:, columns - directions.of_c.shape[2] :] += np.einsum("pnq,n->pq", directions.of_c, state)
+        for column in range(columns):  # the law is linear, so it recalls changes from changes
+            recall(law_change[column], linear, controller, first[:, column], np.zeros(2), np.zeros(2))
+    factor = np.zeros((0, columns + 1))
+    for start in range(0, record.steps, _BLOCK):
+        part = slice(start, min(start + _BLOCK, record.steps))
+        rows = np.empty((part.stop - start, 2, columns + 1))
+        _advance(
+            model.a, model.b, model.c, model.input_offset, model.output_offset, by_state,
+            np.ascontiguousarray(directions.of_c), offset_change, gains, linear, record.reference[part],
+            record.position[part], state, change, law, law_change, rows,
+        )  # fmt: skip
+        rows /= scale[:, np.newaxis]
+        factor = np.asarray(np.linalg.qr(np.vstack([factor, rows.reshape(-1, columns + 1)]), mode="r"))
+    return factor
+
+
+@numba.njit(cache=True)
+def _advance(
+    a: Arrays,
+    b: Arrays,
+    c: Arrays,
+    input_offset: Arrays,
+    output_offset: Arrays,
+    by_state: Arrays,
+    of_c: Arrays,
+    offset_change: Arrays,
+    gains: Arrays,
+    linear: Arrays,
+    reference: Arrays,
+    position: Arrays,
+    state: Arrays,
+    change: Arrays,
+    law: Arrays,
+    law_change: Arrays,
+    rows: Arrays,
+) -> None:
+    """Fill in `rows` (steps, 2, columns + 1) with derivatives and errors; advance states and changes in place."""
+    n, columns = change.shape
+    first = columns - of_c.shape[2]  # of the directions of A, B, C
+    limit = gains[5]
+    output, current, answer = np.empty(2), np.empty(2), np.empty(2)
+    known = np.empty(n + 2)  # state and input
+    input_change = np.empty((2, columns))
+    advanced, advanced_change = np.empty(n), np.empty((n, columns))
+    for step in range(len(reference)):
+        set_product(c, state, output)
+        for axis in range(2):
+            output[axis] += output_offset[axis]
+            rows[step, axis, columns] = position[step, axis] - output[axis]
+            row = rows[step, axis]
+            for column in range(columns):
+                row[column] = offset_change[axis, column]
+            for index in range(n):
+                factor, along = c[axis, index], change[index]
+                for column in range(columns):
+                    row[column] += factor * along[column]
+                value, direction, part = state[index], of_c[axis, index], row[first:columns]
+                for column in range(columns - first):
+                    part[column] += value * direction[column]
+        pd_update(law, gains, output[0], output[1], reference[step, 0], reference[step, 1], current)
+        free_x, free_y = abs(current[0]) < limit, abs(current[1]) < limit
+        for column in range(columns):
+            pd_update(law_change[column], linear, rows[step, 0, column], rows[step, 1, column], 0.0, 0.0, answer)
+            input_change[0, column] = answer[0] if free_x else 0.0
+            input_change[1, column] = answer[1] if free_y else 0.0
+        known[:n] = state
+        known[n:] = current - input_offset
+        for index in range(n):
+            row = advanced_change[index]
+            row[:] = 0.0
+            for inner in range(n):
+                factor, along = a[index, inner], change[inner]
+                for column in range(columns):
+                    row[column] += factor * along[column]
+            for inner in range(2):
+                factor, along = b[index, inner], input_change[inner]
+                for column in range(columns):
+                    row[column] += factor * along[column]
+            part = row[first:]
+            for inner in range(n + 2):
+                value, direction = known[inner], by_state[index, inner]
+                for column in range(columns - first):
+                    part[column] += value * direction[column]
+        change[:] = advanced_change
+        set_product(a, state, advanced)
+        add_product(b, known[n:], advanced)
+        state[:] = advanced

@@ -1,0 +1,182 @@
+"""Experiments: which steps of a run were excited, with which controller, and what the loop did meanwhile."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from amb_core.errors import IdentificationError
+from amb_core.loop.records import LoopRecord
+from amb_core.loop.telemetry import merge_blocks
+from amb_core.parameters import part_of
+
+if TYPE_CHECKING:
+    from amb_core.loop.control import ControllerParameters
+
+
+@dataclass(frozen=True)
+class AppliedExcitation:
+    """An excitation and the controller's answer to it.
+
+    Attributes
+    ----------
+    run, id : int
+        Run it was meant for; its number among the excitations of its generator.
+    kind : str
+        Kind of excitation; `stop` for one that ends another.
+    accepted : bool
+        Whether the controller applied it; if not, `message` is the reason.
+    first_step, steps : int
+        Steps to which it was applied; `steps` is 0 for a stop.
+    """
+
+    run: int
+    id: int
+    kind: str
+    accepted: bool
+    message: str
+    first_step: int
+    steps: int
+
+    @property
+    def stop(self) -> int:
+        """Step after its last one."""
+        return self.first_step + self.steps
+
+
+def last_experiment(excitations: Iterable[AppliedExcitation], run: int) -> tuple[int, int] | None:
+    """First step of the last excitation of a run and the step after its last one; None when nothing was excited.
+
+    An excitation ends early where a stop took effect.
+    """
+    window = None
+    for excitation in excitations:
+        if excitation.run != run or not excitation.accepted:
+            continue
+        if excitation.steps:
+            window = (excitation.first_step, excitation.stop)
+        elif window is not None:
+            window = (window[0], max(window[0], min(window[1], excitation.first_step)))
+    return window
+
+
+def select_window(
+    available: tuple[int, int], experiment: tuple[int, int] | None, first_step: int = -1, steps: int = 0
+) -> tuple[int, int]:
+    """The steps to identify from, as first step and the step after the last.
+
+    Parameters
+    ----------
+    available : tuple of int
+        First step of the data, and the step after their last.
+    experiment : tuple of int or None
+        From `last_experiment`.
+    first_step : int, optional
+        First step wanted; -1 for the start of the experiment, or of the data where there is none.
+    steps : int, optional
+        Number of steps wanted; 0 for all to the end of the experiment, or of the data where these end earlier.
+
+    Raises
+    ------
+    IdentificationError
+        If a number is out of range or no step is left.
+    """
+    if first_step < -1 or steps < 0:
+        raise IdentificationError(
+            f"first_step = {first_step}, steps = {steps} is not allowed; first_step must be -1 or more, steps 0 or more"
+        )
+    start = first_step if first_step >= 0 else experiment[0] if experiment else available[0]
+    stop = available[1]
+    if experiment and experiment[0] <= start < experiment[1]:
+        stop = min(stop, experiment[1])
+    if steps:
+        stop = start + steps
+    if stop <= start:
+        raise IdentificationError(
+            f"no samples from step {start} on; there are steps {available[0]} to {available[1] - 1}"
+        )
+    return start, stop
+
+
+def controller_of(values: Mapping[str, object]) -> ControllerParameters:
+    """The control law's parameters among all parameters of the node that runs it.
+
+    Raises
+    ------
+    ParameterError
+        If one of them is out of its range.
+    """
+    from amb_core.loop.control import ControllerParameters  # loads a compiler, which a recorder does not need
+
+    return part_of(ControllerParameters, values)
+
+
+class ExperimentBuffer:
+    """The latest samples and excitations of the current run, as telemetry brings them; safe for several threads.
+
+    Parameters
+    ----------
+    capacity : int
+        Number of steps kept; the oldest are dropped.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._lock = threading.Lock()
+        self._blocks: deque[LoopRecord] = deque()
+        self._excitations: dict[tuple[int, int], AppliedExcitation] = {}
+        self._run: int | None = None
+        self._steps = 0
+
+    @property
+    def run(self) -> int | None:
+        """The current run, None before the first telemetry."""
+        return self._run
+
+    @property
+    def available(self) -> tuple[int, int]:
+        """First step known, and the step after the last; both 0 before the first telemetry."""
+        with self._lock:
+            if not self._blocks:
+                return 0, 0
+            return self._blocks[0].first_step, self._blocks[-1].first_step + self._blocks[-1].steps
+
+    @property
+    def experiment(self) -> tuple[int, int] | None:
+        """The last experiment of the current run, see `last_experiment`."""
+        with self._lock:
+            return None if self._run is None else last_experiment(self._excitations.values(), self._run)
+
+    def add_block(self, run: int, block: LoopRecord) -> None:
+        """Take a block; one of another run, or from before the last, starts afresh."""
+        with self._lock:
+            if run != self._run or (self._blocks and block.first_step <= self._blocks[-1].first_step):
+                self._blocks.clear()
+                self._steps = 0
+                self._run = run
+                self._excitations = {key: known for key, known in self._excitations.items() if known.run >= run}
+            self._blocks.append(block)
+            self._steps += block.steps
+            while self._steps - self._blocks[0].steps >= self._capacity:
+                self._steps -= self._blocks.popleft().steps
+
+    def add_excitation(self, excitation: AppliedExcitation) -> None:
+        """Take an excitation as the controller answered it."""
+        with self._lock:
+            self._excitations.pop((excitation.run, excitation.id), None)  # told again: it becomes the last one
+            self._excitations[excitation.run, excitation.id] = excitation
+
+    def record(self, first_step: int, stop: int) -> LoopRecord:
+        """The samples of these steps.
+
+        Raises
+        ------
+        IdentificationError
+            If they are not all there.
+        """
+        with self._lock:
+            blocks = list(self._blocks)
+        return merge_blocks(blocks, first_step, stop, error=IdentificationError)

@@ -1,0 +1,34 @@
+"""Whether two definitions of a message type describe the same bytes."""
+
+from __future__ import annotations
+
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+
+from amb_core.errors import BagError
+from amb_core.recording.storage import Definition
+
+
+def layout_hash(message_type: str, definition: Definition) -> str:
+    """Hash of the fields of a message type (RIHS01 of ROS 2), which comments and constants do not change.
+
+    Parameters
+    ----------
+    message_type : str
+        As `package/msg/Name`.
+    definition : Definition
+        Its text, followed by those of the types it uses.
+
+    Raises
+    ------
+    BagError
+        If the definition cannot be understood.
+    """
+    types = get_typestore(Stores.EMPTY)
+    try:
+        if definition.encoding == "ros2idl":
+            types.register(get_types_from_idl(definition.text))
+        else:
+            types.register(get_types_from_msg(definition.text, message_type))
+        return types.hash_rihs01(message_type)
+    except TypesysError as problem:
+        raise BagError(f"definition of {message_type} is wrong: {problem}") from None

@@ -1,0 +1,274 @@
+"""Builds region maps: sweeps as tasks on a cluster, finished ones from disk, amplitudes as the results ask for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from amb_core.errors import RegionError
+from amb_core.loop.control import ControllerParameters
+from amb_core.plant import Plant, PlantParameters
+from amb_core.regions import RegionParameters
+from amb_core.regions.region_map.refinement import Refinement
+from amb_core.regions.region_map.region_map import MapSweep, RegionMap
+from amb_core.regions.region_map.settings import MapSettings
+from amb_core.regions.region_map.sweep_run import SweepTask
+from amb_core.tasks import ResultCache, cache_folder
+
+POLL = 0.1  # s, how often `cancelled` is asked
+
+
+@dataclass(frozen=True)
+class MapProgress:
+    """How far a map, or a grid of maps, is.
+
+    Attributes
+    ----------
+    done : int
+        Sweeps with a result.
+    total : int
+        Sweeps that the results so far ask for; it grows as boundaries turn out to need more.
+    reused : int
+        Of those done, how many were finished earlier and only read.
+    map : RegionMap or None
+        The sweeps so far of the map that the last finished sweep belongs to; None before the first.
+    """
+
+    done: int
+    total: int
+    reused: int
+    map: RegionMap | None
+
+
+def build_map(
+    settings: MapSettings,
+    plant: PlantParameters,
+    controller: ControllerParameters,
+    regions: RegionParameters | None = None,
+    *,
+    cache: Path | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    progress: Callable[[MapProgress], None] | None = None,
+    cancelled: Callable[[], bool] | None = None,
+) -> RegionMap:
+    """Build a region map.
+
+    The map depends on the settings and the parameters alone, not on the number of workers or their speed. May be
+    called from any thread.
+
+    Parameters
+    ----------
+    settings : MapSettings
+        Which sweeps, and how finely the boundaries are resolved.
+    plant, controller : PlantParameters, ControllerParameters
+        The loop.
+    regions : RegionParameters, optional
+        Thresholds of the classifier; its backup bearing is always the plant's.
+    cache : Path, optional
+        Folder of finished sweeps, by default `cache_folder("region_map")`. Every sweep is kept there as soon
+        as it is finished.
+    scheduler : str, optional
+        Address of a running dask scheduler (tcp://host:port) whose workers have this code; by default processes on
+        this machine.
+    workers : int, optional
+        Number of these processes, by default one for each core.
+    progress : callable, optional
+        Called in the calling thread at the start and whenever a sweep has finished.
+    cancelled : callable, optional
+        Asked ten times a second; once it is true, the map ends with the sweeps that have finished.
+
+    Returns
+    -------
+    RegionMap
+        Not `complete` if cancelled or out of `max_sweeps` before the boundaries are resolved.
+
+    Raises
+    ------
+    RegionError
+        If the settings do not fit the loop, the scheduler does not answer or is lost, a worker dies again and again,
+        the loop does not hold the rotor, or the map is cancelled before the first sweep has finished.
+    PlantError
+        If the plant cannot be built.
+    """
+    job = MapJob(settings, plant, controller, regions)
+    run_jobs([job], cache, scheduler, workers, progress, cancelled)
+    if job.problem is not None:
+        raise job.problem
+    if not job.refinement.sweeps:
+        raise RegionError("the region map was cancelled before its first sweep had finished")
+    return job.map()
+
+
+class MapJob:
+    """One map: what is asked for, and the sweeps so far.
+
+    Parameters
+    ----------
+    settings, plant, controller, regions
+        As for `build_map`.
+
+    Attributes
+    ----------
+    refinement : Refinement
+        Amplitudes asked for, and the sweeps so far.
+    problem : RegionError or None
+        Why there is no map; its remaining sweeps are then not run.
+
+    Raises
+    ------
+    RegionError
+        If the settings do not fit the loop.
+    PlantError
+        If the plant cannot be built.
+    """
+
+    def __init__(
+        self,
+        settings: MapSettings,
+        plant: PlantParameters,
+        controller: ControllerParameters,
+        regions: RegionParameters | None = None,
+    ) -> None:
+        _check(settings, plant, controller)
+        radius = plant.rotor.backup_bearing_radius  # where a run ends, and with it the map
+        self._regions = (regions or RegionParameters()).model_copy(update={"backup_bearing_radius": radius})
+        self._settings, self._plant, self._controller = settings, plant, controller
+        self.refinement = Refinement(settings)
+        self.problem: RegionError | None = None
+
+    def task(self, amplitude: float) -> SweepTask:
+        """The sweep of an amplitude (m)."""
+        return SweepTask(
+            self._settings.sweep(amplitude), self._settings.rest, self._plant, self._controller, self._regions
+        )
+
+    @property
+    def total(self) -> int:
+        """Number of sweeps that the results so far ask for."""
+        return min(len(self.refinement.amplitudes) + len(self.refinement.open), self._settings.max_sweeps)
+
+    def map(self) -> RegionMap:
+        """The map of the sweeps so far, of which there must be one."""
+        described = self.task(self._settings.amplitude_low).describe()
+        provenance = {name: described[name] for name in ("plant", "controller", "regions", "files", "code")}
+        return RegionMap(self._settings, self.refinement.sweeps, provenance, self.refinement.resolved)
+
+
+def run_jobs(
+    jobs: Sequence[MapJob],
+    cache: Path | None,
+    scheduler: str | None,
+    workers: int | None,
+    progress: Callable[[MapProgress], None] | None,
+    cancelled: Callable[[], bool] | None,
+) -> None:
+    """Run maps together on one cluster, those that come first with priority; parameters as for `build_map`.
+
+    A map with a sweep that fails has this as its `problem`; the others go on.
+    """
+    from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
+
+    with TaskPool[MapSweep](scheduler, workers) as pool:
+        run = _Run(jobs, pool, ResultCache(cache or cache_folder("region_map")), progress or (lambda _: None))
+        run.start()
+        while run.waiting and not (cancelled is not None and cancelled()):
+            finished = pool.next_finished(POLL)
+            if finished is not None:
+                run.take(*finished)
+
+
+class _Run:
+    """Maps on their way."""
+
+    def __init__(
+        self, jobs: Sequence[MapJob], pool: Any, cache: ResultCache, progress: Callable[[MapProgress], None]
+    ) -> None:
+        self._jobs, self._pool, self._cache, self._progress = jobs, pool, cache, progress
+        self.waiting: dict[str, list[tuple[MapJob, SweepTask]]] = {}
+        self._reused = 0
+
+    def start(self) -> None:
+        self._report(None)
+        for job in self._jobs:
+            self._ask(job, job.refinement.amplitudes)
+
+    def take(self, key: str, result: MapSweep | RegionError) -> None:
+        """Take in the result of a sweep, and get under way what it asks for."""
+        for job, task in self.waiting.pop(key):
+            if isinstance(result, RegionError):
+                self._give_up(job, RegionError(f"sweep of {task.sweep.amplitude:g} m: {result}"))
+                continue
+            self._cache.ensure(key, task, result)
+            amplitudes = job.refinement.add(result)
+            self._report(job)
+            self._ask(job, amplitudes)
+
+    def _ask(self, job: MapJob, amplitudes: Sequence[float]) -> None:
+        """Get sweeps under way; those that are on disk are finished at once, and may ask for more."""
+        asked = list(amplitudes)
+        while asked and job.problem is None:
+            task = job.task(asked.pop(0))
+            key = task.key()
+            if key in self.waiting:  # two maps of a grid may be the same
+                self.waiting[key].append((job, task))
+                continue
+            sweep = self._cache.load(key, task)
+            if sweep is None:
+                self._pool.submit(task, key, self._cache.folder, -self._jobs.index(job))
+                self.waiting[key] = [(job, task)]
+            else:
+                self._reused += 1
+                asked += job.refinement.add(sweep)
+                self._report(job)
+
+    def _give_up(self, job: MapJob, problem: RegionError) -> None:
+        job.problem = problem
+        for key, owners in list(self.waiting.items()):
+            owners[:] = [(owner, task) for owner, task in owners if owner is not job]
+            if not owners:
+                del self.waiting[key]
+                self._pool.cancel(key)
+
+    def _report(self, job: MapJob | None) -> None:
+        jobs = [one for one in self._jobs if one.problem is None]
+        self._progress(
+            MapProgress(
+                sum(len(one.refinement.sweeps) for one in jobs),
+                sum(one.total for one in jobs),
+                self._reused,
+                None if job is None else job.map(),
+            )
+        )
+
+
+def _check(settings: MapSettings, plant: PlantParameters, controller: ControllerParameters) -> None:
+    rate = controller.sample_rate
+    if abs(rate - plant.integration.sample_rate) > 1e-9 * rate:
+        raise RegionError(
+            f"the controller runs at {rate:g} Hz, the plant is sampled at {plant.integration.sample_rate:g} Hz; "
+            "the two rates must be equal"
+        )
+    if settings.frequency_end > 0.5 * rate:
+        raise RegionError(
+            f"frequency_end = {settings.frequency_end:g} Hz is above the Nyquist frequency of the controller's sample "
+            f"rate; allowed: up to {0.5 * rate:g} Hz"
+        )
+    actuators = plant.magnetic_circuit.actuators
+    if actuators != "two_axis" and settings.axes != "y":
+        raise RegionError(
+            f"axes = '{settings.axes}' is not allowed with magnetic_circuit.actuators = '{actuators}', which pull "
+            "along y only; allowed: y"
+        )
+    clearance = plant.rotor.backup_bearing_radius
+    allowed = clearance / math.sqrt(2.0) if settings.axes == "both" else clearance
+    if settings.amplitude_high >= allowed:
+        both = ", at 45 degrees with both axes" if settings.axes == "both" else ""
+        raise RegionError(
+            f"amplitude_high = {settings.amplitude_high:g} m reaches beyond the clearance of {clearance:g} m to the "
+            f"backup bearing{both}; allowed: below {allowed:.6g} m"
+        )
+    Plant(plant)  # refuses what it cannot be built of here, not on every worker

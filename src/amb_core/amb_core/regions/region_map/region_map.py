@@ -1,0 +1,236 @@
+"""The region map (the paper's frequency-amplitude graph): where regions B, C and D begin, amplitude by amplitude."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from amb_core.errors import RegionError
+from amb_core.files.regular_files import MIB, read_text, shown
+from amb_core.regions import Region
+from amb_core.regions.region_map.settings import MapSettings
+
+BOUNDARIES = (Region.B, Region.C, Region.D)
+FORMAT = 1  # of the file; raised when older files can no longer be read
+LARGEST = 64 * MIB  # of a file that is read; a map of 24 sweeps takes some 10 KiB
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Where a region begins in a sweep.
+
+    Attributes
+    ----------
+    frequency : float
+        Input frequency at the onset (Hz).
+    resonance : bool
+        Whether the loop then answered its input at its resonance: see `amb_core.regions.Onset`.
+    """
+
+    frequency: float
+    resonance: bool
+
+
+@dataclass(frozen=True)
+class MapSweep:
+    """What one sweep showed.
+
+    Attributes
+    ----------
+    amplitude : float
+        Amplitude of the sweep (m).
+    boundaries : dict of Region to Boundary
+        Onsets of the rotor's regions B, C and D in order; those that did not occur are missing.
+    beats : tuple of (float, float)
+        Spans of the input frequency (Hz) in which the input beat with the sample rate.
+    highest_frequency : float
+        Frequency reached: the sweep's end, or that of delevitation (Hz).
+    steps : int
+        Controller steps simulated.
+    """
+
+    amplitude: float
+    boundaries: dict[Region, Boundary]
+    beats: tuple[tuple[float, float], ...]
+    highest_frequency: float
+    steps: int
+
+
+@dataclass(frozen=True)
+class RegionMap:
+    """Sweeps of many amplitudes, and the boundaries between the regions that follow from them.
+
+    Between sweeps a boundary's logarithm runs linearly over the logarithm of the amplitude; where only one of two
+    neighbouring sweeps has it, it ends half-way between them.
+
+    Attributes
+    ----------
+    settings : MapSettings
+        What was asked for.
+    sweeps : tuple of MapSweep
+        In order of amplitude, at least one.
+    provenance : dict
+        Parameters of plant, controller and classifier, version of the code: what a reader needs to repeat it.
+    complete : bool
+        Whether the boundaries are resolved as asked, and not fewer sweeps because of `max_sweeps` or a cancel.
+    """
+
+    settings: MapSettings
+    sweeps: tuple[MapSweep, ...]
+    provenance: dict[str, Any] = field(default_factory=dict)
+    complete: bool = True
+
+    def __post_init__(self) -> None:
+        amplitudes = [sweep.amplitude for sweep in self.sweeps]
+        if not amplitudes or amplitudes != sorted(set(amplitudes)):
+            raise RegionError("a region map needs at least one sweep, in order of amplitude and no amplitude twice")
+
+    @property
+    def amplitudes(self) -> NDArray[np.float64]:
+        """Amplitudes of the sweeps (m), shape (sweeps,)."""
+        return np.array([sweep.amplitude for sweep in self.sweeps])
+
+    def frequencies(self, region: Region) -> NDArray[np.float64]:
+        """Frequency at which a region begins in each sweep (Hz), shape (sweeps,); NaN where it does not occur."""
+        return np.array(
+            [sweep.boundaries[region].frequency if region in sweep.boundaries else math.nan for sweep in self.sweeps]
+        )
+
+    def boundary(self, region: Region, amplitude: ArrayLike) -> NDArray[np.float64]:
+        """Frequency at which a region begins at any amplitude (Hz); infinity where it does not occur.
+
+        Outside the amplitudes of the map the nearest sweep holds.
+
+        Parameters
+        ----------
+        region : Region
+            B, C or D.
+        amplitude : array_like
+            Amplitudes (m), positive.
+        """
+        wanted = np.log(np.asarray(amplitude, dtype=np.float64))
+        known = np.log(self.amplitudes)
+        values = np.where(np.isnan(self.frequencies(region)), np.inf, np.log(self.frequencies(region)))
+        if len(known) == 1:
+            return np.exp(np.full(wanted.shape, values[0]))
+        wanted = np.clip(wanted, known[0], known[-1])
+        right = np.clip(np.searchsorted(known, wanted, side="right"), 1, len(known) - 1)
+        share = (wanted - known[right - 1]) / (known[right] - known[right - 1])
+        both = np.isfinite(values[right - 1]) & np.isfinite(values[right])
+        nearest = np.where(share < 0.5, values[right - 1], values[right])
+        with np.errstate(invalid="ignore"):
+            between = values[right - 1] + share * (values[right] - values[right - 1])
+        return np.exp(np.where(both, between, nearest))
+
+    def region_at(self, frequency: ArrayLike, amplitude: ArrayLike) -> NDArray[np.int_]:
+        """Region in which a sweep of an amplitude (m) runs at a frequency (Hz), as values of `Region`; broadcasts."""
+        frequency, amplitude = np.broadcast_arrays(
+            np.asarray(frequency, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
+        )
+        found = np.full(frequency.shape, int(Region.A))
+        for region in BOUNDARIES:
+            found[frequency >= self.boundary(region, amplitude)] = int(region)
+        return found
+
+    def linear_limit(self, frequency: ArrayLike) -> NDArray[np.float64]:
+        """Largest amplitude (m) up to which every smaller one runs in region A at a frequency (Hz).
+
+        Between the sweeps as `boundary` has it; 0 where not even the smallest amplitude of the map is in A, and the
+        largest amplitude of the map where all are.
+        """
+        frequency = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
+        grid = np.geomspace(self.amplitudes[0], self.amplitudes[-1], max(2, 40 * len(self.sweeps)))
+        first = np.min([self.boundary(region, grid) for region in BOUNDARIES], axis=0)
+        linear = frequency[:, None] < np.minimum.accumulate(first)[None, :]
+        count = linear.sum(axis=1)
+        return np.where(count > 0, grid[np.maximum(count - 1, 0)], 0.0)
+
+    def save(self, path: str | Path) -> None:
+        """Write the map as JSON; a file that is there stays as it is until the new one is complete.
+
+        Raises
+        ------
+        RegionError
+            If it cannot be written.
+        """
+        content = {
+            "format": FORMAT,
+            "settings": self.settings.model_dump(),
+            "complete": self.complete,
+            "provenance": self.provenance,
+            "sweeps": [sweep_to_json(sweep) for sweep in self.sweeps],
+        }
+        path = Path(path)
+        part = path.with_name(f"{path.name}.part")
+        try:
+            part.write_text(json.dumps(content, indent=1) + "\n")
+            part.replace(path)
+        except OSError as problem:
+            with contextlib.suppress(OSError):
+                part.unlink()
+            raise RegionError(f"region map {path}: cannot be written: {problem.strerror}") from None
+
+    @classmethod
+    def load(cls, path: str | Path) -> RegionMap:
+        """Read a map that `save` wrote.
+
+        Raises
+        ------
+        RegionError
+            If there is no such file, or it is no region map.
+        """
+        try:
+            content = json.loads(read_text(path, LARGEST))
+            if content["format"] != FORMAT:
+                raise RegionError(f"has format {content['format']}, this version reads {FORMAT}")
+            return cls(
+                MapSettings.model_validate(content["settings"]),
+                tuple(sweep_from_json(entry) for entry in content["sweeps"]),
+                content["provenance"],
+                content["complete"],
+            )
+        except OSError as problem:
+            raise RegionError(f"region map {shown(path)}: cannot be read: {problem.strerror}") from None
+        except RegionError as problem:
+            raise RegionError(f"region map {path}: {problem}") from None
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
+            raise RegionError(
+                f"region map {path}: is no region map as `amb map` or region_monitor/build_map writes it ({problem!r})"
+            ) from None
+
+
+def sweep_to_json(sweep: MapSweep) -> dict[str, Any]:
+    """A sweep as plain JSON values."""
+    return {
+        "amplitude": sweep.amplitude,
+        "boundaries": {
+            region.name: {"frequency": boundary.frequency, "resonance": boundary.resonance}
+            for region, boundary in sweep.boundaries.items()
+        },
+        "beats": [list(span) for span in sweep.beats],
+        "highest_frequency": sweep.highest_frequency,
+        "steps": sweep.steps,
+    }
+
+
+def sweep_from_json(entry: dict[str, Any]) -> MapSweep:
+    """The sweep that `sweep_to_json` wrote; KeyError, TypeError or ValueError for anything else."""
+    beats: Sequence[Sequence[float]] = entry["beats"]
+    return MapSweep(
+        float(entry["amplitude"]),
+        {
+            Region[name]: Boundary(float(found["frequency"]), bool(found["resonance"]))
+            for name, found in entry["boundaries"].items()
+        },
+        tuple((float(low), float(high)) for low, high in beats),
+        float(entry["highest_frequency"]),
+        int(entry["steps"]),
+    )

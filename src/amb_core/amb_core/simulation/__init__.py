@@ -1,0 +1,6 @@
+"""The closed loop without ROS, plant and controller, and the parameters of both by one name each."""
+
+from amb_core.simulation.closed_loop import simulate
+from amb_core.simulation.parameters import loop_parameter_names, with_values
+
+__all__ = ["loop_parameter_names", "simulate", "with_values"]

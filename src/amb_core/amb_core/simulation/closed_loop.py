@@ -1,0 +1,68 @@
+"""The control loop without ROS: the samples that the lock-step graph must reproduce bit for bit.
+
+Step k: the controller answers the position of step k; the plant holds that answer over [t_k, t_k+1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.loop.control import PdController
+from amb_core.loop.records import LoopRecord
+from amb_core.plant import Plant
+
+
+def simulate(
+    plant: Plant,
+    controller: PdController,
+    steps: int,
+    excitation: NDArray[np.float64] | None = None,
+    excitation_step: int = 0,
+    progress: Callable[[int], None] | None = None,
+) -> LoopRecord:
+    """Reset plant and controller and run the closed loop from step 0.
+
+    Parameters
+    ----------
+    plant, controller : Plant, PdController
+        Both are reset first.
+    steps : int
+        Number of controller samples.
+    excitation : ndarray, shape (n, 2), optional
+        Added to the nominal reference position (m), axes x and y.
+    excitation_step : int
+        Step of the first excitation sample.
+    progress : callable, optional
+        Called with the number of steps done, every 1000 steps.
+
+    Returns
+    -------
+    LoopRecord
+        The samples; fewer than `steps` if the rotor delevitated (then `plant.delevitated`).
+    """
+    plant.reset()
+    controller.reset()
+    nominal = controller.parameters
+    reference = np.empty((steps, 2))
+    reference[:] = nominal.nominal_reference_x, nominal.nominal_reference_y
+    if excitation is not None:
+        last = min(steps, excitation_step + len(excitation))
+        reference[excitation_step:last] += excitation[: max(last - excitation_step, 0)]
+    position = np.empty((steps, 2))
+    current = np.empty((steps, 2))
+    x, y = plant.position
+    done = steps
+    for step in range(steps):
+        i_x, i_y = controller.update(x, y, reference[step, 0], reference[step, 1])
+        position[step] = x, y
+        current[step] = i_x, i_y
+        x, y = plant.advance(i_x, i_y)
+        if plant.delevitated:
+            done = step + 1
+            break
+        if progress is not None and (step + 1) % 1000 == 0:
+            progress(step + 1)
+    return LoopRecord(0, plant.sample_time, reference[:done], position[:done], current[:done])
