@@ -47,9 +47,11 @@ class Recording:
         """Begin at a place in a run, None if it is not known, with the present states of some topics."""
         with self._lock:
             self._origin = origin
-            for topic, data in first.items():
-                self._write(topic, data, time.time_ns())
             held, self._held = self._held or [], None
+            came = {(topic, data) for topic, data, _, _ in held}
+            for topic, data in first.items():
+                if (topic, data) not in came:  # a present state that came just now is not written twice
+                    self._write(topic, data, time.time_ns())
             for topic, data, end, received in held:
                 if not self._is_older(end):
                     self._write(topic, data, received)

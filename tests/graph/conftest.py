@@ -24,6 +24,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from amb_ros import middleware
+from amb_ros.leaving import leave_graph
 from tests.graph.bearing import Bearing
 from tests.graph.limits import TEST_TIMEOUT, TIMEOUT
 from tests.graph.processes import NodeProcess, remove_shared_memory
@@ -158,9 +159,7 @@ class Graph:
                 problems.append(f"{module} ended with exit code {process.returncode}\n{process.said}")
         self._context.try_shutdown()
         self._thread.join()
-        self._executor.shutdown()  # lets go of the nodes, or those with an open request would outlive their end
-        for node in self._nodes:  # or it would live on in the domain, and with it what it has published
-            node.destroy_node()
+        leave_graph(self._context, self._executor, self._nodes)
         remove_shared_memory(self._processes)
         assert not problems, "\n".join(problems)
 

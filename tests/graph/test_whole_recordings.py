@@ -81,21 +81,27 @@ def messages(uri: str, topic: str) -> list[Any]:
     return list(read_bag(uri).messages_of(topic))
 
 
-def assert_holds_what_was_heard(loop: Bearing, uri: str, run: int, steps: int) -> None:
-    """The bag and the witness have the same messages of a run, in the same order, up to its end."""
+def lacking(loop: Bearing, uri: str, run: int, steps: int) -> set[str]:
+    """Topics of which the bag and the witness do not have the same messages of a run, in the same order, to its end."""
     witness: Witness = loop.witness
     graph = loop.graph
     graph.wait_until(lambda: any(item.next_step >= steps for item in witness.of("/amb/region", run)), "the region")
-    assert sum(len(block.position_x) for block in messages(uri, "/amb/telemetry")) == steps
-    assert [item.step for item in messages(uri, "/amb/plant_state")] == list(range(0, steps + 1, EVERY))
-    heard = [(item.sequence, item.step, item.region) for item in witness.of("/amb/region", run)]
-    assert [(item.sequence, item.step, item.region) for item in messages(uri, "/amb/region")] == heard
-    heard = [item.sequence for item in witness.of("/amb/simulator/state", run)]
-    recorded = [item.sequence for item in messages(uri, "/amb/simulator/state") if item.run == run]
-    assert recorded == heard[-len(recorded) :]
-    assert recorded[-1] - recorded[0] + 1 == len(recorded)
+    regions = [(item.sequence, item.step, item.region) for item in messages(uri, "/amb/region")]
+    states = [item.sequence for item in messages(uri, "/amb/simulator/state") if item.run == run]
+    heard_states = [item.sequence for item in witness.of("/amb/simulator/state", run)]
     times = [item.clock.sec + 1e-9 * item.clock.nanosec for item in messages(uri, "/clock")]
-    assert {round(1e4 * time) for time in times} >= set(range(0, steps, 100)) - {0}
+    whole = {
+        "telemetry": sum(len(block.position_x) for block in messages(uri, "/amb/telemetry")) == steps,
+        "plant_state": [item.step for item in messages(uri, "/amb/plant_state")] == list(range(0, steps + 1, EVERY)),
+        "region": regions == [(item.sequence, item.step, item.region) for item in witness.of("/amb/region", run)],
+        "simulator/state": states == heard_states[-len(states) :] and states[-1] - states[0] + 1 == len(states),
+        "clock": {round(1e4 * time) for time in times} >= set(range(0, steps, 100)) - {0},
+    }
+    return {topic for topic, is_whole in whole.items() if not is_whole}
+
+
+def assert_holds_what_was_heard(loop: Bearing, uri: str, run: int, steps: int) -> None:
+    assert lacking(loop, uri, run, steps) == set()
 
 
 def test_a_run_is_whole_without_a_word_about_its_end(recorded: Bearing) -> None:
@@ -131,8 +137,10 @@ def test_a_recorder_that_was_held_up_still_gets_everything_or_names_it(recorded:
     recorded.wait_for_step(run, 20_000)
     process.send_signal(signal.SIGCONT)
     stopped = stop_bag(recorded, wait_for_run=run, wait_for_step=20_000, timeout=30.0)
-    assert stopped.success, stopped.message
-    assert_holds_what_was_heard(recorded, uri, run, 20_000)
+    # On a busy machine the steps take longer than the 20 s after which DDS gives a silent participant up. What has no
+    # history is then lost.
+    named = {part.split()[0] for part in stopped.message.split("; ")} if not stopped.success else set()
+    assert lacking(recorded, uri, run, 20_000) == named, stopped.message
 
 
 def test_nothing_of_older_runs_is_in_a_bag_but_the_latched_messages(recorded: Bearing) -> None:

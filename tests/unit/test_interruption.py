@@ -114,3 +114,15 @@ def test_a_connection_that_is_interrupted_in_a_destructor_of_its_executor_closes
     process = python(code, tmp_path)
     out, error = process.communicate(timeout=120.0)
     assert (process.returncode, out, error) == (0, "destroying\ninterrupted False\n", "")
+
+
+def test_a_connection_that_nobody_closes_is_closed_before_the_interpreter_ends(tmp_path: Path) -> None:
+    code = (
+        "import atexit\n"
+        "atexit.register(lambda: print('open:', client.node.context.ok()))\n"
+        "from amb_bringup.client import AmbClient\n"
+        "client = AmbClient()\n"
+        "client.spin_once()\n"
+    )
+    out, error = python(code, tmp_path).communicate(timeout=120.0)
+    assert (out, error) == ("open: False\n", "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import weakref
 from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self
@@ -16,6 +17,7 @@ from rclpy.node import Node
 
 from amb_core.errors import AmbError
 from amb_ros import interruptions
+from amb_ros.leaving import leave_graph
 from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
 
@@ -60,6 +62,8 @@ class GraphConnection:
             self.node = Node("amb_client", namespace=namespace, context=self._context, start_parameter_services=False)
             self._executor = EventsExecutor(context=self._context)
             self._executor.add_node(self.node)
+        # Also for a client that nobody closes: an open connection can crash the interpreter while it ends.
+        self._leave = weakref.finalize(self, _leave, self._executor, self.node, self._context)
         self._clients: dict[str, Any] = {}
         self._rejections: dict[str, RejectionListener] = {}  # by action
 
@@ -73,10 +77,7 @@ class GraphConnection:
 
     def close(self) -> None:
         """Leave the graph."""
-        with interruptions.held_back():
-            self._executor.shutdown()  # or a node with an open request would stay in the graph as long as the process
-            self.node.destroy_node()
-            self._context.try_shutdown()
+        self._leave()
 
     def wait_for_nodes(self) -> None:
         """Wait until all nodes of the graph are there."""
@@ -184,3 +185,8 @@ class GraphConnection:
         except ClientError:
             return "the goal was rejected; see the log of its node"
         return str(heard.reason(goal))
+
+
+def _leave(executor: EventsExecutor, node: Node, context: Context) -> None:
+    with interruptions.held_back():
+        leave_graph(context, executor, [node])

@@ -16,10 +16,12 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.utilities import get_default_context
 from threadpoolctl import threadpool_limits
 
 from amb_core.errors import AmbError
 from amb_ros import middleware
+from amb_ros.leaving import leave_graph
 from amb_ros.leftovers import watch_for_leftovers
 
 SPIN_TIMEOUT = 0.1  # s
@@ -95,10 +97,7 @@ def _run(factories: Sequence[Callable[[], Node]], end: _End) -> int:
     except ExternalShutdownException:
         pass
     finally:
-        rclpy.try_shutdown()  # first: workers of the nodes then see that nobody waits for them any more
-        executor.shutdown()  # lets go of the nodes, or one with an open request would not leave the graph
-        for node in reversed(nodes):
-            node.destroy_node()
+        leave_graph(get_default_context(), executor, nodes)
     return 0
 
 
