@@ -49,9 +49,9 @@ bench-ident: setup .venv-peers/.complete  ## identification next to other packag
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@
 
-lint: setup  ## ruff and mypy
-	@$(RUN) ruff check . && ruff format --check . && mypy
+lint: setup  ## ruff, mypy and the direction of imports
+	@$(RUN) ruff check . && ruff format --check . && mypy && lint-imports
 
 clean:  ## remove everything that the targets above made
-	rm -rf .venv .venv-peers build install log results .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-peers build install log results .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
