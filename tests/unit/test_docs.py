@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[2]
 NODE_PACKAGES = ("amb_sim_node", "amb_controller_node", "amb_ident_node")
 PACKAGES = ("amb_msgs", *NODE_PACKAGES, "src/amb_core", "src/amb_ros", "src/amb_bringup")
 READMES = [ROOT / "README.md", *(ROOT / package / "README.md" for package in PACKAGES)]
-PAGES = [*READMES, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [*READMES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 SECTIONS = ["Purpose", "Design", "Assumptions and known limits", "Inputs and outputs", "Parameters", "Examples"]
 UNITS = {"-", "A", "A, m", "Hz", "N", "T", "m", "m/A", "m/s", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
 
