@@ -202,7 +202,7 @@ def test_a_map_of_a_loop_that_does_not_run_is_refused(builder: MapBuilder) -> No
     status, result = builder.result(builder.send()[0])
     builder.parameter_file = file
     assert status == ABORTED
-    assert "node /amb/simulator did not tell its parameters within 0.1 s; is it running?" in result.message
+    assert "node /amb/simulator did not report its parameters within 0.1 s; is it running?" in result.message
 
 
 def test_a_signal_ends_the_node_in_the_middle_of_a_map(builder: MapBuilder) -> None:

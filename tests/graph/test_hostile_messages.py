@@ -190,8 +190,8 @@ def test_a_position_of_a_step_beyond_time_is_reported(wires: Wires, step: int) -
 @pytest.mark.parametrize(
     ("first_step", "sample_time", "reason"),
     [
-        (LARGEST, 1e-4, "beyond what a ROS time stamp holds"),
-        (LAST_STEP, 1e-4, "beyond what a ROS time stamp holds"),
+        (LARGEST, 1e-4, "exceeds the range of a ROS time stamp"),
+        (LAST_STEP, 1e-4, "exceeds the range of a ROS time stamp"),
         (0, 5e-324, "must be positive; allowed: 1e-07 s to 10 s"),
         (0, math.inf, "must be positive; allowed: 1e-07 s to 10 s"),
         (0, math.nan, "must be positive; allowed: 1e-07 s to 10 s"),

@@ -215,7 +215,7 @@ def test_no_controller_is_assumed(loop: Loop, record: LoopRecord, tmp_path: Path
         assert "node pd_controller does not give the parameters of the controller; name it in `controller`: paper" in (
             answer.message
         )
-        assert "node /amb/other did not tell its parameters within 0.1 s" in call(controller="other").message
+        assert "node /amb/other did not report its parameters within 0.1 s" in call(controller="other").message
         assert f"parameter file {tmp_path}/no.yaml" in call(controller=f"{tmp_path}/no.yaml").message
 
 

@@ -131,7 +131,7 @@ def test_a_signal_at_another_rate_and_a_bearing_without_x_are_refused(bench: Tri
         ("square", {}, {"margin": 0.0}, "margin = 0.0 is not allowed; it must be above 0, and 1 at most"),
         ("square", {}, {"tolerance": 2.0}, "tolerance = 2.0 is not allowed"),
         ("square", {}, {"model_order": 0}, "model_order = 0 is not allowed; it must be 1 or more"),
-        ("square", {"axes": "both"}, {}, "x and y carry the same signal, which cannot tell them apart"),
+        ("square", {"axes": "both"}, {}, "x and y carry the same signal, so their effects cannot be separated"),
         (
             "square",
             {"duration": 0.01},

@@ -140,7 +140,7 @@ def test_compare_draws_the_models_over_one_another(folder: Path, tmp_path: Path)
 
 
 def test_compare_of_no_usable_model_is_an_error(folder: Path) -> None:
-    with pytest.raises(IdentificationError, match="none of the models could be judged"):
+    with pytest.raises(IdentificationError, match="none of the models could be validated"):
         amb("compare", folder / "slow.json", folder / "bag")
 
 

@@ -125,7 +125,8 @@ class BagPlayer:
                 return
             if not listeners and now - start >= DISCOVERY_TIMEOUT:
                 self._node.get_logger().warning(
-                    f"nobody listens to {', '.join(self._publishers)} after {DISCOVERY_TIMEOUT:g} s; played anyway"
+                    f"no subscriber to {', '.join(self._publishers)} after {DISCOVERY_TIMEOUT:g} s; "
+                    "the bag is played anyway"
                 )
                 return
             time.sleep(0.01)

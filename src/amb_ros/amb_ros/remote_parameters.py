@@ -106,4 +106,4 @@ class RemoteParameters:
 
 
 def _no_answer(remote: str, timeout: float) -> ParameterError:
-    return ParameterError(f"node {remote} did not tell its parameters within {timeout:g} s; is it running?")
+    return ParameterError(f"node {remote} did not report its parameters within {timeout:g} s; is it running?")

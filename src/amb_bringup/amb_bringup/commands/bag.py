@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 
     from amb_core.recording import Bag
 
-app = typer.Typer(help="Look into bags, play them.", no_args_is_help=True)
+app = typer.Typer(help="Inspect and play bags.", no_args_is_help=True)
 
 
 @app.callback()
 def bag() -> None:
-    """Look into bags, play them."""
+    """Inspect and play bags."""
 
 
 @app.command()

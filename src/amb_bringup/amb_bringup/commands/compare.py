@@ -68,7 +68,7 @@ def compare(
     for name, reason in refused.items():
         console.print(f"[red]{name}[/red]: {reason}", soft_wrap=True)
     if not found:
-        raise IdentificationError("none of the models could be judged")
+        raise IdentificationError("none of the models could be validated")
     if results is not None:
         write_json(results, {"models": {name: item.as_dict() for name, item in found.items()}, "refused": refused})
     if figures is not None:
@@ -99,7 +99,7 @@ def _table(found: Mapping[str, Validation]) -> Table:
     items = list(found.values())
     one = items[0]
     data = f"{one.data.samples} samples, {', '.join(dict.fromkeys(item.source for item in one.data.experiments))}"
-    table = Table("model", *found, title=f"Models judged by {data}", title_justify="left")
+    table = Table("model", *found, title=f"Models validated on {data}", title_justify="left")
     table.add_row("method", *(item.model.method for item in items))
     table.add_row("order", *(str(item.model.order) for item in items))
     for index, name in enumerate(one.model.output_names):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Loop = tuple[ControllerParameters, PlantParameters, RegionParameters | None]
 
-app = typer.Typer(help="Excitations on a region map: check one, design one.", no_args_is_help=True)
+app = typer.Typer(help="Check or design an excitation on a region map.", no_args_is_help=True)
 
 UM = 1e6
 
@@ -62,7 +62,7 @@ def check(
     seed: Seed = 0,
     phasing: Annotated[str, typer.Option(help="Phases of a multisine: random, schroeder or optimised.")] = "",
     interleaved: Annotated[bool, typer.Option(help="Multisine: x and y share no line.")] = False,
-    simulate: Annotated[bool, typer.Option(help="Simulate the full plant too, and classify what it does.")] = False,
+    simulate: Annotated[bool, typer.Option(help="Also simulate the full plant, and classify its response.")] = False,
     map_file: MapFile = Path("results/map/map.json"),
     params: Params = None,
     out: Out = Path("results/excitation/check"),
@@ -203,7 +203,7 @@ def _check_table(found: ExcitationCheck) -> Table:
     table.add_row("rms, peak (um)", *(f"{UM * axis.rms:.2f}, {UM * axis.peak:.2f}" for axis in axes))
     table.add_row("crest factor", *(f"{axis.crest_factor:.2f}" for axis in axes))
     table.add_row(
-        "control current asked for, rms and peak (A)",
+        "requested control current, rms and peak (A)",
         *(f"{axis.command_rms:.2f}, {axis.command_peak:.2f}" for axis in axes),
         f"{min(found.current_limit, found.bias_current):.2f}",
     )
@@ -212,7 +212,7 @@ def _check_table(found: ExcitationCheck) -> Table:
         *(f"{1e-3 * axis.slew_rms:.2f}, {1e-3 * axis.slew_peak:.2f}" for axis in axes),
         "none" if found.slew_rate is None else f"{1e-3 * found.slew_rate:.2f}",
     )
-    table.add_row("time beyond the limit of the current", *(f"{100 * axis.limited:.2f} %" for axis in axes))
+    table.add_row("time above the current limit", *(f"{100 * axis.limited:.2f} %" for axis in axes))
     return table
 
 

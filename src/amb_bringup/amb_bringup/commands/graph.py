@@ -47,7 +47,7 @@ def up(
     codes = graph.ended() if graph is not None else {}
     unclean = {name: code for name, code in codes.items() if name not in reported and code not in (0, -2)}
     for name, code in unclean.items():
-        _report_end(name, code, " when told to stop")
+        _report_end(name, code, " when asked to stop")
     if reported or unclean:
         raise typer.Exit(1)
 

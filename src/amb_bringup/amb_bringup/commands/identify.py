@@ -28,10 +28,10 @@ def identify(
         typer.Argument(help="Bags, or .csv, .npz or .mat files of write_data; several are taken as experiments."),
     ],
     order: Annotated[str, typer.Option(help="Number of states of the model, or auto.")] = "10",
-    orders: Annotated[str, typer.Option(help="Orders that auto tries, such as 4-14 or 4,6,8; by default 1-14.")] = "",
+    orders: Annotated[str, typer.Option(help="Orders that auto tests, such as 4-14 or 4,6,8; by default 1-14.")] = "",
     method: Annotated[str, typer.Option(help="pem, ssarx, pbsid, cva, n4sid or moesp.")] = "pem",
     focus: Annotated[
-        str, typer.Option(help="What the model shall be best at: prediction, or simulation in closed loop.")
+        str, typer.Option(help="Criterion for the model: prediction, or simulation in closed loop.")
     ] = "prediction",
     first_step: Annotated[int, typer.Option(help="First step used; -1 for where the last excitation starts.")] = -1,
     steps: Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")] = 0,

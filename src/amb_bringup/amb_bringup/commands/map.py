@@ -108,7 +108,7 @@ def region_map(
     else:
         _write_map(out, found, plant, controller, console)
     if interrupt.asked():
-        typer.echo("amb: interrupted; the finished sweeps are kept: run the same command to go on", err=True)
+        typer.echo("amb: interrupted; finished sweeps are kept: run the same command to resume", err=True)
         raise typer.Exit(INTERRUPTED)
 
 

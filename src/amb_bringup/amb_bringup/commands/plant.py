@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from amb_core.plant import PlantDescription
     from amb_core.plant.description import Entry
 
-app = typer.Typer(help="Look at the plant that a parameter file makes.", no_args_is_help=True)
+app = typer.Typer(help="Describe or plot the plant of a parameter file.", no_args_is_help=True)
 
 
 @app.callback()
 def plant() -> None:
-    """Look at the plant that a parameter file makes."""
+    """Describe or plot the plant of a parameter file."""
 
 
 @app.command()

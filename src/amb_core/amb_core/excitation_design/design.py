@@ -220,7 +220,9 @@ def _fields(kind: str, values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _not_persistent(kind: str, excited: Persistence, model_order: int) -> str:
     if excited.order == 0 and min(excited.lines) > 0:
-        return f"{kind}: x and y carry the same signal, which cannot tell them apart; allowed axes: x, y, in_turn"
+        return (
+            f"{kind}: x and y carry the same signal, so their effects cannot be separated; allowed axes: x, y, in_turn"
+        )
     return (
         f"{kind}: persistently exciting of order {excited.order}, but a model with {model_order} states needs "
         f"{excited.wanted}; lengthen the duration or widen the band"

@@ -59,7 +59,7 @@ def notes_on(
     """Content outside of the map, and a map of something else than what is excited."""
     return (
         *_by_axis({axis.axis: list(_outside(axis, region_map)) for axis in axes}),
-        *([] if region_map.complete else ["the map is not complete: its boundaries are coarser than asked for"]),
+        *([] if region_map.complete else ["the map is not complete: its boundaries are coarser than requested"]),
         *_made_otherwise(region_map, "controller", ControllerParameters, controller),
         *_made_otherwise(region_map, "plant", PlantParameters, plant),
         *_other_rate(signal, controller),

@@ -55,7 +55,7 @@ def block_from_message(message: Any) -> LoopRecord:
             f"{LONGEST_SAMPLE_TIME:g} s"
         )
     if (block.first_step + block.steps) * block.sample_time > LONGEST_TIME:
-        raise BagError(f"{where}: its time is beyond what a ROS time stamp holds, {LONGEST_TIME} s")
+        raise BagError(f"{where}: its time exceeds the range of a ROS time stamp, {LONGEST_TIME} s")
     return block
 
 

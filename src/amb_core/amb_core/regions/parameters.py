@@ -17,7 +17,7 @@ class RegionParameters(Parameters):
     settling_time: float = quantity(
         0.1,
         "s",
-        "time for transients of a start or of another excitation to die down; nothing is judged in it",
+        "time for transients of a start or of another excitation to die down; nothing is classified during it",
         0.0,
         10.0,
     )

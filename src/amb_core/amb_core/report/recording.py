@@ -124,7 +124,9 @@ def _regions(found: RecordedRegions) -> Section:
         for region, onset in onsets.items()
     ]
     time = ", ".join(f"{region_label(region)}: {100.0 * part:.1f} %" for region, part in share.items() if part > 0.0)
-    blocks: list[Block] = [Prose(f"Share of the time in each region: {time}." if time else "Too short to be judged.")]
+    blocks: list[Block] = [
+        Prose(f"Share of the time in each region: {time}." if time else "Too short to be classified.")
+    ]
     if rows:
         blocks.append(Table(("part", "region", "begins at", "input frequency"), rows, "Where regions begin"))
     return Section("Regions", blocks)

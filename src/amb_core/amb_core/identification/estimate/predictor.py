@@ -64,7 +64,7 @@ def fit_input_matrix(
     rows = np.vstack([factor[n:, n:] for factor in factors])
     solution, _, _, singular_values = linalg.lstsq(rows[:, :-1], rows[:, -1])
     if singular_values[-1] < _SMALLEST_SINGULAR_VALUE * singular_values[0]:
-        raise IdentificationError("the data do not tell the effects of the inputs apart; excite the axes independently")
+        raise IdentificationError("the effects of the inputs cannot be separated; excite the axes independently")
     first_states = [linalg.lstsq(factor[:n, :n], factor[:n, -1] - factor[:n, n:-1] @ solution)[0] for factor in factors]
     return solution.reshape(m, n).T, np.array(first_states)
 

@@ -186,7 +186,7 @@ def _fitting(data: IdentificationData, model: StateSpaceModel) -> Identification
     if abs(data.sample_time / model.sample_time - 1.0) > 1e-9:
         raise IdentificationError(
             f"the data have a sample time of {data.sample_time:g} s, the model of {model.sample_time:g} s; "
-            "a model can only be judged by data of its own sample time"
+            "a model can only be validated on data with its own sample time"
         )
     for kind in ("input", "output"):
         mine, theirs = getattr(model, f"{kind}_names"), getattr(data, f"{kind}_names")
