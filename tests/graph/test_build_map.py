@@ -113,7 +113,7 @@ def test_a_map_is_built_with_feedback_and_serves_the_preview(builder: MapBuilder
         assert sum(small.power_x) == pytest.approx(1.0)
         assert (small.region_y, list(small.power_y)) == (RegionState.A, [0.0] * 4)
         assert small.crest_factor_x == pytest.approx(1.0, abs=0.01)
-        assert any("node /amb/pd_controller did not tell its parameters" in note for note in small.notes)
+        assert any("node /amb/pd_controller did not report its parameters" in note for note in small.notes)
     large = builder.preview(kind="sweep", amplitude=70e-6, duration=5.0, frequency_end=450.0, axes="y")
     assert large.success, large.message
     assert large.region == large.region_y == RegionState.D

@@ -68,7 +68,7 @@ def test_parameters_are_asked_for_again(graph: Graph) -> None:
 
 def test_a_node_that_never_tells_its_parameters_is_named(graph: Graph) -> None:
     forgetful_node(graph, lost=1_000)
-    with pytest.raises(ParameterError, match="node /amb/forgetful did not tell its parameters"):
+    with pytest.raises(ParameterError, match="node /amb/forgetful did not report its parameters"):
         RemoteParameters(graph.node).read("/amb/forgetful", 0.2)
 
 

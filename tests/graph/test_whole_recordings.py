@@ -89,7 +89,8 @@ def lacking(loop: Bearing, uri: str, run: int, steps: int) -> set[str]:
     regions = [(item.sequence, item.step, item.region) for item in messages(uri, "/amb/region")]
     states = [item.sequence for item in messages(uri, "/amb/simulator/state") if item.run == run]
     heard_states = [item.sequence for item in witness.of("/amb/simulator/state", run)]
-    times = [item.clock.sec + 1e-9 * item.clock.nanosec for item in messages(uri, "/clock")]
+    clocks = messages(uri, "/clock") if "/clock" in [topic.name for topic in read_bag(uri).topics] else []
+    times = [item.clock.sec + 1e-9 * item.clock.nanosec for item in clocks]
     whole = {
         "telemetry": sum(len(block.position_x) for block in messages(uri, "/amb/telemetry")) == steps,
         "plant_state": [item.step for item in messages(uri, "/amb/plant_state")] == list(range(0, steps + 1, EVERY)),
