@@ -16,7 +16,7 @@ demo: setup  ## the paper's main experiment over ROS topics; leaves results/demo
 reproduce: setup  ## the paper's figures and claims on the simulator; leaves results/paper/index.html
 	@$(RUN) amb reproduce
 
-GRAPHS := --numprocesses 4 --dist loadfile  # graphs wait more than they compute; each has a domain of its own
+GRAPHS := --numprocesses 3 --dist loadfile  # graphs wait more than they compute; each has a domain of its own
 test: setup  ## all tests but the slow ones
 	@$(RUN) python -m pytest -m "not slow" --ignore tests/graph --ignore tests/fuzz --numprocesses 2 --dist worksteal; \
 	  computed=$$?; \

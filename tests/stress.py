@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
 BUSY_LOOPS = 4
 KINDS = ("idle", "loaded", "nice")
-GRAPHS = ("--numprocesses", "4", "--dist", "loadfile")  # as `make test` runs them
+GRAPHS = ("--numprocesses", "3", "--dist", "loadfile")  # as `make test` runs them
 
 
 @contextlib.contextmanager

@@ -137,7 +137,7 @@ def test_ctrl_c_in_a_terminal_keeps_what_is_done_and_says_how_to_go_on(tmp_path)
     wait_for_end(workers)
     assert process.returncode == 130, output + problem
     assert problem == ""
-    assert "run the same command to go on" in output
+    assert "run the same command to resume" in output
     assert 1 <= len(RegionMap.load(tmp_path / "out" / "map.json").sweeps) < 24
 
 
