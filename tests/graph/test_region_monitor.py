@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import sys
+import time
 from array import array
 from typing import TYPE_CHECKING, Any
 
@@ -18,16 +19,18 @@ from amb_core.recording.messages import region_state_from_message
 from amb_core.regions import Classification, Region, classify
 from amb_msgs.msg import LoopSamples, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording
-from amb_ros.qos import HISTORY
+from amb_ros.qos import EVERY_STATE, HISTORY
 from tests.graph.bearing import Bearing
 from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Graph
+    from tests.graph.processes import NodeProcess
 
 MONITOR = "amb_ident_node.region_monitor"
 REST = 10_000  # steps
 SWEEP = Sweep(amplitude=50e-6, duration=20.0, frequency_start=10.0, frequency_end=5000.0, axes="y")
+LATE = 0.5  # s
 PERIOD = 500  # steps; the default of publish_period
 
 
@@ -161,18 +164,41 @@ def test_health_names_the_region(sweep: LiveSweep) -> None:
     sweep.graph.wait_until(named, "the region on /diagnostics")
 
 
+def start_player(graph: Graph, sweep: LiveSweep) -> NodeProcess:
+    amb = "from amb_bringup.cli import main; raise SystemExit(main())"
+    return graph.start_command([sys.executable, "-c", amb, "bag", "play", sweep.bag, "--rate", "20"])
+
+
 def test_a_played_bag_gives_the_same_states(sweep: LiveSweep, graph: Graph) -> None:
     recorded = [message.mode for message in read_bag(sweep.bag).messages_of("/amb/simulator/state")]
     assert recorded[-1] == SimulatorState.DELEVITATED
     listener = Listener(graph)
     graph.start(MONITOR)
-    amb = "from amb_bringup.cli import main; raise SystemExit(main())"
-    player = graph.start_command([sys.executable, "-c", amb, "bag", "play", sweep.bag, "--rate", "20"])
+    graph.wait_until(listener.subscription.get_publisher_count, "the monitor")
+    player = start_player(graph, sweep)
     player.wait_for_end(TIMEOUT)
     assert player.returncode == 0, player.said
     messages = listener.wait_for_region(sweep.run, Region.D)
     assert len(messages) == len(sweep.expected)
     assert all(map(same, messages, sweep.expected))
+
+
+def test_a_listener_found_late_gets_what_was_played_before(sweep: LiveSweep, graph: Graph) -> None:
+    states: list[SimulatorState] = []
+
+    def listen_late(message: LoopSamples) -> None:
+        if message.first_step + len(message.position_x) < sweep.end:
+            return
+        graph.node.destroy_subscription(telemetry)
+        time.sleep(LATE)  # in the thread that spins the node, so that nothing can come before
+        graph.node.create_subscription(SimulatorState, "/amb/simulator/state", states.append, EVERY_STATE)
+
+    telemetry = graph.node.create_subscription(LoopSamples, "/amb/telemetry", listen_late, HISTORY)
+    player = start_player(graph, sweep)
+    graph.wait_until(lambda: states, "the state of the simulator")
+    assert states[-1].mode == SimulatorState.DELEVITATED
+    player.wait_for_end(TIMEOUT)
+    assert player.returncode == 0, player.said
 
 
 # -- telemetry of every kind

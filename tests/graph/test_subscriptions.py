@@ -6,13 +6,11 @@ from copy import copy
 from typing import Any
 
 import pytest
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from amb_msgs.msg import ExcitationStatus
-from amb_ros.leftovers import take_leftovers
-from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
+from amb_ros.qos import EVERY_STATE, STREAM
 from amb_ros.subscriptions import create_subscription
 
 TOPIC = "/amb/excitation_status"
@@ -93,16 +91,3 @@ def test_the_time_of_publication_is_handed_on(graph: Any) -> None:
 def test_a_subscription_without_history_needs_no_second_one(graph: Any) -> None:
     with pytest.raises(ValueError, match="topic /amb/telemetry: a subscription with durability VOLATILE hears every"):
         create_subscription(graph.node, ExcitationStatus, "/amb/telemetry", print, STREAM)
-
-
-def test_messages_that_nobody_announces_are_taken_all_the_same(graph: Any) -> None:
-    listener = Node("unspun", context=graph.node.context)
-    heard: list[int] = []
-    subscription = listener.create_subscription(ExcitationStatus, "/kept", lambda m: heard.append(m.id), HISTORY)
-    publisher = graph.node.create_publisher(ExcitationStatus, "/kept", HISTORY)
-    for number in (1, 2, 3):
-        publisher.publish(ExcitationStatus(id=number))
-    graph.wait_until(subscription.get_publisher_count, "the publisher")
-    graph.wait_until(lambda: take_leftovers(listener) or len(heard) == 3, "the messages")
-    assert heard == [1, 2, 3]
-    listener.destroy_node()

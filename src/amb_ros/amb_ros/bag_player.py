@@ -22,6 +22,7 @@ from amb_ros.qos import HISTORY, LATCHED
 
 DISCOVERY_TIMEOUT = 10.0  # s; longest wait for the first listener
 SETTLING_TIME = 1.0  # s without a new listener: those of one node are not matched all at once
+STAYING_TIME = 4.0  # s without a new listener before the player leaves: DDS repeats a lost announcement after 3 s
 DELIVERY_TIMEOUT = 10.0  # s
 SLOWEST, FASTEST = 1e-3, 1e6
 
@@ -72,6 +73,8 @@ class BagPlayer:
             raise BagError(f"bag {path}: nothing to play; played are: {', '.join(PLAYED)}")
         for _ in self._storage.messages():  # after that its definitions are complete
             pass
+        self._listeners = 0
+        self._last_new = 0.0  # when their number last changed (s, monotonic)
         self._publishers: dict[str, Publisher] = {}
         for topic in topics:
             self._check_layout(topic.type)
@@ -81,7 +84,8 @@ class BagPlayer:
     def play(self, rate: float = 1.0, progress: Callable[[int], None] | None = None) -> None:
         """Publish all messages, once somebody listens to them, and wait until they have arrived.
 
-        Without a listener they are published all the same, with a warning.
+        Without a listener they are published all the same, with a warning. Listeners that are found late get what they
+        missed: the player stays until no new one has come for some seconds.
 
         Parameters
         ----------
@@ -108,28 +112,33 @@ class BagPlayer:
             played += 1
             if progress is not None:
                 progress(played)
+        self._wait_for_late_listeners()
         for topic, publisher in self._publishers.items():
             if not publisher.wait_for_all_acked(Duration(seconds=DELIVERY_TIMEOUT)):
                 raise BagError(f"bag {self._path}: a listener to {topic} has not received everything; play it slower")
 
     def _wait_for_listeners(self) -> None:
         """Wait until a node listens and no further listener turns up, or until it is clear that nobody does."""
-        start = time.monotonic()
-        last, since = 0, start
-        while True:
-            now = time.monotonic()
-            listeners = sum(publisher.get_subscription_count() for publisher in self._publishers.values())
-            if listeners != last:
-                last, since = listeners, now
-            if listeners and now - since >= SETTLING_TIME:
-                return
-            if not listeners and now - start >= DISCOVERY_TIMEOUT:
+        start = self._last_new = time.monotonic()
+        while not self._settled_for(SETTLING_TIME):
+            if not self._listeners and time.monotonic() - start >= DISCOVERY_TIMEOUT:
                 self._node.get_logger().warning(
                     f"no subscriber to {', '.join(self._publishers)} after {DISCOVERY_TIMEOUT:g} s; "
                     "the bag is played anyway"
                 )
                 return
             time.sleep(0.01)
+
+    def _wait_for_late_listeners(self) -> None:
+        while self._listeners and not self._settled_for(STAYING_TIME):
+            time.sleep(0.01)
+
+    def _settled_for(self, duration: float) -> bool:
+        """Whether there are listeners, and none of them is younger than this (s)."""
+        listeners = sum(publisher.get_subscription_count() for publisher in self._publishers.values())
+        if listeners != self._listeners:
+            self._listeners, self._last_new = listeners, time.monotonic()
+        return listeners > 0 and time.monotonic() - self._last_new >= duration
 
     def _check_layout(self, message_type: str) -> None:
         """Refuse bytes that today's listeners would misread."""

@@ -22,7 +22,6 @@ from threadpoolctl import threadpool_limits
 from amb_core.errors import AmbError
 from amb_ros import middleware
 from amb_ros.leaving import leave_graph
-from amb_ros.leftovers import watch_for_leftovers
 
 SPIN_TIMEOUT = 0.1  # s
 
@@ -88,7 +87,6 @@ def _run(factories: Sequence[Callable[[], Node]], end: _End) -> int:
                 return 0
             nodes.append(factory())
             executor.add_node(nodes[-1])
-            watch_for_leftovers(nodes[-1])
         gc.freeze()  # what was made so far stays: the collector need not walk it in the middle of the loop
         end.wait()
     except AmbError as problem:
