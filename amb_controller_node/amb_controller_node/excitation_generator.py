@@ -17,9 +17,9 @@ from rclpy.node import Node
 from amb_controller_node.parameters import GeneratorParameters
 from amb_core.errors import ExcitationError, ParameterError, RegionError
 from amb_core.excitation import Excitation as ExcitationParameters
-from amb_core.excitation import Playback, definition_of, excitation_from_request, generate
+from amb_core.excitation import excitation_from_request, generate
 from amb_core.parameters import Parameters
-from amb_core.recording.messages import region_map_from_message
+from amb_core.recording.messages.excitation import fill_excitation
 from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
 from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
@@ -148,6 +148,8 @@ class ExcitationGeneratorNode(Node):
                 f"no region map heard on {self._map_subscription.topic_name}; call region_monitor/build_map first, "
                 "or name the file of a map"
             )
+        from amb_core.recording.messages.region_map import region_map_from_message
+
         return region_map_from_message(self._last_map)
 
     def _live_set(self, model: type[P], node: str, notes: list[str]) -> P | None:
@@ -160,16 +162,7 @@ class ExcitationGeneratorNode(Node):
 
     def _message(self, excitation: ExcitationParameters, run: int, first_step: int) -> Excitation:
         """The definition of an excitation, with number and checksum of its samples; these are not kept."""
-        playback = Playback(excitation, self._settings.sample_rate)
-        return Excitation(
-            run=run,
-            kind=excitation.kind,
-            description=definition_of(excitation),
-            first_step=first_step,
-            sample_time=1.0 / self._settings.sample_rate,
-            steps=playback.steps,
-            checksum=playback.checksum,
-        )
+        return fill_excitation(Excitation(), excitation, run, first_step, self._settings.sample_rate)
 
     def _current_run(self) -> int:
         timeout = self._settings.answer_timeout

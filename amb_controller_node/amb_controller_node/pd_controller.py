@@ -7,21 +7,22 @@ the steps, starts the law afresh.
 
 from __future__ import annotations
 
-from array import array
-
+import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_controller_node.excitation_input import ExcitationInput
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.loop.control import PdController
+from amb_core.loop.records import LoopRecord
+from amb_core.recording.messages.loop_samples import fill_loop_samples
+from amb_core.recording.messages.time_stamp import last_stamped_step
 from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import HISTORY, STREAM
 from amb_ros.sample_messages import pack_current, unpack_position
-from amb_ros.stamps import last_stamped_step, set_step_time
 
 SIGNALS = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
@@ -191,12 +192,10 @@ class _TelemetryBlock:
 
     def take(self, run: int) -> LoopSamples:
         """The block as a message; the next sample starts a new one."""
-        block = LoopSamples(run=run, first_step=self._first_step, sample_time=1.0 / self._sample_rate)
-        set_step_time(block.header.stamp, self._first_step, self._sample_rate)
-        for column, name in enumerate(SIGNALS):
-            setattr(block, name, array("d", self._samples[column :: len(SIGNALS)]))
+        samples = np.array(self._samples).reshape(len(self), len(SIGNALS))
+        record = LoopRecord(self._first_step, 1.0 / self._sample_rate, samples[:, :2], samples[:, 2:4], samples[:, 4:])
         self._samples.clear()
-        return block
+        return fill_loop_samples(LoopSamples(), run, record)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -32,12 +32,13 @@ from amb_core.identification.identify import check_arguments
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import Parameters, choice, quantity
 from amb_core.plant import PlantParameters
-from amb_core.recording.messages import block_from_message, excitation_from_message
+from amb_core.recording.messages.excitation_status import answer_from_message
+from amb_core.recording.messages.loop_samples import block_from_message
+from amb_core.recording.messages.state_space_model import fill_model
 from amb_ident_node.listening import LiveExperiment
 from amb_msgs import action, msg, srv
 from amb_ros import diagnostics, topics
 from amb_ros.actions import create_action
-from amb_ros.models import model_to_message
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
@@ -115,7 +116,7 @@ class IdentifierNode(Node):
             self.get_logger().error(str(problem), throttle_duration_sec=5.0)
 
     def _on_excitation_status(self, message: msg.ExcitationStatus) -> None:
-        self._live.add_excitation(excitation_from_message(message))
+        self._live.add_excitation(answer_from_message(message))
 
     # -- services and the action
 
@@ -192,7 +193,8 @@ class IdentifierNode(Node):
             )
         finally:
             self._stage = ""
-        message = model_to_message(result.model, self._wall_clock.now().to_msg())
+        message = fill_model(msg.StateSpaceModel(), result.model)
+        message.header.stamp = self._wall_clock.now().to_msg()
         self._models += 1
         message.sequence = self._models
         self._identification, self._model = result, message

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection
 from typing import Any
 
 from amb_core.errors import BagError
-from amb_core.recording.messages import block_from_message
+from amb_core.recording.messages.loop_samples import block_from_message
 from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount, TelemetryAccount
 from amb_ros import topics
 

@@ -25,7 +25,8 @@ from rclpy.subscription import Subscription
 from amb_core.errors import AmbError, BagError, ParameterError
 from amb_core.parameters import Parameters, choice, quantity, switch
 from amb_core.recording import BagWriter
-from amb_core.recording.messages import ParameterValue
+from amb_core.recording.messages.parameters import ParameterValue
+from amb_ident_node.bag_in_progress import BagInProgress, require_free_space
 from amb_ident_node.completeness import Mark
 from amb_ident_node.ledger import Ledger
 from amb_ident_node.recorded_topics import (
@@ -37,7 +38,6 @@ from amb_ident_node.recorded_topics import (
     RecordedTopic,
     end_of,
 )
-from amb_ident_node.recording import Recording, require_free_space
 from amb_msgs.msg import PlantState, SimulatorState
 from amb_msgs.srv import GetState, StartRecording, StopRecording
 from amb_ros import diagnostics, topics
@@ -79,7 +79,7 @@ class RecorderNode(Node):
         super().__init__("recorder", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True)
         self._settings = declare(self, RecorderParameters)
         self._born = time.monotonic()
-        self._recording: Recording | None = None
+        self._recording: BagInProgress | None = None
         self._ledger = Ledger()
         self._latched: dict[str, bytes] = {}
         self._plant_state: tuple[Mark, bytes] | None = None  # the last one
@@ -228,15 +228,15 @@ class RecorderNode(Node):
         self.get_logger().info(f"recording {recording.folder}")
         return recording.folder
 
-    def _open(self, folder: Path) -> Recording:
+    def _open(self, folder: Path) -> BagInProgress:
         """An empty bag with all topics."""
         offered = {name: self._offered(name, topic) for name, topic in self._topics.items()}
         writer = BagWriter(folder, self._settings.chunk_period)
         for name, topic in self._topics.items():
             writer.add_topic(name, topic.type_name, self._definitions[topic.type_name], offered[name])
-        return Recording(writer)
+        return BagInProgress(writer)
 
-    def _begin(self, recording: Recording, first: dict[str, bytes]) -> None:
+    def _begin(self, recording: BagInProgress, first: dict[str, bytes]) -> None:
         """Find out where in which run the recording begins, and write what is known of this place."""
         state = self._ask_for_state()
         exact = state is not None

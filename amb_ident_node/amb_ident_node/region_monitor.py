@@ -20,7 +20,9 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import choice, load_parameters, part_of, quantity
 from amb_core.plant import PlantParameters
-from amb_core.recording.messages import block_from_message, map_settings_from_message
+from amb_core.recording.messages.loop_samples import block_from_message
+from amb_core.recording.messages.region_map import fill_region_map, map_settings_from_message
+from amb_core.recording.messages.region_state import fill_region_state
 from amb_core.regions import Region, RegionParameters, RegionState
 from amb_ident_node.monitoring import RegionWatch
 from amb_ident_node.recorded_topics import REGION_MESSAGES
@@ -32,12 +34,12 @@ from amb_ros.actions import create_action
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
-from amb_ros.regions import region_state_to_message
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
     from amb_core.regions.region_map import MapProgress
+    from amb_core.regions.region_map import RegionMap as FoundMap
 
 MEANINGS = {
     Region.A: "A, linear",
@@ -127,7 +129,7 @@ class RegionMonitorNode(Node):
         if run is None or not self.context.ok():  # told to end amid a burst of telemetry
             return
         for state in states:
-            message = region_state_to_message(state, run, sample_time)
+            message = fill_region_state(RegionStateMessage(), state, run, sample_time)
             self._sequence += 1
             message.sequence, message.next_step = self._sequence, self._watch.next_step
             self._region_publisher.publish(message)
@@ -150,7 +152,6 @@ class RegionMonitorNode(Node):
     ) -> BuildMap.Result:
         # In the worker. Loads the library of the cluster, which a monitor without a map does not need.
         from amb_core.regions.region_map import build_map
-        from amb_ros.region_maps import region_map_to_message
 
         settings = map_settings_from_message(goal)
         plant, controller = self._loop_parameters(goal.parameter_file)
@@ -160,7 +161,7 @@ class RegionMonitorNode(Node):
         def report(progress: MapProgress) -> None:
             message = BuildMap.Feedback(done=progress.done, total=progress.total, reused=progress.reused)
             if progress.map is not None:
-                message.map = region_map_to_message(progress.map, self._wall_clock.now().to_msg())
+                self._fill_map(message.map, progress.map)
             self._building = f"{progress.done} of {progress.total} sweeps"
             feedback(message)
 
@@ -179,7 +180,8 @@ class RegionMonitorNode(Node):
             )
         finally:
             self._building = ""
-        result = BuildMap.Result(map=region_map_to_message(region_map, self._wall_clock.now().to_msg()))
+        result = BuildMap.Result()
+        self._fill_map(result.map, region_map)
         sweeps = f"{len(region_map.sweeps)} sweeps"
         if ended():
             result.message = f"cancelled after {sweeps}, which stay in the cache"
@@ -198,6 +200,10 @@ class RegionMonitorNode(Node):
         result.message = f"{sweeps}, boundaries {resolved}"
         self.get_logger().info(f"region map: {result.message}")
         return result
+
+    def _fill_map(self, message: RegionMap, region_map: FoundMap) -> None:
+        fill_region_map(message, region_map)
+        message.header.stamp = self._wall_clock.now().to_msg()
 
     def _loop_parameters(self, path: str) -> tuple[PlantParameters, ControllerParameters]:
         """The loop that a map is asked for: of a parameter file, or the one that runs."""

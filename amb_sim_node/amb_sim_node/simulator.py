@@ -17,6 +17,8 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from amb_core.errors import AmbError, ParameterError, PlantError
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
+from amb_core.recording.messages.plant_state import fill_plant_state
+from amb_core.recording.messages.time_stamp import last_stamped_step, set_step_time
 from amb_msgs.msg import CurrentReference, PlantState, RotorPosition, SimulatorState
 from amb_msgs.srv import GetState, Pause, Reset, RunSteps
 from amb_ros import diagnostics, topics
@@ -25,9 +27,7 @@ from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 from amb_ros.services import create_service
-from amb_ros.stamps import last_stamped_step, set_step_time
 from amb_sim_node.parameters import SimulatorParameters
-from amb_sim_node.plant_state import plant_state_message
 
 MODE_NAMES = {
     SimulatorState.PAUSED: "paused",
@@ -124,7 +124,7 @@ class SimulatorNode(Node):
         run, step, every = self._state.run, self._state.step, self._settings.plant_state_steps
         if every > 0 and step % every == 0:
             snapshot = self._plant.snapshot()
-            self._plant_state_publisher.publish(plant_state_message(snapshot, run, step, self._sample_rate))
+            self._plant_state_publisher.publish(fill_plant_state(PlantState(), snapshot, run, step, self._sample_rate))
         if self._settings.backup_bearing.contact:
             self._note_contact(self._plant.contact)
 

@@ -12,7 +12,7 @@ from amb_bringup.client import AmbClient
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.telemetry import merge_blocks
 from amb_core.plant import Plant
-from amb_core.recording.messages import block_from_message
+from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.simulation import simulate
 from amb_msgs.msg import LoopSamples
 from amb_ros.qos import HISTORY

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 
 from amb_bringup.packages import share_folder
+from amb_core.recording.messages.region_map import fill_region_map
 from amb_core.regions.region_map import RegionMap
-from amb_ros.region_maps import region_map_to_message
+from amb_msgs import msg
 from tests.fuzz.hostile import interface
 
 PAPER_MAP = Path(__file__).parents[1] / "unit" / "data" / "paper_map.json"
@@ -142,7 +142,7 @@ def valid_messages(run: int, step: int) -> dict[str, list[dict[str, Any]]]:
 
 
 def _map_fields() -> dict[str, Any]:
-    message = region_map_to_message(RegionMap.load(PAPER_MAP), Time())
+    message = fill_region_map(msg.RegionMap(), RegionMap.load(PAPER_MAP))
     return {name: getattr(message, name) for name in message.get_fields_and_field_types()}
 
 

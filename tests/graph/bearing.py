@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from amb_core.excitation import Excitation
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import merge_blocks
-from amb_core.recording.messages import block_from_message
+from amb_core.recording.messages.loop_samples import block_from_message
 from amb_msgs.msg import LoopSamples, PlantState, SimulatorState
 from amb_msgs.srv import Reset, RunSteps, StartExcitation
 from amb_ros.qos import HISTORY, LATCHED

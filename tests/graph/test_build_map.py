@@ -11,7 +11,7 @@ import pytest
 from rclpy.action import ActionClient
 
 from amb_bringup.client import AmbClient, ClientError
-from amb_core.recording.messages import region_map_from_message
+from amb_core.recording.messages.region_map import region_map_from_message
 from amb_core.regions import Region
 from amb_core.regions.region_map import MapProgress
 from amb_core.regions.region_map import RegionMap as CoreMap

@@ -14,7 +14,7 @@ from amb_bringup.launcher import Graph, launch_file
 from amb_bringup.packages import share_folder
 from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
 from amb_core.parameters import load_parameters
-from amb_core.recording import read_bag
+from amb_core.recording import Recording
 from amb_core.regions import Region
 from amb_sim_node.parameters import SimulatorParameters
 from tests.graph.limits import TIMEOUT
@@ -88,7 +88,7 @@ def test_experiment_is_recorded_and_identified_live_and_from_its_bag(amb: AmbCli
     np.testing.assert_array_equal(amb.get_model().a, recorded.a)
     assert live.samples == STEPS - SETTLING
     assert amb.wait_for_region(Region.A).step < STEPS
-    content = read_bag(bag)
+    content = Recording.read(bag)
     assert content.telemetry(run).steps == STEPS
     assert content.parameters()["/amb/pd_controller"]["proportional_gain"] == 20_000.0
     assert [excitation.first_step for excitation in content.excitations(run)][-1] == SETTLING

@@ -9,7 +9,7 @@ from amb_bringup.client import NODES
 from amb_bringup.demo import run_demo
 from amb_bringup.packages import share_folder
 from amb_core.identification import StateSpaceModel
-from amb_core.recording import read_bag
+from amb_core.recording import Recording
 
 
 @pytest.mark.slow
@@ -29,7 +29,7 @@ def test_demo_reaches_its_numbers_and_leaves_its_results(tmp_path, domain):
     assert summary.unstable_poles == 2
     assert json.loads((tmp_path / "summary.json").read_text())["steps"] == summary.steps == 42_000
     assert StateSpaceModel.load(tmp_path / "model.json").order == 10
-    bag = read_bag(tmp_path / "bag")
+    bag = Recording.read(tmp_path / "bag")
     assert not bag.truncated
     assert set(bag.parameters()) >= {f"/amb/{name}" for name in NODES}
     recorded = bag.model()

@@ -14,7 +14,7 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 
 from amb_core.errors import BagError
-from amb_core.recording.messages import block_from_message
+from amb_core.recording.messages.loop_samples import block_from_message
 from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition, SimulatorState
 from amb_msgs.srv import Pause, Reset, RunSteps
 from amb_ros.qos import STREAM

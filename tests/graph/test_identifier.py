@@ -21,11 +21,10 @@ from amb_core.identification import IdentificationProgress
 from amb_core.identification import StateSpaceModel as CoreModel
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
-from amb_core.recording.messages import model_from_message
+from amb_core.recording.messages.state_space_model import fill_model, model_from_message
 from amb_msgs.action import Identify as IdentifyAction
 from amb_msgs.msg import ExcitationStatus, LoopSamples, SimulatorState, StateSpaceModel
 from amb_msgs.srv import GetModel, Identify, StartRecording, StopRecording, Validate
-from amb_ros.models import model_to_message
 from amb_ros.qos import HISTORY, LATCHED
 from tests.graph.limits import TIMEOUT
 
@@ -178,8 +177,7 @@ def test_the_last_experiment_gives_a_model(loop: Loop, record: LoopRecord) -> No
     model = model_from_message(answer.model)
     assert len(model.unstable_poles()) == 2
     np.testing.assert_allclose(np.log(model.unstable_poles()) / SAMPLE_TIME, np.sqrt(3.3e5 / 6.25), rtol=0.02)
-    back = model_to_message(model, answer.model.header.stamp)
-    back.sequence = answer.model.sequence
+    back = fill_model(StateSpaceModel(header=answer.model.header, sequence=answer.model.sequence), model)
     assert back == answer.model, "no bit is lost on the way"
 
 

@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from amb_bringup.client import AmbClient, ClientError
 from amb_core.errors import ParameterError
-from amb_core.recording import read_bag
+from amb_core.recording import Recording
 from amb_msgs.msg import LoopSamples, SimulatorState
 from amb_msgs.srv import GetModel, StartRecording, StopRecording
 from amb_ros import middleware
@@ -91,7 +91,7 @@ def test_the_recorder_asks_until_the_bag_is_closed_and_says_which_parameters_are
     stopped = graph.call(StopRecording, "/amb/recorder/stop")
     assert not stopped.success
     assert stopped.message == "the parameters of /amb/forgetful are missing"
-    bag = read_bag(stopped.uri)
+    bag = Recording.read(stopped.uri)
     assert not bag.truncated
     assert set(bag.parameters()) == {"/amb/recorder"}
 
@@ -100,7 +100,7 @@ def test_the_recorder_asks_until_the_bag_is_closed_and_says_which_parameters_are
         vars(service).pop("send_response", None)  # from now on its answers come through
     stopped = graph.call(StopRecording, "/amb/recorder/stop")
     assert stopped.success, stopped.message
-    assert read_bag(stopped.uri).parameters()["/amb/forgetful"] == {"gain": False}
+    assert Recording.read(stopped.uri).parameters()["/amb/forgetful"] == {"gain": False}
 
 
 def test_a_client_leaves_the_graph_though_a_request_is_open(graph: Graph) -> None:

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
-from amb_core.recording import read_bag
+from amb_core.recording import Recording
 from amb_core.simulation import simulate
 from amb_msgs.msg import PlantState, SimulatorState
 from amb_msgs.srv import Reset, RunSteps, StartRecording, StopRecording
@@ -140,7 +140,7 @@ def test_states_of_the_plant_and_changed_parameters_are_in_the_bag(loop: Bearing
     stopped = graph.call(StopRecording, "/amb/recorder/stop", wait_for_run=run, wait_for_step=STEPS)
     assert stopped.success, stopped.message
     graph.stop(recorder)
-    bag = read_bag(stopped.uri)
+    bag = Recording.read(stopped.uri)
     record = bag.plant_states(run)
     assert record.step.tolist() == list(range(0, STEPS, EVERY))
     np.testing.assert_array_equal(record.position[:, 0], bag.telemetry(run).position[record.step])

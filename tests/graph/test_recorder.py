@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosbags.highlevel import AnyReader
 
 from amb_core.errors import BagError
-from amb_core.recording import Bag, read_bag
+from amb_core.recording import Recording
 from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, RegionState, SimulatorState, StateSpaceModel
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import HISTORY, LATCHED
@@ -91,7 +91,7 @@ def test_everything_published_after_the_start_is_in_the_bag(loop: Loop, graph: G
     assert stopped.success, stopped.message
     assert stopped.uri == started.uri == str(graph.folder / "bags" / "bag")
 
-    bag = read_bag(stopped.uri)
+    bag = Recording.read(stopped.uri)
     assert not bag.truncated
     record = bag.telemetry(3)
     assert (record.first_step, record.steps) == (0, 100 * BLOCK)
@@ -126,7 +126,7 @@ def test_a_start_loses_no_message(recorded: Loop) -> None:
         recorded.publish_blocks(run, 0, 20)
         stopped = recorded.stop_bag(run, 20 * BLOCK)
         assert stopped.success, stopped.message
-        assert read_bag(stopped.uri).telemetry(run).steps == 20 * BLOCK
+        assert Recording.read(stopped.uri).telemetry(run).steps == 20 * BLOCK
 
 
 def test_missing_telemetry_is_named_and_the_bag_closed(recorded: Loop) -> None:
@@ -136,7 +136,7 @@ def test_missing_telemetry_is_named_and_the_bag_closed(recorded: Loop) -> None:
     stopped = recorded.stop_bag(1, 8 * BLOCK)
     assert not stopped.success
     assert stopped.message == "telemetry of run 1 lacks steps 300 to 499 (200 steps)"
-    assert not read_bag(stopped.uri).truncated
+    assert not Recording.read(stopped.uri).truncated
 
 
 def test_telemetry_that_does_not_come_is_missing(recorded: Loop) -> None:
@@ -165,7 +165,7 @@ def test_a_signal_closes_the_bag_and_the_exit_code_is_0(loop: Loop, graph: Graph
     graph.wait_until(lambda: file.stat().st_size > size, what="a chunk on the disk")
     code, errors = graph.stop(process, by)
     assert code == 0, errors
-    bag = read_bag(uri)
+    bag = Recording.read(uri)
     assert not bag.truncated
     assert bag.telemetry().steps == 10 * BLOCK
 
@@ -180,7 +180,7 @@ def test_a_signal_ends_a_recorder_that_waits_for_steps(loop: Loop, graph: Graph)
     graph.wait_until(lambda: _steps_on_disk(uri) == 10 * BLOCK, what="the telemetry on the disk")
     code, errors = graph.stop(process)
     assert code == 0, errors
-    assert not read_bag(uri).truncated
+    assert not Recording.read(uri).truncated
 
 
 def test_a_killed_recorder_leaves_all_but_the_last_chunk(loop: Loop, graph: Graph) -> None:
@@ -190,17 +190,17 @@ def test_a_killed_recorder_leaves_all_but_the_last_chunk(loop: Loop, graph: Grap
     graph.wait_until(lambda: _steps_on_disk(uri) == 50 * BLOCK, what="the telemetry on the disk")
     loop.publish_blocks(1, 50, 60)
     graph.stop(process, signal.SIGKILL)
-    bag = read_bag(uri)
+    bag = Recording.read(uri)
     assert bag.truncated
     record = bag.telemetry()
     assert record.steps >= 50 * BLOCK
     np.testing.assert_array_equal(record.position[:, 0], np.sin(np.arange(record.steps) + 2))
 
 
-def _bag_on_disk(uri: str) -> Bag | None:
+def _bag_on_disk(uri: str) -> Recording | None:
     """The bag as far as it is written, None as long as nothing is."""
     with contextlib.suppress(BagError):
-        return read_bag(uri)
+        return Recording.read(uri)
     return None
 
 
@@ -220,7 +220,7 @@ def test_a_full_disk_ends_the_recording_but_not_the_node(loop: Loop, graph: Grap
     stopped = loop.stop_bag(1, 3000 * 40)
     assert not stopped.success
     assert "cannot be written: File too large" in stopped.message
-    assert read_bag(stopped.uri).truncated
+    assert Recording.read(stopped.uri).truncated
     assert process.poll() is None
     assert not loop.stop_bag().success
 

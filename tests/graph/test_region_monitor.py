@@ -14,8 +14,8 @@ import pytest
 
 from amb_core.excitation import Sweep
 from amb_core.loop.records import LoopRecord
-from amb_core.recording import read_bag
-from amb_core.recording.messages import region_state_from_message
+from amb_core.recording import Recording
+from amb_core.recording.messages.region_state import region_state_from_message
 from amb_core.regions import Classification, Region, classify
 from amb_msgs.msg import LoopSamples, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording
@@ -149,7 +149,7 @@ def test_live_states_are_those_that_the_library_finds(sweep: LiveSweep) -> None:
 
 
 def test_regions_are_recorded(sweep: LiveSweep) -> None:
-    recorded = list(read_bag(sweep.bag).messages_of("/amb/region"))
+    recorded = list(Recording.read(sweep.bag).messages_of("/amb/region"))
     assert [(m.run, m.step, m.region) for m in recorded] == [(m.run, m.step, m.region) for m in sweep.messages]
     assert all(map(same, recorded, sweep.expected))
 
@@ -170,7 +170,7 @@ def start_player(graph: Graph, sweep: LiveSweep) -> NodeProcess:
 
 
 def test_a_played_bag_gives_the_same_states(sweep: LiveSweep, graph: Graph) -> None:
-    recorded = [message.mode for message in read_bag(sweep.bag).messages_of("/amb/simulator/state")]
+    recorded = [message.mode for message in Recording.read(sweep.bag).messages_of("/amb/simulator/state")]
     assert recorded[-1] == SimulatorState.DELEVITATED
     listener = Listener(graph)
     graph.start(MONITOR)

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 
 from amb_core.excitation import Sweep
-from amb_core.recording import read_bag
+from amb_core.recording import Recording
 from amb_msgs.msg import LoopSamples, PlantState, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
@@ -78,7 +78,7 @@ def stop_bag(loop: Bearing, **fields: Any) -> Any:
 
 
 def messages(uri: str, topic: str) -> list[Any]:
-    return list(read_bag(uri).messages_of(topic))
+    return list(Recording.read(uri).messages_of(topic))
 
 
 def lacking(loop: Bearing, uri: str, run: int, steps: int) -> set[str]:
@@ -89,7 +89,7 @@ def lacking(loop: Bearing, uri: str, run: int, steps: int) -> set[str]:
     regions = [(item.sequence, item.step, item.region) for item in messages(uri, "/amb/region")]
     states = [item.sequence for item in messages(uri, "/amb/simulator/state") if item.run == run]
     heard_states = [item.sequence for item in witness.of("/amb/simulator/state", run)]
-    clocks = messages(uri, "/clock") if "/clock" in [topic.name for topic in read_bag(uri).topics] else []
+    clocks = messages(uri, "/clock") if "/clock" in [topic.name for topic in Recording.read(uri).topics] else []
     times = [item.clock.sec + 1e-9 * item.clock.nanosec for item in clocks]
     whole = {
         "telemetry": sum(len(block.position_x) for block in messages(uri, "/amb/telemetry")) == steps,
@@ -171,7 +171,7 @@ def test_a_recording_in_the_middle_of_a_run_is_whole_from_its_start(recorded: Be
     recorded.wait_for_step(run, began + 3000)
     stopped = stop_bag(recorded)
     assert stopped.success, stopped.message
-    record = read_bag(uri).telemetry(run)
+    record = Recording.read(uri).telemetry(run)
     assert record.steps == record.position.shape[0] > 0
     states = [item.step for item in messages(uri, "/amb/plant_state")]
     assert states == list(range(states[0], states[-1] + 1, EVERY))

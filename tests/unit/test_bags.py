@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from amb_core.errors import BagError
 from amb_core.loop.control import ControllerParameters
-from amb_core.recording import BagWriter, read_bag
+from amb_core.recording import BagWriter, Recording
 
 MESSAGES = Path(__file__).parents[2] / "amb_msgs" / "msg"
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -98,7 +98,7 @@ def bag_folder(tmp_path: Path) -> Path:
 
 
 def test_samples_come_back_bit_for_bit(bag_folder: Path) -> None:
-    bag = read_bag(bag_folder)
+    bag = Recording.read(bag_folder)
     record = bag.telemetry()
     steps = np.arange(50 * BLOCK)
     assert (record.first_step, record.steps, record.sample_time) == (0, 50 * BLOCK, 1e-4)
@@ -132,11 +132,11 @@ def test_metadata_has_what_ros2_bag_info_asks_for(bag_folder: Path) -> None:
 
 
 def test_a_file_reads_without_its_folder(bag_folder: Path) -> None:
-    assert read_bag(bag_folder / "bag_0.mcap").telemetry().steps == 50 * BLOCK
+    assert Recording.read(bag_folder / "bag_0.mcap").telemetry().steps == 50 * BLOCK
 
 
 def test_the_last_run_is_the_default(tmp_path: Path) -> None:
-    bag = read_bag(write_telemetry(tmp_path / "bag", [(4, 0), (4, 100), (5, 0)]))
+    bag = Recording.read(write_telemetry(tmp_path / "bag", [(4, 0), (4, 100), (5, 0)]))
     assert bag.runs == [4, 5]
     assert bag.telemetry().steps == BLOCK
     assert bag.telemetry(run=4).steps == 2 * BLOCK
@@ -145,12 +145,12 @@ def test_the_last_run_is_the_default(tmp_path: Path) -> None:
 
 
 def test_order_and_repetition_of_blocks_do_not_matter(tmp_path: Path) -> None:
-    record = read_bag(write_telemetry(tmp_path / "bag", [(1, 100), (1, 0), (1, 100), (1, 200)])).telemetry()
+    record = Recording.read(write_telemetry(tmp_path / "bag", [(1, 100), (1, 0), (1, 100), (1, 200)])).telemetry()
     np.testing.assert_array_equal(record.position[:, 0], signal("position_x", np.arange(300)))
 
 
 def test_missing_steps_are_named(tmp_path: Path) -> None:
-    bag = read_bag(write_telemetry(tmp_path / "bag", [(1, 0), (1, 200), (1, 500)]))
+    bag = Recording.read(write_telemetry(tmp_path / "bag", [(1, 0), (1, 200), (1, 500)]))
     with pytest.raises(BagError, match=r"run 1: telemetry: steps 100 to 199 and 300 to 499 are missing \(300 of 600\)"):
         bag.telemetry()
     assert bag.telemetry(first_step=210, stop=290).steps == 80
@@ -158,7 +158,7 @@ def test_missing_steps_are_named(tmp_path: Path) -> None:
 
 def test_steps_beyond_the_data_are_named(bag_folder: Path) -> None:
     with pytest.raises(BagError, match=r"steps 5000 to 5099 are missing.*from step 0 to 4999"):
-        read_bag(bag_folder).telemetry(first_step=4900, stop=5100)
+        Recording.read(bag_folder).telemetry(first_step=4900, stop=5100)
 
 
 def test_a_restarted_simulator_is_noticed(tmp_path: Path) -> None:
@@ -169,7 +169,7 @@ def test_a_restarted_simulator_is_noticed(tmp_path: Path) -> None:
         message.position_x = message.position_x + 1e-6
         writer.write("/amb/telemetry", serialize(message), 2)
     with pytest.raises(BagError, match="occurs twice with different samples"):
-        read_bag(tmp_path / "bag").telemetry()
+        Recording.read(tmp_path / "bag").telemetry()
 
 
 def test_excitations_are_those_of_the_run(tmp_path: Path) -> None:
@@ -180,7 +180,7 @@ def test_excitations_are_those_of_the_run(tmp_path: Path) -> None:
         writer.write("/rig/excitation_status", status(2, 50, 500), 2)
         writer.write("/rig/excitation_status", status(2, 70, 500, accepted=False), 3)
         writer.write("/rig/telemetry", block(2, 0), 4)
-    found = read_bag(tmp_path / "bag").excitations()
+    found = Recording.read(tmp_path / "bag").excitations()
     assert [(item.first_step, item.steps, item.accepted) for item in found] == [(50, 500, True), (70, 500, False)]
 
 
@@ -189,7 +189,7 @@ def test_states_of_the_plant_come_back_as_arrays_by_step_and_bearing(tmp_path: P
         writer.add_topic("/amb/plant_state", PLANT_STATE, definition(PLANT_STATE))
         for number, (run, step) in enumerate([(4, 0), (5, 0), (5, 20_020), (5, 20_040)]):
             writer.write("/amb/plant_state", plant_state(run, step), number)
-    bag = read_bag(tmp_path / "bag")
+    bag = Recording.read(tmp_path / "bag")
     record = bag.plant_states()
     assert record.step.tolist() == [0, 20_020, 20_040]
     np.testing.assert_allclose(record.time, record.step * 1e-4, rtol=1e-15)
@@ -209,7 +209,7 @@ def test_states_of_the_plant_with_arrays_of_wrong_size_are_named(tmp_path: Path)
         writer.add_topic("/amb/plant_state", PLANT_STATE, definition(PLANT_STATE))
         writer.write("/amb/plant_state", plant_state(4, 0, coil_currents=7), 1)
     with pytest.raises(BagError, match="states of the plant in run 4: the arrays of each must have the sizes"):
-        read_bag(tmp_path / "bag").plant_states()
+        Recording.read(tmp_path / "bag").plant_states()
 
 
 def test_parameters_are_the_last_known_per_node(tmp_path: Path) -> None:
@@ -229,7 +229,7 @@ def test_parameters_are_the_last_known_per_node(tmp_path: Path) -> None:
         writer.write_parameters("/parameter_events", "/amb/pd_controller", first, 1)
         writer.write_parameters("/parameter_events", "/amb/pd_controller", {"proportional_gain": 3e4}, 2)
         writer.write_parameters("/parameter_events", "/amb/simulator", {"gravity": False}, 3)
-    bag = read_bag(tmp_path / "bag")
+    bag = Recording.read(tmp_path / "bag")
     assert bag.parameters() == {
         "/amb/pd_controller": first | {"proportional_gain": 3e4},
         "/amb/simulator": {"gravity": False},
@@ -252,7 +252,7 @@ def test_cut_anywhere_it_reads_whole_chunks_or_says_that_nothing_is_left(file_by
     ]:
         cut.write_bytes(file_bytes[:length])
         try:
-            bag = read_bag(cut)
+            bag = Recording.read(cut)
         except BagError as problem:
             assert "no message can be read" in str(problem)
             readable.append(0)
@@ -270,7 +270,7 @@ def test_a_damaged_chunk_is_not_read(file_bytes: bytes, tmp_path: Path) -> None:
     middle = len(damaged) // 2
     damaged[middle : middle + 4] = b"\xff\xff\xff\xff"
     (tmp_path / "damaged.mcap").write_bytes(damaged)
-    bag = read_bag(tmp_path / "damaged.mcap")
+    bag = Recording.read(tmp_path / "damaged.mcap")
     assert bag.truncated
     assert 0 < bag.messages < 50
 
@@ -280,7 +280,7 @@ def test_what_was_flushed_survives_a_kill(tmp_path: Path) -> None:
     writer.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
     for k in range(7):
         writer.write("/amb/telemetry", block(1, BLOCK * k), k)
-    bag = read_bag(tmp_path / "bag")
+    bag = Recording.read(tmp_path / "bag")
     assert bag.truncated
     assert bag.telemetry().steps == 7 * BLOCK
     writer.close()
@@ -299,7 +299,7 @@ def test_a_full_disk_is_an_error_and_leaves_a_readable_bag(tmp_path: Path) -> No
             writer.close()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    bag = read_bag(tmp_path / "bag")
+    bag = Recording.read(tmp_path / "bag")
     assert bag.truncated
     assert bag.telemetry().steps > 0
 
@@ -315,7 +315,7 @@ def test_other_bags_of_ros2_bag_record_are_read(tmp_path: Path, mode: str) -> No
         connection = writer.add_connection("/amb/telemetry", LOOP_SAMPLES, typestore=TYPES)
         for k in range(5):
             writer.write(connection, k, block(3, BLOCK * k))
-    bag = read_bag(tmp_path / "bag")
+    bag = Recording.read(tmp_path / "bag")
     assert bag.runs == [3]
     assert bag.telemetry().steps == 5 * BLOCK
 
@@ -325,7 +325,7 @@ def test_a_database_file_reads_without_metadata(tmp_path: Path) -> None:
         connection = writer.add_connection("/amb/telemetry", LOOP_SAMPLES, typestore=TYPES)
         writer.write(connection, 1, block(3, 0))
     (tmp_path / "bag" / "metadata.yaml").unlink()
-    assert read_bag(tmp_path / "bag").telemetry().steps == BLOCK
+    assert Recording.read(tmp_path / "bag").telemetry().steps == BLOCK
 
 
 def test_split_bags_are_read_in_order(tmp_path: Path) -> None:
@@ -334,7 +334,7 @@ def test_split_bags_are_read_in_order(tmp_path: Path) -> None:
     for number in range(12):
         part = write_telemetry(tmp_path / f"part_{number}", [(1, BLOCK * number)])
         (part / f"part_{number}_0.mcap").rename(folder / f"split_{number}.mcap")
-    assert read_bag(folder).telemetry().steps == 12 * BLOCK
+    assert Recording.read(folder).telemetry().steps == 12 * BLOCK
 
 
 def wrong_bags(tmp_path: Path) -> Iterator[tuple[Path, str]]:
@@ -357,7 +357,7 @@ def wrong_bags(tmp_path: Path) -> Iterator[tuple[Path, str]]:
 def test_what_is_no_bag_is_named(tmp_path: Path) -> None:
     for path, reason in wrong_bags(tmp_path):
         with pytest.raises(BagError, match=reason) as caught:
-            read_bag(path)
+            Recording.read(path)
         assert str(tmp_path) in str(caught.value)
 
 
@@ -365,7 +365,7 @@ def test_without_telemetry_the_topics_that_are_there_are_named(tmp_path: Path) -
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/amb/excitation_status", STATUS, definition(STATUS))
         writer.write("/amb/excitation_status", status(1, 0, 10), 1)
-    bag = read_bag(tmp_path / "bag")
+    bag = Recording.read(tmp_path / "bag")
     with pytest.raises(BagError, match=r"holds no telemetry .*; its topics: /amb/excitation_status"):
         bag.telemetry()
     assert bag.runs == []
@@ -377,7 +377,7 @@ def test_telemetry_on_two_topics_is_ambiguous(tmp_path: Path) -> None:
             writer.add_topic(rig, LOOP_SAMPLES, definition(LOOP_SAMPLES))
             writer.write(rig, block(1, 0), 1)
     with pytest.raises(BagError, match="more than one topic: /rig1/telemetry, /rig2/telemetry"):
-        read_bag(tmp_path / "bag").telemetry()
+        Recording.read(tmp_path / "bag").telemetry()
 
 
 def test_a_message_that_does_not_decode_is_an_error(tmp_path: Path) -> None:
@@ -385,7 +385,7 @@ def test_a_message_that_does_not_decode_is_an_error(tmp_path: Path) -> None:
         writer.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
         writer.write("/amb/telemetry", block(1, 0)[:200], 1)
     with pytest.raises(BagError, match="cannot be decoded"):
-        read_bag(tmp_path / "bag").telemetry()
+        Recording.read(tmp_path / "bag").telemetry()
 
 
 def test_a_folder_that_exists_is_not_overwritten(tmp_path: Path) -> None:

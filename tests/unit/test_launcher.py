@@ -27,8 +27,8 @@ NODES = {
     "amb_ident_node": ["recorder", "region_monitor", "identifier"],
     "amb_bringup": ["composed_loop"],
 }
-POLITE = "trap 'echo bye; exit 0' INT; echo ready $ROS_DOMAIN_ID; while true; do sleep 0.02; done"
-STUBBORN = "trap '' INT; echo ready; while true; do sleep 0.02; done"
+POLITE = "trap 'echo bye; exit 0' TERM; echo ready $ROS_DOMAIN_ID; while true; do sleep 0.02; done"
+STUBBORN = "trap '' TERM USR1; echo ready; while true; do sleep 0.02; done"
 
 AddExecutable = Callable[[str, str, str], Path]
 StartAmb = Callable[..., "subprocess.Popen[str]"]
@@ -187,7 +187,7 @@ def shell(name: str, script: str, **env: str) -> NodeProcess:
     return NodeProcess(name, ("bash", "-c", script), env)
 
 
-def test_graph_forwards_output_with_names_and_stops_with_sigint() -> None:
+def test_graph_forwards_output_with_names_and_stops_with_sigterm() -> None:
     said: list[tuple[str, str]] = []
     with Graph(
         [shell("a", POLITE), shell("b", POLITE)], {"ROS_DOMAIN_ID": "42"}, lambda name, text: said.append((name, text))
@@ -199,12 +199,12 @@ def test_graph_forwards_output_with_names_and_stops_with_sigint() -> None:
     assert {("a", "ready 42"), ("b", "ready 42"), ("a", "bye"), ("b", "bye")} == set(said)
 
 
-def test_node_that_ignores_sigint_is_ended_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    stages = ((signal.SIGINT, 0.3), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))
+def test_node_that_ignores_sigterm_is_ended_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    stages = ((signal.SIGTERM, 0.3), (signal.SIGKILL, 5.0))
     monkeypatch.setattr("amb_bringup.launcher.STOP_STAGES", stages)
     with Graph([shell("stubborn", STUBBORN)]) as graph:
         wait_for_line(graph, "stubborn", "ready")
-    assert graph.ended() == {"stubborn": -signal.SIGTERM}
+    assert graph.ended() == {"stubborn": -signal.SIGKILL}
 
 
 def test_dead_node_is_named_with_its_exit_code_and_last_words() -> None:
@@ -296,7 +296,7 @@ def test_an_impatient_second_ctrl_c_leaves_no_node_behind() -> None:
     stubborn = STUBBORN.replace("''", "'echo no'", 1)
     with Graph([shell("stubborn", stubborn)], output=interrupt) as graph:
         wait_for_line(graph, "stubborn", "ready")
-        assert graph.stop() == {"stubborn": -signal.SIGTERM}
+        assert graph.stop() == {"stubborn": -signal.SIGKILL}
 
 
 def test_amb_up_refuses_a_wrong_parameter_file_before_it_starts_anything(

@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from amb_core.errors import IdentificationError
 from amb_core.identification import StateSpaceModel
-from amb_core.recording.messages import model_from_message
+from amb_core.recording.messages.state_space_model import fill_model, model_from_message
 from amb_msgs.msg import StateSpaceModel as StateSpaceModelMessage
-from amb_ros.models import model_to_message
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)  # the smallest, the largest and -0.0 among them
 # What ends a string in C cannot be in a message, what is half a character cannot be in a file.
@@ -73,7 +71,7 @@ def assert_identical(one: StateSpaceModel, other: StateSpaceModel) -> None:
 @settings(deadline=None)
 @given(models())
 def test_messages_keep_every_bit(model: StateSpaceModel) -> None:
-    message = model_to_message(model, Time(sec=7, nanosec=8))
+    message = fill_model(StateSpaceModelMessage(), model)
     received = deserialize_message(serialize_message(message), StateSpaceModelMessage)
     assert received == message
     assert_identical(model, model_from_message(received))
@@ -117,7 +115,7 @@ def test_files_without_units_still_load(unitless: StateSpaceModel, tmp_path: Pat
 
 
 def test_messages_without_units_still_tell_a_model(unitless: StateSpaceModel) -> None:
-    message = model_to_message(unitless, Time())
+    message = fill_model(StateSpaceModelMessage(), unitless)
     old = type("OldMessage", (), {})()
     for name in message.get_fields_and_field_types():
         if not name.endswith("_units"):

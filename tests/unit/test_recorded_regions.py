@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from amb_bringup.cli import app
 from amb_core.analysis.recorded_regions import classify_run
 from amb_core.errors import BagError, RegionError
-from amb_core.recording import BagWriter, read_bag
+from amb_core.recording import BagWriter, Recording
 from amb_core.regions import Region
 from amb_core.regions.stretches import stretches
 
@@ -131,7 +131,7 @@ def write_bag(
 
 @pytest.mark.parametrize("old", [False, True], ids=["definition", "bag of version 0.1"])
 def test_an_onset_has_the_frequency_that_the_excitation_had_there(tmp_path: Path, old: bool) -> None:
-    found = classify_run(read_bag(write_bag(tmp_path / "bag", old=old)))
+    found = classify_run(Recording.read(write_bag(tmp_path / "bag", old=old)))
     onset = found.classification.onsets[Region.B]
     assert onset.step == pytest.approx(DRIFT, abs=600)
     assert onset.input_frequency == pytest.approx(100.0 + 200.0 * (onset.step - START) / RATE)
@@ -154,20 +154,20 @@ def test_a_definition_that_is_not_understood_leaves_the_frequency_open(
 ) -> None:
     for name, value in change.items():
         monkeypatch.setitem(DEFINITION, name, value)
-    found = classify_run(read_bag(write_bag(tmp_path / "bag")))
+    found = classify_run(Recording.read(write_bag(tmp_path / "bag")))
     assert found.frequency is None
     assert found.classification.states
 
 
 def test_a_run_that_delevitated_ends_in_region_d(tmp_path: Path) -> None:
-    found = classify_run(read_bag(write_bag(tmp_path / "bag", delevitated=True)))
+    found = classify_run(Recording.read(write_bag(tmp_path / "bag", delevitated=True)))
     assert found.delevitated
     assert found.classification.states[-1].region is Region.D
     assert found.classification.onsets[Region.D].step == STEPS
 
 
 def test_the_classification_restarts_after_a_gap(tmp_path: Path) -> None:
-    found = classify_run(read_bag(write_bag(tmp_path / "bag", missing=(9_000, 13_000))))
+    found = classify_run(Recording.read(write_bag(tmp_path / "bag", missing=(9_000, 13_000))))
     assert found.gaps == [(9_000, 13_000)]
     assert np.isnan(found.record.position[9_000:13_000]).all() and np.isfinite(found.record.position[13_000:]).all()
     parts = stretches(found.classification.states)
@@ -178,7 +178,7 @@ def test_the_classification_restarts_after_a_gap(tmp_path: Path) -> None:
 
 def test_samples_that_are_not_finite_are_told_and_cost_no_more_than_themselves(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", broken=12_345)
-    found = classify_run(read_bag(bag))
+    found = classify_run(Recording.read(bag))
     assert (found.missing, found.gaps) == ([], [(12_345, 12_346)])
     parts = stretches(found.classification.states)
     assert [(part.region.name, part.first_step) for part in parts[:2]] == [("A", 0), ("A", 12_346)]
@@ -189,12 +189,12 @@ def test_samples_that_are_not_finite_are_told_and_cost_no_more_than_themselves(t
 
 def test_a_run_without_finite_samples_is_refused_by_bag_and_step(tmp_path: Path) -> None:
     with pytest.raises(RegionError, match=r"bag .*bag, run 7: telemetry: position y is nan at step 0"):
-        classify_run(read_bag(write_bag(tmp_path / "bag", broken=slice(None))))
+        classify_run(Recording.read(write_bag(tmp_path / "bag", broken=slice(None))))
 
 
 def test_a_run_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="holds no run 8; its runs: 7"):
-        classify_run(read_bag(write_bag(tmp_path / "bag")), 8)
+        classify_run(Recording.read(write_bag(tmp_path / "bag")), 8)
 
 
 def test_a_bag_without_telemetry_is_refused(tmp_path: Path) -> None:
@@ -214,17 +214,17 @@ def test_a_bag_without_telemetry_is_refused(tmp_path: Path) -> None:
         )
         bag.write("/amb/simulator/state", bytes(TYPES.serialize_cdr(content, content.__msgtype__)), 1)
     with pytest.raises(BagError, match=r"holds no telemetry \(amb_msgs/msg/LoopSamples\); its topics: /amb/simulator"):
-        classify_run(read_bag(tmp_path / "bag"))
+        classify_run(Recording.read(tmp_path / "bag"))
 
 
 def test_an_excitation_ends_where_it_is_stopped(tmp_path: Path) -> None:
-    frequency = read_bag(write_bag(tmp_path / "bag", stopped=30_000)).input_frequency(0, STEPS)
+    frequency = Recording.read(write_bag(tmp_path / "bag", stopped=30_000)).input_frequency(0, STEPS)
     known = np.flatnonzero(np.isfinite(frequency))
     assert (known[0], known[-1]) == (START, 29_999)
 
 
 def test_a_run_without_an_end_has_no_delevitation(tmp_path: Path) -> None:
-    assert read_bag(write_bag(tmp_path / "bag")).delevitation() is None
+    assert Recording.read(write_bag(tmp_path / "bag")).delevitation() is None
 
 
 def test_the_command_prints_the_onsets_and_writes_figures_and_summary(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from amb_bringup.cli import app
 from amb_core.errors import AmbError
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
-from amb_core.recording import BagWriter, read_bag
+from amb_core.recording import BagWriter, Recording
 from amb_core.report import Prose
 from amb_core.report.recording import recording_report
 
@@ -66,8 +67,15 @@ def test_a_report_has_regions_motion_model_response_and_validation(excited: Path
     assert "Bands hold the response with a confidence of 99 %" in page
 
 
+def test_a_recording_is_read_once(excited: Path, tmp_path: Path) -> None:
+    bag = shutil.copytree(excited, tmp_path / "bag")
+    recording = Recording.read(bag)
+    shutil.rmtree(bag)
+    assert "No model" not in recording_report(recording, order=6).lead
+
+
 def test_without_excitation_the_report_says_at_its_top_why_there_is_no_model(resting: Path) -> None:
-    report = recording_report(read_bag(resting), order=6)
+    report = recording_report(Recording.read(resting), order=6)
     assert [section.heading for section in report.sections] == ["Regions", "Motion", "Identified model"]
     assert " No model: " in report.lead
     (why,) = report.sections[-1].blocks
@@ -85,7 +93,7 @@ def test_an_order_that_no_method_takes_is_refused_before_anything_is_written(
 
 def test_no_controller_is_assumed_for_a_model(bearing, tmp_path: Path) -> None:
     record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.4)
-    bag = read_bag(write_bag(tmp_path / "bare", record, controller=False))
+    bag = Recording.read(write_bag(tmp_path / "bare", record, controller=False))
     report = recording_report(bag, order=6)
     assert "No model: the bag lacks the controller's parameters; name it with --controller: paper" in report.lead
     assert "No model" not in recording_report(bag, order=6, controller=ControllerParameters()).lead

@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 
 import pytest
-from builtin_interfaces.msg import Time
 
 from amb_core.errors import RegionError
-from amb_core.recording.messages import map_settings_from_message, region_map_from_message, region_state_from_message
+from amb_core.recording.messages.region_map import (
+    fill_region_map,
+    map_settings_from_message,
+    region_map_from_message,
+)
+from amb_core.recording.messages.region_state import fill_region_state, region_state_from_message
 from amb_core.regions import AxisState, Onset, Region, RegionState
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
 from amb_msgs.action import BuildMap
+from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.msg import RegionState as RegionStateMessage
-from amb_ros.region_maps import region_map_to_message
-from amb_ros.regions import region_state_to_message
 
 
 def axis(region: Region, seed: float) -> AxisState:
@@ -35,7 +38,7 @@ def test_a_state_comes_back_as_it_was() -> None:
     state = RegionState(
         12_345, axis(Region.A, 1.5), axis(Region.C, -0.1), Region.C, Onset(5, 5e-4, 330.0, False), 1e-4, True
     )
-    message = region_state_to_message(state, run=3, sample_time=1e-4)
+    message = fill_region_state(RegionStateMessage(), state, run=3, sample_time=1e-4)
     assert (message.run, message.header.stamp.sec, message.header.stamp.nanosec) == (3, 1, 234_500_000)
     assert repr(region_state_from_message(message)) == repr(state)
 
@@ -45,7 +48,7 @@ def test_regions_have_the_numbers_of_the_library() -> None:
 
 
 def test_a_map_comes_back_as_it_was(region_map: RegionMap) -> None:
-    assert region_map_from_message(region_map_to_message(region_map, Time(sec=1))) == region_map
+    assert region_map_from_message(fill_region_map(RegionMapMessage(), region_map)) == region_map
 
 
 @pytest.mark.parametrize(
@@ -74,7 +77,7 @@ def test_a_map_comes_back_as_it_was(region_map: RegionMap) -> None:
 def test_a_message_that_holds_no_map_is_refused_in_one_line(
     region_map: RegionMap, field: str, value: object, reason: str
 ) -> None:
-    message = region_map_to_message(region_map, Time())
+    message = fill_region_map(RegionMapMessage(), region_map)
     setattr(message, field, value)
     with pytest.raises(RegionError) as caught:
         region_map_from_message(message)

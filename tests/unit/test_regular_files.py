@@ -16,7 +16,7 @@ from amb_core.identification import StateSpaceModel
 from amb_core.parameters import load_parameters
 from amb_core.plant import ModalData, PlantParameters
 from amb_core.plant.bh_table import read_bh_table
-from amb_core.recording import read_bag
+from amb_core.recording import Recording
 from amb_core.regions.region_map import RegionMap
 
 READERS: dict[str, Callable[[Path], object]] = {
@@ -25,7 +25,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     ".npz": read_loop,
     ".csv": read_loop,
     ".mat": read_loop,
-    ".mcap": read_bag,
+    ".mcap": Recording.read,
 }
 
 

@@ -19,7 +19,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from amb_bringup.connection import ClientError, GraphConnection
 from amb_core.files.parameter_files import NODES
 from amb_core.identification import IdentificationProgress, StateSpaceModel
-from amb_core.recording.messages import model_from_message, region_map_from_message, region_state_from_message
+from amb_core.recording.messages.region_map import region_map_from_message
+from amb_core.recording.messages.region_state import region_state_from_message
+from amb_core.recording.messages.state_space_model import model_from_message
 from amb_msgs.action import BuildMap, Identify
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_msgs.msg import SimulatorState

@@ -23,7 +23,7 @@ from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
-from amb_core.recording import read_bag
+from amb_core.recording import Recording
 from amb_core.simulation import simulate
 from amb_core.step_response import fit_step_response
 from amb_sim_node.parameters import SimulatorParameters
@@ -97,11 +97,11 @@ def run_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progr
         graph.check()
         processes = len(graph.processes)
 
-    content = read_bag(bag)
-    record = content.telemetry(first)
+    recording = Recording.read(bag)
+    record = recording.telemetry(first)
     reference = _without_ros(parameter_file, progress)
-    identical = record.identical_to(reference) and content.telemetry(second).identical_to(reference)
-    poles = fit_step_response(_after_settling(content.telemetry(small)).position[:, 0], record.sample_time)
+    identical = record.identical_to(reference) and recording.telemetry(second).identical_to(reference)
+    poles = fit_step_response(_after_settling(recording.telemetry(small)).position[:, 0], record.sample_time)
     experiment = _after_settling(record)
     progress("figures", 0, 1)
     _write_results(folder, model, experiment, _controller(parameter_file))

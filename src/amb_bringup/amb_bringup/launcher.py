@@ -24,8 +24,9 @@ from amb_bringup.packages import LaunchError, share_folder
 from amb_ros import interruptions
 
 POLL_PERIOD = 0.05  # s
-# Signal, patience (s). On a busy machine a bag takes a while to close; SIGUSR1 makes a node show where it hangs.
-STOP_STAGES = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGUSR1, 0.5), (signal.SIGKILL, 5.0))
+# Signal, patience (s). Not SIGINT: it would make an interpreter that is still starting write a traceback. On a busy
+# machine a bag takes a while to close; SIGUSR1 makes a node show where it hangs.
+STOP_STAGES = ((signal.SIGTERM, 20.0), (signal.SIGUSR1, 0.5), (signal.SIGKILL, 5.0))
 KEPT_LINES = 50  # of each node's output, for error messages
 
 Output = Callable[[str, str], None]
@@ -144,7 +145,7 @@ class Graph:
         return ended
 
     def stop(self) -> dict[str, int]:
-        """End all nodes: SIGINT, and for those that do not follow SIGTERM, at last SIGKILL. Returns the exit codes.
+        """End all nodes: SIGTERM, and SIGKILL for those that do not follow. Returns the exit codes.
 
         Before a node is killed, it writes the stacks of its threads to its output. Ctrl-C meanwhile leaves no
         node behind: the next signal is sent at once.

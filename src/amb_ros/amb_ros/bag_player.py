@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +14,6 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from amb_core.errors import BagError
-from amb_core.recording import read_bag
 from amb_core.recording.layout import layout_hash
 from amb_core.recording.storage import Definition, open_storage
 from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, PlantState, SimulatorState
@@ -66,20 +66,21 @@ class BagPlayer:
     def __init__(self, node: Node, path: str | Path) -> None:
         self._node = node
         self._path = Path(path)
-        topics = [topic for topic in read_bag(path).topics if topic.type in PLAYED]
         self._storage = open_storage(self._path)
-        self.messages = sum(topic.messages for topic in topics)
+        # After one pass its definitions are complete.
+        topics = Counter(
+            (message.topic, message.type) for message in self._storage.messages() if message.type in PLAYED
+        )
+        self.messages = topics.total()
         if not self.messages:
             raise BagError(f"bag {path}: nothing to play; played are: {', '.join(PLAYED)}")
-        for _ in self._storage.messages():  # after that its definitions are complete
-            pass
         self._listeners = 0
         self._last_new = 0.0  # when their number last changed (s, monotonic)
         self._publishers: dict[str, Publisher] = {}
-        for topic in topics:
-            self._check_layout(topic.type)
-            played = PLAYED[topic.type]
-            self._publishers[topic.name] = node.create_publisher(played.type, topic.name, played.qos)
+        for topic, message_type in sorted(topics):
+            self._check_layout(message_type)
+            played = PLAYED[message_type]
+            self._publishers[topic] = node.create_publisher(played.type, topic, played.qos)
 
     def play(self, rate: float = 1.0, progress: Callable[[int], None] | None = None) -> None:
         """Publish all messages, once somebody listens to them, and wait until they have arrived.

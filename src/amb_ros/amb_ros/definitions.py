@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
+from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import get_types_from_msg
 
-_FIELD = re.compile(r"^\s*(?P<type>[A-Za-z]\w*(?:/[A-Za-z]\w*)?)(?:<=\d+)?(?:\[[<=\d]*\])?\s+[a-z]\w*\s*(?:[^=]|$)")
-_PRIMITIVE = re.compile(r"^(bool|byte|char|w?string|u?int(8|16|32|64)|float(32|64))$")
 _SEPARATOR = "=" * 80
 
 
@@ -42,10 +42,13 @@ def _text(name: str) -> str:
 
 def _included(name: str, text: str) -> list[str]:
     """Types of the fields of a message that are messages themselves, as `package/Name`."""
-    package = name.split("/")[0]
-    found = []
-    for line in text.splitlines():
-        match = _FIELD.match(line.split("#")[0])
-        if match and not _PRIMITIVE.match(match["type"]):
-            found.append(match["type"] if "/" in match["type"] else f"{package}/{match['type']}")
-    return found
+    package, message = name.split("/")
+    ((_, fields),) = get_types_from_msg(text, f"{package}/msg/{message}").values()
+    types = [_element(description) for _, description in fields]
+    return [str(detail).replace("/msg/", "/") for kind, detail in types if kind == Nodetype.NAME]
+
+
+def _element(description: Any) -> Any:
+    """A type as rosbags describes it, kind and detail; of an array that of its elements."""
+    kind, detail = description
+    return _element(detail[0]) if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, detail)

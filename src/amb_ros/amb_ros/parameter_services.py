@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 
 from amb_core.errors import ParameterError, one_line
 from amb_core.parameters import Declaration
-from amb_core.recording.messages import parameters_from_messages
+from amb_core.recording.messages.parameters import parameters_from_messages
 
 
 def guard_parameter_services(node: Node, declared: Iterable[Declaration]) -> None:

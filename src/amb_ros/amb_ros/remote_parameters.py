@@ -12,7 +12,7 @@ from rclpy.node import Node, NodeNameNonExistentError
 
 from amb_core.errors import ParameterError
 from amb_core.parameters import Parameters, part_of
-from amb_core.recording.messages import ParameterValue, parameters_from_messages
+from amb_core.recording.messages.parameters import ParameterValue, parameters_from_messages
 from amb_ros.requests import POLL_PERIOD, ask
 
 P = TypeVar("P", bound=Parameters)

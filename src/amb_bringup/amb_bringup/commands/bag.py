@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from amb_core.recording import Bag
+    from amb_core.recording import Recording
 
 app = typer.Typer(help="Inspect and play bags.", no_args_is_help=True)
 
@@ -26,21 +26,21 @@ def info(bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap 
     from rich.console import Console
     from rich.table import Table
 
-    from amb_core.recording import read_bag
+    from amb_core.recording import Recording
 
-    content = read_bag(bag)
+    recording = Recording.read(bag)
     console = Console()
-    console.print(f"[bold]{content.path}[/bold]: {content.messages} messages in {content.duration:.1f} s")
-    if content.truncated:
-        console.print(f"[yellow]incomplete: {content.truncated}[/yellow]")
+    console.print(f"[bold]{recording.path}[/bold]: {recording.messages} messages in {recording.duration:.1f} s")
+    if recording.truncated:
+        console.print(f"[yellow]incomplete: {recording.truncated}[/yellow]")
     topics = Table("topic", "type", "messages")
     topics.columns[2].justify = "right"
-    for topic in content.topics:
+    for topic in recording.topics:
         topics.add_row(topic.name, topic.type, str(topic.messages))
     console.print(topics)
-    if content.runs:
-        console.print(_runs(content))
-    model = content.model()
+    if recording.runs:
+        console.print(_runs(recording))
+    model = recording.model()
     if model is not None:
         console.print(f"last model: order {model.order}, {model.method}, from {model.source}")
 
@@ -73,7 +73,7 @@ def play(
         rclpy.try_shutdown()
 
 
-def _runs(bag: Bag) -> Table:
+def _runs(bag: Recording) -> Table:
     from rich.table import Table
 
     from amb_core.errors import BagError

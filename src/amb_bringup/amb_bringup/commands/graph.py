@@ -45,7 +45,8 @@ def up(
     except KeyboardInterrupt:
         typer.echo("amb: stopped", err=True)
     codes = graph.ended() if graph is not None else {}
-    unclean = {name: code for name, code in codes.items() if name not in reported and code not in (0, -2)}
+    ended = (0, -signal.SIGTERM)  # the latter before it had begun to handle signals
+    unclean = {name: code for name, code in codes.items() if name not in reported and code not in ended}
     for name, code in unclean.items():
         _report_end(name, code, " when asked to stop")
     if reported or unclean:

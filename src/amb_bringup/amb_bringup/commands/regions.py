@@ -30,17 +30,17 @@ def regions(
     from amb_bringup.commands.results import make_folder
     from amb_core.analysis.recorded_regions import classify_run
     from amb_core.errors import RegionError
-    from amb_core.recording import read_bag
+    from amb_core.recording import Recording
 
     if axes not in ("", "x", "y", "xy"):
         raise RegionError(f"--axes {axes} is not allowed; it must be x, y or xy")
     console = Console()
     make_folder(out)
-    content = read_bag(bag)
-    if content.truncated:
-        console.print(f"[yellow]bag {bag} is incomplete: {content.truncated}[/yellow]")
+    recording = Recording.read(bag)
+    if recording.truncated:
+        console.print(f"[yellow]bag {bag} is incomplete: {recording.truncated}[/yellow]")
     with working(console, "classifying"):
-        found = classify_run(content, run)
+        found = classify_run(recording, run)
     summary = _summary(found, bag)
     _print(console, found, summary)
     _write(out, found, summary, axes)

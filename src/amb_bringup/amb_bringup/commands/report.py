@@ -26,7 +26,7 @@ def report(
     from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder, names_file
     from amb_core.identification.controller_choice import named_controller
-    from amb_core.recording import read_bag
+    from amb_core.recording import Recording
     from amb_core.report import write_report
     from amb_core.report.recording import recording_report
 
@@ -36,11 +36,11 @@ def report(
     make_folder(out.parent)
     wanted = model_order(order)
     named = named_controller(controller) if controller else None
-    content = read_bag(bag)
-    if content.truncated:
-        console.print(f"[yellow]bag {bag} is incomplete: {content.truncated}[/yellow]")
+    recording = Recording.read(bag)
+    if recording.truncated:
+        console.print(f"[yellow]bag {bag} is incomplete: {recording.truncated}[/yellow]")
     with Stages(console) as stages:
-        made = recording_report(content, run, wanted, stages.update, named)
+        made = recording_report(recording, run, wanted, stages.update, named)
     write_report(made, out)
     console.print(f"{made.title}. {made.lead}", highlight=False)
     console.print(f"report: {out}")

@@ -143,10 +143,10 @@ def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectru
     from dataclasses import replace
 
     from amb_core.errors import RegionError
-    from amb_core.recording import read_bag
+    from amb_core.recording import Recording
     from amb_core.subharmonics import analyse
 
-    record = read_bag(bag).experiment(-1, 0)
+    record = Recording.read(bag).experiment(-1, 0)
     first = record.first_step + round(settings.fade_in / record.sample_time)
     reference = analyse(replace(record, position=record.reference), settings, first)
     for tone, (frequency, asked) in enumerate(zip(settings.frequencies, settings.amplitudes, strict=True)):

@@ -29,7 +29,7 @@ from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
-from amb_core.recording import read_bag
+from amb_core.recording import Recording
 from amb_core.simulation import simulate
 from amb_core.tasks.provenance import code_version
 from amb_sim_node.parameters import SimulatorParameters
@@ -182,10 +182,10 @@ def equality_claim(name: str, figure: str, without: LoopRun, through: LoopRun) -
 
 
 def _read(bag: Path) -> LoopRun:
-    content = read_bag(bag)
-    if content.truncated:
-        raise BagError(f"bag {bag}: {content.truncated}")
-    return LoopRun(content.telemetry(), content.delevitation() is not None)
+    recording = Recording.read(bag)
+    if recording.truncated:
+        raise BagError(f"bag {bag}: {recording.truncated}")
+    return LoopRun(recording.telemetry(), recording.delevitation() is not None)
 
 
 def _checksums(bag: Path) -> dict[str, str]:

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from amb_core.analysis.data_files import read_data
-from amb_core.files.regular_files import is_folder
+from amb_core.analysis.data_files import data_reader, read_data
+from amb_core.analysis.recorded_data import read_bag_data, recorded_data
 from amb_core.identification.data import IdentificationData
+from amb_core.recording import Recording
 
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters
     from amb_core.plant import PlantParameters
-
-SIMULATOR_NODE = "simulator"
-_FILES = (".csv", ".npz", ".mat")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,18 +55,12 @@ def read_loop(path: str | Path, **options: Any) -> RecordedLoop:
     ParameterError
         If a recorded parameter is out of its range.
     """
-    path = Path(path)
-    data = read_data(path, **options)
-    if path.suffix.lower() in _FILES and not is_folder(path):
-        return RecordedLoop(data, None, None)
-    from amb_core.recording import read_bag
-
-    bag = read_bag(path)
-    nodes = {node.rsplit("/", 1)[-1]: values for node, values in bag.parameters().items()}
-    plant = None
-    if SIMULATOR_NODE in nodes:
-        from amb_core.parameters import part_of
-        from amb_core.plant import PlantParameters
-
-        plant = part_of(PlantParameters, nodes[SIMULATOR_NODE])
-    return RecordedLoop(data, bag.controller_parameters(), plant, bag.truncated)
+    if data_reader(path, options) is not read_bag_data:
+        return RecordedLoop(read_data(path, **options), None, None)
+    recording = Recording.read(path)
+    return RecordedLoop(
+        recorded_data(recording, **options),
+        recording.controller_parameters(),
+        recording.plant_parameters(),
+        recording.truncated,
+    )

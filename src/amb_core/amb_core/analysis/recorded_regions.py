@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from amb_core.errors import RegionError
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import part_of
+from amb_core.recording.recording import SIMULATOR_NODE
 from amb_core.regions import Classification, Onset, Region, RegionParameters, classify
 
 if TYPE_CHECKING:
-    from amb_core.recording import Bag
+    from amb_core.recording import Recording
 
-MONITOR_NODE, SIMULATOR_NODE = "region_monitor", "simulator"
+MONITOR_NODE = "region_monitor"
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,8 @@ class RecordedRegions:
     parameters: RegionParameters
 
 
-def classify_run(bag: Bag, run: int | None = None) -> RecordedRegions:
-    """Classify the telemetry of a run, by default the last one of a bag.
+def classify_run(recording: Recording, run: int | None = None) -> RecordedRegions:
+    """Classify the telemetry of a run, by default the last one of a recording.
 
     Raises
     ------
@@ -65,22 +66,22 @@ def classify_run(bag: Bag, run: int | None = None) -> RecordedRegions:
     RegionError
         If no sample is finite, or the sample time does not fit the thresholds.
     """
-    spans = bag.spans(run) if bag.runs else []
+    spans = recording.spans(run) if recording.runs else []
     if not spans:
-        bag.telemetry(run)  # says what is there instead
-    run = bag.runs[-1] if run is None else run
+        recording.telemetry(run)  # says what is there instead
+    run = recording.runs[-1] if run is None else run
     first_step, stop = spans[0][0], spans[-1][1]
-    frequency = bag.input_frequency(first_step, stop, run)
-    ended = bag.delevitation(run)
-    parameters = _parameters(bag)
-    records = [bag.telemetry(run, start, end) for start, end in spans]
+    frequency = recording.input_frequency(first_step, stop, run)
+    ended = recording.delevitation(run)
+    parameters = _parameters(recording)
+    records = [recording.telemetry(run, start, end) for start, end in spans]
     usable = [part for record in records for part in _finite_parts(record)]
     parts = []
     for part in usable or records:
         try:
             parts.append(classify(part, parameters, delevitated=ended == part.first_step + part.steps))
         except RegionError as problem:
-            raise RegionError(f"bag {bag.path}, run {run}: {problem}") from None
+            raise RegionError(f"bag {recording.path}, run {run}: {problem}") from None
     return RecordedRegions(
         run,
         _joined(records),
@@ -107,11 +108,11 @@ def _between(spans: Sequence[tuple[int, int]], first_step: int, stop: int) -> li
     return [(end, start) for (_, end), (start, _) in pairwise(ends) if start > end]
 
 
-def _parameters(bag: Bag) -> RegionParameters:
-    nodes = {node.rsplit("/", 1)[-1]: values for node, values in bag.parameters().items()}
-    if MONITOR_NODE in nodes:
-        return part_of(RegionParameters, nodes[MONITOR_NODE])
-    radius = nodes.get(SIMULATOR_NODE, {}).get("rotor.backup_bearing_radius")
+def _parameters(recording: Recording) -> RegionParameters:
+    monitor = recording.parameters_of(MONITOR_NODE)
+    if monitor is not None:
+        return part_of(RegionParameters, monitor)
+    radius = (recording.parameters_of(SIMULATOR_NODE) or {}).get("rotor.backup_bearing_radius")
     return part_of(RegionParameters, {} if radius is None else {"backup_bearing_radius": radius})
 
 

@@ -1,6 +1,6 @@
-"""Bags: MCAP files in rosbag2 folders, written message by message and read as loop records."""
+"""Recordings: MCAP files in rosbag2 folders, written message by message and read as the library's own types."""
 
-from amb_core.recording.reader import Bag, TopicInfo, read_bag
+from amb_core.recording.recording import Recording, TopicInfo
 from amb_core.recording.writer import BagWriter
 
-__all__ = ["Bag", "BagWriter", "TopicInfo", "read_bag"]
+__all__ = ["BagWriter", "Recording", "TopicInfo"]

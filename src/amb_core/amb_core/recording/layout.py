@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from amb_core.errors import BagError
+from amb_core.recording.decoder import register
 from amb_core.recording.storage import Definition
 
 
@@ -25,10 +26,7 @@ def layout_hash(message_type: str, definition: Definition) -> str:
     """
     types = get_typestore(Stores.EMPTY)
     try:
-        if definition.encoding == "ros2idl":
-            types.register(get_types_from_idl(definition.text))
-        else:
-            types.register(get_types_from_msg(definition.text, message_type))
+        register(types, message_type, definition)
         return types.hash_rihs01(message_type)
     except TypesysError as problem:
         raise BagError(f"definition of {message_type} is wrong: {problem}") from None

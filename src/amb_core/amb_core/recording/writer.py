@@ -16,11 +16,12 @@ from typing import Any
 
 import yaml
 from mcap.writer import Writer
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from amb_core.errors import BagError
-from amb_core.recording.messages import ParameterValue
-from amb_core.recording.parameter_events import encode_parameters
+from amb_core.recording.decoder import register
+from amb_core.recording.messages.parameters import ParameterValue, encode_parameters
+from amb_core.recording.storage import Definition
 
 METADATA_VERSION = 9
 SHOWN = 200  # characters of a path that cannot be right
@@ -98,7 +99,7 @@ class BagWriter:
         """
         if message_type not in self._schemas:
             try:
-                self._types.register(get_types_from_msg(definition, message_type))
+                register(self._types, message_type, Definition("ros2msg", definition))
             except TypesysError as problem:
                 raise BagError(f"bag {self.folder}: definition of {message_type} is wrong: {problem}") from None
             self._schemas[message_type] = self._writer.register_schema(message_type, "ros2msg", definition.encode())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from amb_core.analysis import read_bag_data
+from amb_core.analysis import recorded_data
 from amb_core.errors import IdentificationError
 from amb_core.figures.bode import bode_page
 from amb_core.figures.comparison import comparison_page
@@ -17,17 +17,15 @@ from amb_core.figures.residuals import residuals_page
 from amb_core.identification import Identification, identify
 from amb_core.identification.controller_choice import PAPER, needs_controller
 from amb_core.identification.validation import Validation, validate
-from amb_core.parameters import part_of
-from amb_core.plant import PlantParameters
 from amb_core.report.document import Block, Chart, Listing, Prose, Section, Table
 
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters
-    from amb_core.recording import Bag
+    from amb_core.recording import Recording
 
 
 def identified_sections(
-    bag: Bag,
+    recording: Recording,
     run: int,
     order: int | Literal["auto"],
     controller: ControllerParameters | None,
@@ -40,7 +38,7 @@ def identified_sections(
     BagError, IdentificationError
         If there is no such experiment, the data determine no model, or the controller is not known.
     """
-    data = read_bag_data(bag.path, run)
+    data = recorded_data(recording, run)
     if controller is None and needs_controller(data):
         raise IdentificationError(
             f"the bag lacks the controller's parameters; name it with --controller: {PAPER}, or a ROS parameter file"
@@ -48,16 +46,10 @@ def identified_sections(
     tell("identifying")
     result = identify(data, order, controller=controller)
     tell("validating")
-    validation = validate(result.model, data, controller, uncertainty=result.uncertainty, plant=_plant(bag))
+    validation = validate(
+        result.model, data, controller, uncertainty=result.uncertainty, plant=recording.plant_parameters()
+    )
     return [_model(result, validation), _responses(validation), _validation(validation)]
-
-
-def _plant(bag: Bag) -> PlantParameters | None:
-    """Parameters of the simulated plant; None in the bag of a real one."""
-    for name, values in bag.parameters().items():
-        if name.endswith("/simulator"):
-            return part_of(PlantParameters, values)
-    return None
 
 
 def _model(result: Identification, validation: Validation) -> Section:

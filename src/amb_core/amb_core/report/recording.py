@@ -19,11 +19,11 @@ from amb_core.report.document import Block, Chart, Prose, Report, Section, Table
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters
     from amb_core.loop.records import LoopRecord
-    from amb_core.recording import Bag
+    from amb_core.recording import Recording
 
 
 def recording_report(
-    bag: Bag,
+    recording: Recording,
     run: int | None = None,
     order: int | Literal["auto"] = 10,
     progress: Callable[[str], None] | None = None,
@@ -36,7 +36,7 @@ def recording_report(
 
     Parameters
     ----------
-    bag : Bag
+    recording : Recording
         With telemetry.
     run : int, optional
         The run; by default the last one.
@@ -60,17 +60,17 @@ def recording_report(
         check_order(order)
     tell = progress or (lambda _stage: None)
     tell("classifying")
-    found = classify_run(bag, run)
+    found = classify_run(recording, run)
     sections = [_regions(found)]
     tell("drawing")
     sections.append(_motion(found.record))
-    identified, problem = _model_sections(bag, found.run, order, controller, tell)
+    identified, problem = _model_sections(recording, found.run, order, controller, tell)
     return Report(
-        f"Run {found.run} of {bag.path.name}",
+        f"Run {found.run} of {recording.path.name}",
         _lead(found) + (f" No model: {problem}." if problem else ""),
-        [Chart(_sweep(found)), _experiment(bag, found)],
+        [Chart(_sweep(found)), _experiment(recording, found)],
         sections + identified,
-        f"Every number comes from the bag {bag.path}.",
+        f"Every number comes from the bag {recording.path}.",
     )
 
 
@@ -89,14 +89,14 @@ def _sweep(found: RecordedRegions):  # type: ignore[no-untyped-def]  # plotly ha
     return sweep_page(found.record, found.classification, found.frequency, over=over, title="Regions of the run")
 
 
-def _experiment(bag: Bag, found: RecordedRegions) -> Table:
+def _experiment(recording: Recording, found: RecordedRegions) -> Table:
     record = found.record
     excitations = [
         f"{item.kind}, steps {item.first_step} to {item.stop - 1}"
-        for item in bag.excitations(found.run)
+        for item in recording.excitations(found.run)
         if item.accepted and item.steps
     ]
-    controller = bag.controller_parameters()
+    controller = recording.controller_parameters()
     rows = [
         ("run", str(found.run)),
         ("samples", f"{record.steps}, from step {record.first_step} on"),
@@ -149,7 +149,7 @@ def _motion(record: LoopRecord) -> Section:
 
 
 def _model_sections(
-    bag: Bag,
+    recording: Recording,
     run: int,
     order: int | Literal["auto"],
     controller: ControllerParameters | None,
@@ -159,6 +159,6 @@ def _model_sections(
     from amb_core.report.identified_model import identified_sections
 
     try:
-        return identified_sections(bag, run, order, controller or bag.controller_parameters(), tell), ""
+        return identified_sections(recording, run, order, controller or recording.controller_parameters(), tell), ""
     except AmbError as problem:
         return [Section("Identified model", [Prose(f"There is none: {problem}.")])], str(problem)

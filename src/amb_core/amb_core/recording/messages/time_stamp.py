@@ -1,15 +1,15 @@
-"""Simulation time of a controller step as a ROS time stamp."""
+"""builtin_interfaces/Time: the simulation time of a controller step."""
 
 from __future__ import annotations
 
-from builtin_interfaces.msg import Time
+from typing import Any
 
 SECOND = 1_000_000_000  # ns
 LONGEST_TIME = 2**31 - 1  # s; the seconds of a stamp are an int32
 
 
-def set_step_time(stamp: Time, step: int, sample_rate: float) -> None:
-    """Set a stamp, in place, to the time of a controller step, rounded to the nanosecond."""
+def set_step_time(stamp: Any, step: int, sample_rate: float) -> None:
+    """Set a stamp, in place, to the time of a controller step at a sample rate (Hz), rounded to the nanosecond."""
     nanoseconds = round(step * SECOND / sample_rate)
     stamp.sec = nanoseconds // SECOND
     stamp.nanosec = nanoseconds % SECOND
@@ -18,3 +18,8 @@ def set_step_time(stamp: Time, step: int, sample_rate: float) -> None:
 def last_stamped_step(sample_rate: float) -> int:
     """The last controller step whose time a stamp can hold: after 68 years of simulation time."""
     return int(LONGEST_TIME * sample_rate)
+
+
+def stamped_time(stamp: Any) -> float:
+    """Time of a stamp (s)."""
+    return float(stamp.sec + 1e-9 * stamp.nanosec)

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from amb_core.errors import BagError
 from amb_core.recording import BagWriter
-from amb_core.recording.messages import ParameterValue
+from amb_core.recording.messages.parameters import ParameterValue
 from amb_ident_node.completeness import Mark
 
 
-class Recording:
+class BagInProgress:
     """A bag being recorded. Messages are held back until it is known where the recording begins.
 
     Parameters

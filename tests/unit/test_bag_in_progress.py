@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from amb_core.recording import BagWriter, read_bag
+from amb_core.recording import BagWriter, Recording
+from amb_ident_node.bag_in_progress import BagInProgress
 from amb_ident_node.completeness import Mark
-from amb_ident_node.recording import Recording
 
 STATE = "some_msgs/msg/State"
 
@@ -16,14 +16,14 @@ def message(step: int) -> bytes:
     return b"\x00\x01\x00\x00" + step.to_bytes(8, "little")
 
 
-def recording(folder: Path) -> Recording:
+def recording(folder: Path) -> BagInProgress:
     writer = BagWriter(folder)
     writer.add_topic("/state", STATE, "uint64 step")
-    return Recording(writer)
+    return BagInProgress(writer)
 
 
 def steps(folder: Path) -> list[int]:
-    return [item.step for item in read_bag(folder).messages_of("/state")]
+    return [item.step for item in Recording.read(folder).messages_of("/state")]
 
 
 def test_what_ends_before_the_beginning_is_left_out(tmp_path: Path) -> None:

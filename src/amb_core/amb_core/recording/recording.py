@@ -1,49 +1,60 @@
-"""Reads bags: what a bag holds, and its telemetry, excitations, parameters and model as the library's own types.
+"""A recording: what a bag holds, read in one pass, as the library's own types.
 
 Topics are found by message type, so that a bag reads whatever namespace it was recorded in.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
 from amb_core.errors import BagError
 from amb_core.loop.experiments import AppliedExcitation, controller_of, last_experiment, select_window
 from amb_core.loop.records import LoopRecord, PlantRecord
 from amb_core.loop.telemetry import StepCoverage, merge_blocks
-from amb_core.recording.messages import (
-    ParameterValue,
-    block_from_message,
-    excitation_frequency_from_message,
-    excitation_from_message,
-    model_from_message,
-    parameters_from_messages,
-    plant_record_from_messages,
-)
-from amb_core.recording.parameter_events import PARAMETER_EVENT
-from amb_core.recording.storage import Definition, Storage, open_storage
+from amb_core.parameters import part_of
+from amb_core.recording.decoder import Decoder
+from amb_core.recording.messages.excitation import EXCITATION, frequency_from_message
+from amb_core.recording.messages.excitation_status import EXCITATION_STATUS, answer_from_message
+from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
+from amb_core.recording.messages.parameters import PARAMETER_EVENT, ParameterValue, parameters_from_messages
+from amb_core.recording.messages.plant_state import PLANT_STATE, plant_record_from_messages
+from amb_core.recording.messages.state_space_model import STATE_SPACE_MODEL, model_from_message
+from amb_core.recording.storage import Storage, open_storage
 
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters
     from amb_core.model import StateSpaceModel
+    from amb_core.plant import PlantParameters
+    from amb_core.regions import RegionState
+    from amb_core.regions.region_map import RegionMap
 
-TELEMETRY = "amb_msgs/msg/LoopSamples"
-PLANT_STATE = "amb_msgs/msg/PlantState"
-EXCITATION = "amb_msgs/msg/Excitation"
-EXCITATION_STATUS = "amb_msgs/msg/ExcitationStatus"
+T = TypeVar("T")
+
 SIMULATOR_STATE = "amb_msgs/msg/SimulatorState"
 DELEVITATED = 3  # its mode, see there
-MODEL = "amb_msgs/msg/StateSpaceModel"
+REGION_STATE = "amb_msgs/msg/RegionState"
+REGION_MAP = "amb_msgs/msg/RegionMap"
+KEPT = (
+    LOOP_SAMPLES,
+    PLANT_STATE,
+    EXCITATION,
+    EXCITATION_STATUS,
+    SIMULATOR_STATE,
+    STATE_SPACE_MODEL,
+    REGION_STATE,
+    REGION_MAP,
+    PARAMETER_EVENT,
+)
+"""Message types that the library knows, but for those of single samples, of which there are too many."""
 
-CONTROLLER_NODE = "pd_controller"
+CONTROLLER_NODE, SIMULATOR_NODE = "pd_controller", "simulator"
 
 
 @dataclass(frozen=True)
@@ -55,21 +66,10 @@ class TopicInfo:
     messages: int
 
 
-def read_bag(path: str | Path) -> Bag:
-    """Open a bag: a folder, an `.mcap` or a `.db3` file, also one that was cut off while being written.
+class Recording:
+    """A bag read through once: counted, checked, and its known messages kept as they are stored.
 
-    The files are read through once, to check and count; messages are decoded when asked for.
-
-    Raises
-    ------
-    BagError
-        If there is no bag, or if not one message of a damaged one can be read.
-    """
-    return Bag(Path(path))
-
-
-class Bag:
-    """A bag opened for reading.
+    They are converted when they are asked for, so that a wrong one costs nothing but what it belongs to.
 
     Attributes
     ----------
@@ -83,22 +83,35 @@ class Bag:
         Why it does not read to its end, empty for a whole bag. What comes before the damage is read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, storage: Storage) -> None:
         self.path = path
-        self._storage: Storage = open_storage(path)
-        self._decoder = _Decoder(path, self._storage.definitions)
+        self._storage = storage
+        self._decoder = Decoder(path, storage.definitions)
+        self._stored: dict[str, list[bytes]] = {}
         counts: dict[tuple[str, str], int] = {}
         start, end = 2**63 - 1, 0
-        for message in self._storage.messages():
+        for message in storage.messages():
             key = (message.topic, message.type)
             counts[key] = counts.get(key, 0) + 1
             start, end = min(start, message.log_time), max(end, message.log_time)
+            if message.type in KEPT:
+                self._stored.setdefault(message.type, []).append(message.data)
         self.topics = [TopicInfo(name, kind, count) for (name, kind), count in sorted(counts.items())]
         self.duration = (end - start) / 1e9 if counts else 0.0
-        self.truncated = self._storage.damage
+        self.truncated = storage.damage
         if self.truncated and not counts:
             raise BagError(f"bag {path}: no message can be read: {self.truncated}")
-        self._telemetry: dict[int, list[LoopRecord]] | None = None
+
+    @classmethod
+    def read(cls, path: str | Path) -> Recording:
+        """Read a bag: a folder, an `.mcap` or a `.db3` file, also one that was cut off while being written.
+
+        Raises
+        ------
+        BagError
+            If there is no bag, or if not one message of a damaged one can be read.
+        """
+        return cls(Path(path), open_storage(Path(path)))
 
     @property
     def messages(self) -> int:
@@ -108,7 +121,7 @@ class Bag:
     @property
     def runs(self) -> list[int]:
         """Runs with telemetry, in the order in which they were recorded."""
-        return list(self._blocks()) if self._topic_of(TELEMETRY) else []
+        return list(self._blocks)
 
     def telemetry(self, run: int | None = None, first_step: int | None = None, stop: int | None = None) -> LoopRecord:
         """The loop samples of a run.
@@ -125,10 +138,10 @@ class Bag:
         BagError
             If there is no telemetry, no such run, or if steps are missing.
         """
-        if self._topic_of(TELEMETRY) is None:
+        if self._topic_of(LOOP_SAMPLES) is None:
             there = ", ".join(topic.name for topic in self.topics) or "none"
-            raise BagError(f"bag {self.path}: holds no telemetry ({TELEMETRY}); its topics: {there}")
-        blocks = self._blocks()
+            raise BagError(f"bag {self.path}: holds no telemetry ({LOOP_SAMPLES}); its topics: {there}")
+        blocks = self._blocks
         run = self.runs[-1] if run is None else run
         if run not in blocks:
             raise BagError(f"bag {self.path}: holds no run {run}; its runs: {', '.join(map(str, blocks))}")
@@ -140,7 +153,7 @@ class Bag:
     def spans(self, run: int | None = None) -> list[tuple[int, int]]:
         """Spans (first step, step after the last) for which there is telemetry of a run, by default the last one."""
         coverage = StepCoverage()
-        blocks = self._blocks()
+        blocks = self._blocks
         for block in blocks.get(next(reversed(blocks), 0) if run is None else run, []):
             coverage.add(block.first_step, block.steps)
         return coverage.spans
@@ -153,7 +166,7 @@ class Bag:
         BagError
             If there are none: the simulator publishes them only with its parameter `plant_state_steps`.
         """
-        states = list(self._decoded(PLANT_STATE))
+        states = self._plant_states
         if run is not None:
             states = [message for message in states if message.run == run]
         if not states:
@@ -175,7 +188,7 @@ class Bag:
         if not self.runs:
             return self.telemetry()  # which says what is there instead
         run = self.runs[-1]
-        blocks = self._blocks()[run]
+        blocks = self._blocks[run]
         available = (
             min(block.first_step for block in blocks),
             max(block.first_step + block.steps for block in blocks),
@@ -188,8 +201,7 @@ class Bag:
         if run is None and not self.runs:
             return []
         run = self.runs[-1] if run is None else run
-        answers = (excitation_from_message(message) for message in self._decoded(EXCITATION_STATUS))
-        return [answer for answer in answers if answer.run == run]
+        return [answer for answer in self._answers if answer.run == run]
 
     def input_frequency(self, first_step: int, stop: int, run: int | None = None) -> NDArray[np.float64]:
         """Instantaneous input frequency at the steps of a run (by default the last with telemetry), as excited (Hz).
@@ -207,13 +219,13 @@ class Bag:
             NaN where nothing was excited, by a signal without an instantaneous frequency, or from a definition that
             this version of the library does not know.
         """
-        known = {(int(item.run), int(item.id)): item for item in self._decoded(EXCITATION)}
+        known = {(int(item.run), int(item.id)): item for item in self._excitations}
         frequency = np.full(max(stop, 0), np.nan)
         for answer in self.excitations(run):
             if answer.accepted:  # also of a stop: an excitation ends where the next one begins
                 frequency[answer.first_step :] = np.nan
                 excitation = known.get((answer.run, answer.id))
-                part = np.zeros(0) if excitation is None else excitation_frequency_from_message(excitation)
+                part = np.zeros(0) if excitation is None else frequency_from_message(excitation)
                 part = part[: max(len(frequency) - answer.first_step, 0)]
                 frequency[answer.first_step : answer.first_step + len(part)] = part
         return frequency[first_step:]
@@ -226,30 +238,60 @@ class Bag:
         if run is None and not self.runs:
             return None
         run = self.runs[-1] if run is None else run
-        for message in self._decoded(SIMULATOR_STATE):
-            if message.run == run and message.mode == DELEVITATED:
-                return int(message.step)
-        return None
+        return self._delevitations.get(run)
 
     def parameters(self) -> dict[str, dict[str, ParameterValue]]:
         """The last known parameters of each node, by full node name and parameter name."""
-        nodes: dict[str, dict[str, ParameterValue]] = {}
-        for event in self._decoded(PARAMETER_EVENT):
-            values = nodes.setdefault(event.node, {})
-            values.update(parameters_from_messages([*event.new_parameters, *event.changed_parameters]))
-            for parameter in event.deleted_parameters:
-                values.pop(parameter.name, None)
-        return nodes
+        return {node: dict(values) for node, values in self._parameters.items()}
+
+    def parameters_of(self, name: str) -> dict[str, ParameterValue] | None:
+        """The last known parameters of the node of this name in any namespace, None when they were not recorded."""
+        for node, values in self._parameters.items():
+            if node.rsplit("/", 1)[-1] == name:
+                return dict(values)
+        return None
+
+    def controller_parameters(self) -> ControllerParameters | None:
+        """Parameters of the recorded controller (a node named pd_controller), None when they were not recorded."""
+        values = self.parameters_of(CONTROLLER_NODE)
+        return None if values is None else controller_of(values)
+
+    def plant_parameters(self) -> PlantParameters | None:
+        """Parameters of the simulated plant (a node named simulator), None when there are none, as for a real bearing.
+
+        Raises
+        ------
+        ParameterError
+            If one is out of its range.
+        """
+        values = self.parameters_of(SIMULATOR_NODE)
+        if values is None:
+            return None
+        from amb_core.plant import PlantParameters  # loads a compiler
+
+        return part_of(PlantParameters, values)
 
     def model(self) -> StateSpaceModel | None:
         """The last model that was identified while recording, None when there is none."""
-        last = None
-        for message in self._decoded(MODEL):
-            last = message
-        return None if last is None else model_from_message(last)
+        return model_from_message(self._models[-1]) if self._models else None
+
+    def regions(self, run: int | None = None) -> list[RegionState]:
+        """The states that the region monitor published of a run, by default the last with telemetry, in order."""
+        if run is None and not self.runs:
+            return []
+        run = self.runs[-1] if run is None else run
+        return [state for number, state in self._regions if number == run]
+
+    def region_map(self) -> RegionMap | None:
+        """The last region map that was built while recording, None when there is none."""
+        if not self._region_maps:
+            return None
+        from amb_core.recording.messages.region_map import region_map_from_message  # loads a compiler
+
+        return region_map_from_message(self._region_maps[-1])
 
     def messages_of(self, topic: str) -> Iterator[Any]:
-        """The messages of a topic, decoded, as they were recorded.
+        """The messages of a topic, decoded, as they were recorded; reads the files once more.
 
         Raises
         ------
@@ -263,24 +305,64 @@ class Bag:
             if message.topic == topic:
                 yield self._decoder.decode(message.type, message.data)
 
-    def controller_parameters(self) -> ControllerParameters | None:
-        """Parameters of the recorded controller (a node named pd_controller), None when they were not recorded."""
-        for node, values in self.parameters().items():
-            if node.rsplit("/", 1)[-1] == CONTROLLER_NODE:
-                return controller_of(values)
-        return None
-
+    @cached_property
     def _blocks(self) -> dict[int, list[LoopRecord]]:
         """Telemetry blocks by run, the run recorded last at the end."""
-        if self._telemetry is None:
-            blocks: dict[int, list[LoopRecord]] = {}
-            for message in self._decoded(TELEMETRY):
-                run = int(message.run)
-                if run in blocks and run != next(reversed(blocks)):
-                    blocks[run] = blocks.pop(run)
-                blocks.setdefault(run, []).append(block_from_message(message))
-            self._telemetry = blocks
-        return self._telemetry
+
+        def block_of_run(message: Any) -> tuple[int, LoopRecord]:
+            return int(message.run), block_from_message(message)
+
+        blocks: dict[int, list[LoopRecord]] = {}
+        for run, block in self._converted(LOOP_SAMPLES, block_of_run):
+            if run in blocks and run != next(reversed(blocks)):
+                blocks[run] = blocks.pop(run)
+            blocks.setdefault(run, []).append(block)
+        return blocks
+
+    @cached_property
+    def _plant_states(self) -> list[Any]:
+        return self._converted(PLANT_STATE, _unchanged)
+
+    @cached_property
+    def _excitations(self) -> list[Any]:
+        return self._converted(EXCITATION, _unchanged)
+
+    @cached_property
+    def _answers(self) -> list[AppliedExcitation]:
+        return self._converted(EXCITATION_STATUS, answer_from_message)
+
+    @cached_property
+    def _delevitations(self) -> dict[int, int]:
+        """Step before which the rotor delevitated, by run."""
+        steps: dict[int, int] = {}
+        for message in self._converted(SIMULATOR_STATE, _unchanged):
+            if message.mode == DELEVITATED:
+                steps.setdefault(int(message.run), int(message.step))
+        return steps
+
+    @cached_property
+    def _parameters(self) -> dict[str, dict[str, ParameterValue]]:
+        nodes: dict[str, dict[str, ParameterValue]] = {}
+        for event in self._converted(PARAMETER_EVENT, _unchanged):
+            values = nodes.setdefault(event.node, {})
+            values.update(parameters_from_messages([*event.new_parameters, *event.changed_parameters]))
+            for parameter in event.deleted_parameters:
+                values.pop(parameter.name, None)
+        return nodes
+
+    @cached_property
+    def _models(self) -> list[Any]:
+        return self._converted(STATE_SPACE_MODEL, _unchanged)
+
+    @cached_property
+    def _regions(self) -> list[tuple[int, RegionState]]:
+        from amb_core.recording.messages.region_state import region_state_from_message  # loads a compiler
+
+        return self._converted(REGION_STATE, lambda message: (int(message.run), region_state_from_message(message)))
+
+    @cached_property
+    def _region_maps(self) -> list[Any]:
+        return self._converted(REGION_MAP, _unchanged)
 
     def _topic_of(self, message_type: str) -> str | None:
         """Name of the topic of a type, None when there is none."""
@@ -289,36 +371,14 @@ class Bag:
             raise BagError(f"bag {self.path}: {message_type} is on more than one topic: {', '.join(names)}")
         return names[0] if names else None
 
-    def _decoded(self, message_type: str) -> Iterator[Any]:
-        """Messages of a type, decoded."""
+    def _converted(self, message_type: str, convert: Callable[[Any], T]) -> list[T]:
+        """The messages of a type in order; what was stored of them is dropped."""
         if self._topic_of(message_type) is None:
-            return
-        for message in self._storage.messages():
-            if message.type == message_type:
-                yield self._decoder.decode(message.type, message.data)
+            return []
+        converted = [convert(self._decoder.decode(message_type, data)) for data in self._stored[message_type]]
+        del self._stored[message_type]
+        return converted
 
 
-class _Decoder:
-    """Decodes CDR by the definitions that the bag brings along."""
-
-    def __init__(self, path: Path, definitions: dict[str, Definition]) -> None:
-        self._path = path
-        self._definitions = definitions
-        self._types = get_typestore(Stores.EMPTY)
-
-    def decode(self, message_type: str, data: bytes) -> Any:
-        try:
-            if message_type not in self._types.types:
-                self._register(message_type)
-            return self._types.deserialize_cdr(data, message_type)
-        except (TypesysError, SerdeError) as problem:
-            raise BagError(f"bag {self._path}: a message of type {message_type} cannot be decoded: {problem}") from None
-
-    def _register(self, message_type: str) -> None:
-        if message_type not in self._definitions:
-            raise BagError(f"bag {self._path}: lacks the definition of {message_type}; record with Iron or later")
-        definition = self._definitions[message_type]
-        if definition.encoding == "ros2idl":
-            self._types.register(get_types_from_idl(definition.text))
-        else:
-            self._types.register(get_types_from_msg(definition.text, message_type))
+def _unchanged(message: Any) -> Any:
+    return message

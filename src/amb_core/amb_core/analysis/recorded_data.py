@@ -16,15 +16,15 @@ from amb_core.errors import BagError
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.experiment import Experiment
 from amb_core.loop.experiments import last_experiment, select_window
-from amb_core.recording import Bag, read_bag
+from amb_core.recording import Recording
 
 POSITION = "amb_msgs/msg/RotorPosition"
 CURRENT = "amb_msgs/msg/CurrentReference"
 _TIME_TOLERANCE = 1e-3  # of a sample time, by which a stamp may miss its step; stamps count in ns
 
 
-def read_bag_data(
-    path: str | Path,
+def recorded_data(
+    recording: Recording,
     run: int | None = None,
     first_step: int = -1,
     steps: int = 0,
@@ -32,12 +32,12 @@ def read_bag_data(
     position_topic: str | None = None,
     current_topic: str | None = None,
 ) -> IdentificationData:
-    """Inputs i_x, i_y (A) and outputs x, y (m) of one run in a bag.
+    """Inputs i_x, i_y (A) and outputs x, y (m) of one run of a recording.
 
     Parameters
     ----------
-    path : path
-        The bag: a folder, an `.mcap` or a `.db3` file, of the recorder or of `ros2 bag record`.
+    recording : Recording
+        Of the recorder or of `ros2 bag record`.
     run : int, optional
         The run; by default the last one.
     first_step, steps : int, optional
@@ -54,20 +54,34 @@ def read_bag_data(
     IdentificationError
         If it lacks the steps asked for.
     """
-    bag = read_bag(path)
-    if position_topic is None and current_topic is None and bag.runs:
-        return _from_telemetry(bag, run, first_step, steps)
-    return _from_topics(bag, position_topic, current_topic, run, first_step, steps)
+    if position_topic is None and current_topic is None and recording.runs:
+        return _from_telemetry(recording, run, first_step, steps)
+    return _from_topics(recording, position_topic, current_topic, run, first_step, steps)
 
 
-def _from_telemetry(bag: Bag, run: int | None, first_step: int, steps: int) -> IdentificationData:
-    run = bag.runs[-1] if run is None else run
-    spans = bag.spans(run)
+def read_bag_data(
+    path: str | Path,
+    run: int | None = None,
+    first_step: int = -1,
+    steps: int = 0,
+    *,
+    position_topic: str | None = None,
+    current_topic: str | None = None,
+) -> IdentificationData:
+    """As `recorded_data`, from the bag at a path: a folder, an `.mcap` or a `.db3` file."""
+    return recorded_data(
+        Recording.read(path), run, first_step, steps, position_topic=position_topic, current_topic=current_topic
+    )
+
+
+def _from_telemetry(recording: Recording, run: int | None, first_step: int, steps: int) -> IdentificationData:
+    run = recording.runs[-1] if run is None else run
+    spans = recording.spans(run)
     if not spans:
-        raise BagError(f"bag {bag.path}: holds no run {run}; its runs: {', '.join(map(str, bag.runs))}")
-    start, stop = _window(bag, run, spans, first_step, steps)
-    source = f"{bag.path}, run {run}"
-    records = [bag.telemetry(run, *span) for span in _within(spans, start, stop)]
+        raise BagError(f"bag {recording.path}: holds no run {run}; its runs: {', '.join(map(str, recording.runs))}")
+    start, stop = _window(recording, run, spans, first_step, steps)
+    source = f"{recording.path}, run {run}"
+    records = [recording.telemetry(run, *span) for span in _within(spans, start, stop)]
     return IdentificationData(
         tuple(
             Experiment(record.current, record.position, record.reference, record.first_step, source)
@@ -78,12 +92,17 @@ def _from_telemetry(bag: Bag, run: int | None, first_step: int, steps: int) -> I
 
 
 def _from_topics(
-    bag: Bag, position_topic: str | None, current_topic: str | None, run: int | None, first_step: int, steps: int
+    recording: Recording,
+    position_topic: str | None,
+    current_topic: str | None,
+    run: int | None,
+    first_step: int,
+    steps: int,
 ) -> IdentificationData:
-    position_topic = position_topic or _only_topic(bag, POSITION, "position_topic")
-    current_topic = current_topic or _only_topic(bag, CURRENT, "current_topic")
-    positions, currents = _by_run(bag, position_topic, POSITION), _by_run(bag, current_topic, CURRENT)
-    where = f"bag {bag.path}: {position_topic} and {current_topic}"
+    position_topic = position_topic or _only_topic(recording, POSITION, "position_topic")
+    current_topic = current_topic or _only_topic(recording, CURRENT, "current_topic")
+    positions, currents = _by_run(recording, position_topic, POSITION), _by_run(recording, current_topic, CURRENT)
+    where = f"bag {recording.path}: {position_topic} and {current_topic}"
     common = [number for number in positions if number in currents]
     if not common:
         raise BagError(
@@ -92,8 +111,10 @@ def _from_topics(
     run = common[-1] if run is None else run
     if run not in common:
         raise BagError(f"{where}: hold no run {run}; their runs: {_list(common)}")
-    position_steps, position, time = _in_order(positions[run], ("x", "y", "time"), f"bag {bag.path}: {position_topic}")
-    current_steps, current, _ = _in_order(currents[run], ("i_x", "i_y"), f"bag {bag.path}: {current_topic}")
+    position_steps, position, time = _in_order(
+        positions[run], ("x", "y", "time"), f"bag {recording.path}: {position_topic}"
+    )
+    current_steps, current, _ = _in_order(currents[run], ("i_x", "i_y"), f"bag {recording.path}: {current_topic}")
     matched, of_position, of_current = np.intersect1d(position_steps, current_steps, True, True)
     if 2 * len(matched) <= max(len(position_steps), len(current_steps)):
         raise BagError(
@@ -101,28 +122,30 @@ def _from_topics(
             f"{len(current_steps)} currents (steps {_range(current_steps)}) of run {run} only {len(matched)} have one "
             "step; record both topics over the same time, or telemetry instead"
         )
-    sample_time = _sample_time(position_steps, time, f"bag {bag.path}: {position_topic}")
+    sample_time = _sample_time(position_steps, time, f"bag {recording.path}: {position_topic}")
     edges = np.flatnonzero(np.diff(matched) > 1) + 1
     spans = [(int(part[0]), int(part[-1]) + 1) for part in np.split(matched, edges)]
-    start, stop = _window(bag, run, spans, first_step, steps)
+    start, stop = _window(recording, run, spans, first_step, steps)
     inputs, outputs = current[of_current], position[of_position]
     experiments = []
     for span_start, span_stop in _within(spans, start, stop):
         part = slice(*np.searchsorted(matched, (span_start, span_stop)))
         experiments.append(
-            Experiment(inputs[part], outputs[part], first_step=span_start, source=f"{bag.path}, run {run}")
+            Experiment(inputs[part], outputs[part], first_step=span_start, source=f"{recording.path}, run {run}")
         )
     return IdentificationData(tuple(experiments), sample_time)
 
 
-def _window(bag: Bag, run: int, spans: Sequence[tuple[int, int]], first_step: int, steps: int) -> tuple[int, int]:
+def _window(
+    recording: Recording, run: int, spans: Sequence[tuple[int, int]], first_step: int, steps: int
+) -> tuple[int, int]:
     """The steps wanted, of which at least one is there."""
-    experiment = last_experiment(bag.excitations(run), run)
+    experiment = last_experiment(recording.excitations(run), run)
     start, stop = select_window((spans[0][0], spans[-1][1]), experiment, first_step, steps)
     beyond = 0 <= first_step < spans[0][0] or (steps and stop > spans[-1][1])
     if beyond or not _within(spans, start, stop):
         raise BagError(
-            f"bag {bag.path}, run {run}: does not hold steps {start} to {stop - 1}; "
+            f"bag {recording.path}, run {run}: does not hold steps {start} to {stop - 1}; "
             f"it has steps {spans[0][0]} to {spans[-1][1] - 1}"
         )
     return start, stop
@@ -133,27 +156,29 @@ def _within(spans: Sequence[tuple[int, int]], start: int, stop: int) -> list[tup
     return [(first, last) for first, last in cut if first < last]
 
 
-def _only_topic(bag: Bag, message_type: str, argument: str) -> str:
-    found = [topic.name for topic in bag.topics if topic.type == message_type]
+def _only_topic(recording: Recording, message_type: str, argument: str) -> str:
+    found = [topic.name for topic in recording.topics if topic.type == message_type]
     if len(found) == 1:
         return found[0]
     if found:
         raise BagError(
-            f"bag {bag.path}: {message_type} is on more than one topic: {', '.join(found)}; name one as {argument}"
+            f"bag {recording.path}: {message_type} is on more than one topic: {', '.join(found)}; "
+            f"name one as {argument}"
         )
-    there = ", ".join(f"{topic.name} ({topic.type})" for topic in bag.topics) or "none"
+    there = ", ".join(f"{topic.name} ({topic.type})" for topic in recording.topics) or "none"
     raise BagError(
-        f"bag {bag.path}: holds neither telemetry (amb_msgs/msg/LoopSamples) nor {message_type}; its topics: {there}"
+        f"bag {recording.path}: holds neither telemetry (amb_msgs/msg/LoopSamples) nor {message_type}; "
+        f"its topics: {there}"
     )
 
 
-def _by_run(bag: Bag, topic: str, message_type: str) -> dict[int, list[Any]]:
+def _by_run(recording: Recording, topic: str, message_type: str) -> dict[int, list[Any]]:
     """Messages of a topic by run, the run recorded last at the end."""
-    types = [known.type for known in bag.topics if known.name == topic]
+    types = [known.type for known in recording.topics if known.name == topic]
     if types and types != [message_type]:
-        raise BagError(f"bag {bag.path}: {topic} is of type {', '.join(types)}; {message_type} is needed")
+        raise BagError(f"bag {recording.path}: {topic} is of type {', '.join(types)}; {message_type} is needed")
     runs: dict[int, list[Any]] = {}
-    for message in bag.messages_of(topic):
+    for message in recording.messages_of(topic):
         runs.setdefault(int(message.run), []).append(message)
     return runs
 

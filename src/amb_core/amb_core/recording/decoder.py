@@ -1,0 +1,64 @@
+"""Decodes stored messages by the definitions that their bag brings along."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from amb_core.errors import BagError
+from amb_core.recording.storage import Definition
+
+
+def register(types: Typestore, message_type: str, definition: Definition) -> None:
+    """Let a store of types know a message type, `package/msg/Name`, and those that it uses.
+
+    Raises
+    ------
+    TypesysError
+        If the definition cannot be understood.
+    """
+    if definition.encoding == "ros2idl":
+        types.register(get_types_from_idl(definition.text))
+    else:
+        types.register(get_types_from_msg(definition.text, message_type))
+
+
+class Decoder:
+    """Decodes the messages of one bag.
+
+    Parameters
+    ----------
+    path : Path
+        The bag, for messages of errors.
+    definitions : dict of str to Definition
+        By message type; may fill up until a type is decoded for the first time.
+    """
+
+    def __init__(self, path: Path, definitions: dict[str, Definition]) -> None:
+        self._path = path
+        self._definitions = definitions
+        self._types = get_typestore(Stores.EMPTY)
+
+    def decode(self, message_type: str, data: bytes) -> Any:
+        """A message from its serialized form (CDR).
+
+        Raises
+        ------
+        BagError
+            If the bag does not define the type, or the data are not such a message.
+        """
+        try:
+            if message_type not in self._types.types:
+                self._register(message_type)
+            return self._types.deserialize_cdr(data, message_type)
+        except (TypesysError, SerdeError) as problem:
+            raise BagError(f"bag {self._path}: a message of type {message_type} cannot be decoded: {problem}") from None
+
+    def _register(self, message_type: str) -> None:
+        if message_type not in self._definitions:
+            raise BagError(f"bag {self._path}: lacks the definition of {message_type}; record with Iron or later")
+        register(self._types, message_type, self._definitions[message_type])

@@ -1,0 +1,5 @@
+"""What messages carry as the library's own types: one file per message, both ways.
+
+Fields are read and set by name, so that a message may be one of ROS or one decoded from a bag. Nothing is imported
+here: who converts telemetry alone needs no region map, which loads a compiler.
+"""
