@@ -6,13 +6,15 @@ import importlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
 import yaml
 from typer.main import get_command
 
-from amb_bringup.cli import app
+from amb_bringup.cli import COMMANDS as LISTED
+from amb_bringup.cli import LateCommand, app
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
@@ -26,7 +28,8 @@ def commands() -> dict[str, click.Command]:
     """Commands by full name, groups left out."""
     found: dict[str, click.Command] = {}
 
-    def walk(name: str, command: click.Command) -> None:
+    def walk(name: str, command: Any) -> None:
+        command = command.load() if isinstance(command, LateCommand) else command
         parts = getattr(command, "commands", None)
         if parts is None:
             found[name] = command
@@ -38,6 +41,13 @@ def commands() -> dict[str, click.Command]:
 
 
 COMMANDS = commands()
+
+
+@pytest.mark.parametrize("name", LISTED)
+def test_the_list_of_commands_shows_their_first_lines(name: str) -> None:
+    command = get_command(app).commands[name]
+    shown = command.load().help.split("\n\n")[0]
+    assert " ".join(shown.split()) == command.help
 
 
 def lines(page: Path) -> Iterator[str]:

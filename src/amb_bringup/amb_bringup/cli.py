@@ -2,33 +2,110 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
 
-from amb_bringup.commands import (
-    bag,
-    compare,
-    demo,
-    excitation,
-    graph,
-    identify,
-    map,
-    plant,
-    regions,
-    report,
-    reproduce,
-    subharmonics,
-    validate,
-)
 from amb_bringup.exit_codes import INTERRUPTED
+from amb_bringup.startup import leaving_at_once
 from amb_core.errors import AmbError
+
+PASSING_ON = {"allow_extra_args": True, "allow_interspersed_args": False}
+COMMANDS = {
+    "demo": (
+        "demo:demo",
+        "Levitate the bearing over ROS 2 topics, shake it with square waves, record, identify, validate.",
+    ),
+    "up": (
+        "graph:up",
+        "Start all nodes and show what they say, until Ctrl-C.",
+    ),
+    "run": (
+        "graph:run",
+        "Run one executable of a package, as `ros2 run` does; what follows is passed on (--ros-args ...).",
+    ),
+    "identify": (
+        "identify:identify",
+        "Identify the plant from the last experiment of each bag, and check the model in closed loop on the same data.",
+    ),
+    "validate": (
+        "validate:validate",
+        "Judge a model: closed loop, predictions, residuals and frequency response, on one page.",
+    ),
+    "compare": (
+        "compare:compare",
+        "Put models side by side, judged by the same data, the best closed loop first.",
+    ),
+    "map": (
+        "map:region_map",
+        "Find where regions B, C and D begin, amplitude by amplitude, from simulated sweeps.",
+    ),
+    "regions": (
+        "regions:regions",
+        "Show where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions.",
+    ),
+    "report": (
+        "report:report",
+        "Regions, motion, identified model, frequency response with confidence and validation of a recorded run.",
+    ),
+    "reproduce": (
+        "reproduce:reproduce",
+        "Redo every figure and claim of the paper on the simulator; finished studies are kept and not run again.",
+    ),
+    "subharmonics": (
+        "subharmonics:subharmonics",
+        "Put three tones on the reference and look for their products in the steady state of the position.",
+    ),
+    "bag": (
+        "bag:app",
+        "Inspect and play bags.",
+    ),
+    "excitation": (
+        "excitation:app",
+        "Check or design an excitation on a region map.",
+    ),
+    "plant": (
+        "plant:app",
+        "Describe or plot the plant of a parameter file.",
+    ),
+}
+"""Where each command is, as `module:function` or, for a group of commands, `module:app`; and its first line of help."""
+
+
+class LateCommand(TyperCommand):
+    """A command whose module is imported when it is called: a list of the commands needs none of them."""
+
+    def __init__(self, name: str, place: str, help: str) -> None:
+        super().__init__(name, help=help)
+        self._place = place
+
+    def load(self) -> Any:
+        """The command itself."""
+        module, name = self._place.split(":")
+        with leaving_at_once():
+            found = getattr(importlib.import_module(f"amb_bringup.commands.{module}"), name)
+        if isinstance(found, typer.Typer):
+            return get_command(found)
+        app = typer.Typer(add_completion=False)
+        app.command(self.name, context_settings=PASSING_ON if self.name == "run" else None)(found)
+        return get_command(app)
+
+    def make_context(self, *arguments: Any, **options: Any) -> Any:
+        """The context of the command itself, which is the one that runs in it."""
+        return self.load().make_context(*arguments, **options)
 
 
 class Commands(TyperGroup):
     """The commands, any of which ends on Ctrl-C with one line and the exit code that shells expect."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        for name, (place, help) in COMMANDS.items():
+            self.add_command(LateCommand(name, place, help))
 
     def invoke(self, ctx: Any) -> Any:  # typer has a copy of click's types of its own
         """Run the command that was asked for."""
@@ -63,22 +140,6 @@ def amb(
     ] = False,
 ) -> None:
     """Workbench for active magnetic bearings on ROS 2: levitate, excite, record, identify."""
-
-
-app.command()(demo.demo)
-app.command()(graph.up)
-app.command(context_settings={"allow_extra_args": True, "allow_interspersed_args": False})(graph.run)
-app.command()(identify.identify)
-app.command()(validate.validate)
-app.command()(compare.compare)
-app.command("map")(map.region_map)
-app.command()(regions.regions)
-app.command()(report.report)
-app.command()(reproduce.reproduce)
-app.command()(subharmonics.subharmonics)
-app.add_typer(bag.app, name="bag")
-app.add_typer(excitation.app, name="excitation")
-app.add_typer(plant.app, name="plant")
 
 
 def main() -> int:

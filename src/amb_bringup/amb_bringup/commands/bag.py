@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
+import rclpy
 import typer
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rich.console import Console
+from rich.table import Table
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from amb_core.recording import Recording
+from amb_bringup.commands.progress import Stages
+from amb_core.errors import BagError
+from amb_core.recording import Recording
+from amb_ros.bag_player import BagPlayer
 
 app = typer.Typer(help="Inspect and play bags.", no_args_is_help=True)
 
@@ -23,11 +28,6 @@ def bag() -> None:
 @app.command()
 def info(bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")]) -> None:
     """Show topics, runs, excitations and the model of a bag, also of one that was cut off."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from amb_core.recording import Recording
-
     recording = Recording.read(bag)
     console = Console()
     console.print(f"[bold]{recording.path}[/bold]: {recording.messages} messages in {recording.duration:.1f} s")
@@ -54,14 +54,6 @@ def play(
 
     Not into a graph with a simulator: both would publish on the same topics.
     """
-    import rclpy
-    from rclpy.node import Node
-    from rclpy.signals import SignalHandlerOptions
-    from rich.console import Console
-
-    from amb_bringup.commands.progress import Stages
-    from amb_ros.bag_player import BagPlayer
-
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C is for Python, not for the context
     try:
         node = Node("bag_player", start_parameter_services=False)
@@ -74,9 +66,6 @@ def play(
 
 
 def _runs(bag: Recording) -> Table:
-    from rich.table import Table
-
-    from amb_core.errors import BagError
 
     table = Table("run", "telemetry", "excitations")
     for run in bag.runs:

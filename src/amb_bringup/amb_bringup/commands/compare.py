@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
+from amb_bringup.commands.progress import working
+from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.commands.validate import (
     ControllerOption,
     FiguresOption,
@@ -16,13 +21,9 @@ from amb_bringup.commands.validate import (
     StepsOption,
     load_recorded,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from rich.table import Table
-
-    from amb_core.identification import Validation
+from amb_core.errors import IdentificationError
+from amb_core.figures import save_validation_figures
+from amb_core.identification import StateSpaceModel, Validation, validate
 
 
 def compare(
@@ -39,11 +40,6 @@ def compare(
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
     """Put models side by side, judged by the same data, the best closed loop first."""
-    from rich.console import Console
-
-    from amb_bringup.commands.progress import working
-    from amb_bringup.commands.results import make_folder, make_place, write_json
-
     console = Console()
     if out is not None:
         figures, results = figures or out, results or out / "summary.json"
@@ -53,8 +49,6 @@ def compare(
         make_folder(figures)
     loop = load_recorded(console, bag, run, first_step, steps, controller)
     found, refused = {}, {}
-    from amb_core.errors import IdentificationError
-    from amb_core.identification import StateSpaceModel, validate
 
     with working(console, "validating"):
         for name, path in zip(_names(models), models, strict=True):
@@ -72,8 +66,6 @@ def compare(
     if results is not None:
         write_json(results, {"models": {name: item.as_dict() for name, item in found.items()}, "refused": refused})
     if figures is not None:
-        from amb_core.figures import save_validation_figures
-
         with working(console, "drawing"):
             names = save_validation_figures(figures, found)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
@@ -94,7 +86,6 @@ def _quality(validation: Validation) -> tuple[bool, float, float]:
 
 
 def _table(found: Mapping[str, Validation]) -> Table:
-    from rich.table import Table
 
     items = list(found.values())
     one = items[0]

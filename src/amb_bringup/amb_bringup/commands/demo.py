@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
-from amb_bringup.commands.inputs import ParamsOption
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from amb_bringup.demo import DemoSummary
+from amb_bringup.commands.inputs import parameter_file
+from amb_bringup.commands.options import ParamsOption
+from amb_bringup.commands.progress import Stages
+from amb_bringup.commands.results import make_folder
+from amb_bringup.demo import DemoSummary, run_demo
+from amb_bringup.launcher import own_domain
+from amb_bringup.node_parameters import check_parameter_file
 
 
 def demo(
@@ -23,15 +27,6 @@ def demo(
 
     What an earlier demo left in the folder is replaced. The graph gets a DDS domain of its own, or ROS_DOMAIN_ID.
     """
-    from rich.console import Console
-
-    from amb_bringup.commands.inputs import parameter_file
-    from amb_bringup.commands.progress import Stages
-    from amb_bringup.commands.results import make_folder
-    from amb_bringup.demo import run_demo
-    from amb_bringup.launcher import own_domain
-    from amb_bringup.node_parameters import check_parameter_file
-
     console = Console()
     check_parameter_file(parameter_file(params))  # a wrong file must not cost the results of an earlier demo
     make_folder(out)
@@ -44,15 +39,12 @@ def demo(
 
 def _clear(folder: Path) -> None:
     """Remove what a demo leaves, and nothing else."""
-    import shutil
-
     shutil.rmtree(folder / "bag", ignore_errors=True)
     for name in ("model.json", "orbit.png", "orbit.html", "response.png", "response.html", "summary.json"):
         (folder / name).unlink(missing_ok=True)
 
 
 def _table(summary: DemoSummary) -> Table:
-    from rich.table import Table
 
     table = Table("quantity", "value", title="The bearing over ROS 2 topics")
     table.add_row("steps over topics", f"{summary.steps:,} in {summary.wall_s:.1f} s ({summary.steps_per_s:,.0f} 1/s)")

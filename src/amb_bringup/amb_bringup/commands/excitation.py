@@ -3,38 +3,47 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
+from amb_bringup.commands.inputs import load_loop, load_regions
+from amb_bringup.commands.options import declared_options
+from amb_bringup.commands.progress import Stages
+from amb_bringup.commands.results import make_folder, write_json
+from amb_core.errors import RegionError
+from amb_core.excitation import KINDS, excitation_from_request, generate
+from amb_core.excitation_design import (
+    DesignedExcitation,
+    ExcitationCheck,
+    Trial,
+    TrialBench,
+    check_excitation,
+    design_excitation,
+)
+from amb_core.excitation_design.notes import made_with
+from amb_core.excitation_design.summary import check_summary, design_summary, trial_summary
+from amb_core.figures import overlay_figure, overlay_page, save_figure
+from amb_core.loop.control import ControllerParameters
+from amb_core.plant import PlantParameters
+from amb_core.regions import Region, RegionParameters
+from amb_core.regions.region_map import RegionMap
 
-    from amb_core.excitation_design import DesignedExcitation, ExcitationCheck, Trial
-    from amb_core.loop.control import ControllerParameters
-    from amb_core.plant import PlantParameters
-    from amb_core.regions import RegionParameters
-    from amb_core.regions.region_map import RegionMap
+Loop = tuple[ControllerParameters, PlantParameters, RegionParameters | None]
 
-    Loop = tuple[ControllerParameters, PlantParameters, RegionParameters | None]
 
 app = typer.Typer(help="Check or design an excitation on a region map.", no_args_is_help=True)
 
 UM = 1e6
 
-Duration = Annotated[float, typer.Option(help="Whole signal (s).")]
-Axes = Annotated[
-    str, typer.Option(help="x, y, both, or in_turn (x for half of the duration, then y); by default the kind's.")
-]
-Frequency = Annotated[
-    float, typer.Option(help="Fundamental of a square, clock rate of a PRBS (Hz); 0 for the default.")
-]
-Start = Annotated[float, typer.Option(help="Start of a sweep, lower end of a band (Hz); 0 for 11 Hz.")]
-End = Annotated[float, typer.Option(help="End of a sweep, upper end of a band (Hz); 0 for 400 Hz.")]
-Seed = Annotated[int, typer.Option(help="Seed of multisine, PRBS and white noise (-).")]
+DESIGNED = ("square", "multisine", "prbs")
+DURATION = {"duration": 4.0}  # s
+NOTES = {"phasing": "by default optimised", "interleaved": "by default so with axes both"}
+
 MapFile = Annotated[Path, typer.Option("--map", help="Region map, as `amb map` writes it.")]
-Params = Annotated[
+LoopParams = Annotated[
     Path | None,
     typer.Option(help="Parameter file of all nodes, instead of the loop the map was made with."),
 ]
@@ -47,38 +56,18 @@ def excitation() -> None:
 
 
 @app.command()
+@declared_options({"Signal": KINDS.values()}, defaults=DURATION)
 def check(
     kind: Annotated[str, typer.Argument(help="sweep, square, multisine, prbs, white_noise or tones.")],
-    amplitude: Annotated[float, typer.Option(help="Peak amplitude (m); rms for white_noise; none for tones.")] = 0.0,
-    duration: Duration = 4.0,
-    axes: Axes = "",
-    frequency: Frequency = 0.0,
-    frequency_start: Start = 0.0,
-    frequency_end: End = 0.0,
-    spacing: Annotated[str, typer.Option(help="Sweep: linear or logarithmic.")] = "",
-    frequencies: Annotated[list[float] | None, typer.Option(help="Tone (Hz); once for each.")] = None,
-    amplitudes: Annotated[list[float] | None, typer.Option(help="Its peak amplitude (m); once for each.")] = None,
-    phases: Annotated[list[float] | None, typer.Option(help="Its phase (rad); once for each.")] = None,
-    seed: Seed = 0,
-    phasing: Annotated[str, typer.Option(help="Phases of a multisine: random, schroeder or optimised.")] = "",
-    interleaved: Annotated[bool, typer.Option(help="Multisine: x and y share no line.")] = False,
+    given: dict[str, Any],
     simulate: Annotated[bool, typer.Option(help="Also simulate the full plant, and classify its response.")] = False,
     map_file: MapFile = Path("results/map/map.json"),
-    params: Params = None,
+    params: LoopParams = None,
     out: Out = Path("results/excitation/check"),
 ) -> None:
     """Superimpose an excitation on a region map: which share of its power lies in A, B, C and D, and what to do."""
-    from rich.console import Console
-
-    from amb_bringup.commands.progress import Stages
-    from amb_bringup.commands.results import make_folder
-    from amb_core.excitation import excitation_from_request, generate
-    from amb_core.excitation_design import TrialBench, check_excitation
-    from amb_core.excitation_design.summary import check_summary, trial_summary
-
-    values = _given(locals())
     region_map, loop = _load(map_file, params)
-    signal = generate(excitation_from_request(kind, values), loop[0].sample_rate)
+    signal = generate(excitation_from_request(kind, given), loop[0].sample_rate)
     found = check_excitation(signal, region_map, *loop[:2])
     console = Console()
     make_folder(out)
@@ -95,41 +84,27 @@ def check(
 
 
 @app.command()
+@declared_options(
+    {"Signal": [KINDS[kind] for kind in DESIGNED]}, leave_out=["amplitude"], defaults=DURATION, notes=NOTES
+)
 def design(
     kind: Annotated[str, typer.Argument(help="square, multisine or prbs.")],
-    duration: Duration = 4.0,
-    axes: Axes = "",
-    frequency: Frequency = 0.0,
-    frequency_start: Start = 0.0,
-    frequency_end: End = 0.0,
-    seed: Seed = 0,
-    phasing: Annotated[str, typer.Option(help="Phases of a multisine instead of optimised: random, schroeder.")] = "",
-    interleaved: Annotated[
-        bool | None, typer.Option(help="Multisine: x and y share no line; by default so with axes both.")
-    ] = None,
+    given: dict[str, Any],
     model_order: Annotated[int, typer.Option(help="States of the model that is to be identified (-).")] = 10,
     margin: Annotated[float, typer.Option(help="Amplitude over the largest in region A (-).")] = 0.9,
     tolerance: Annotated[float, typer.Option(help="Relative error of that largest amplitude (-).")] = 0.02,
     map_file: MapFile = Path("results/map/map.json"),
-    params: Params = None,
+    params: LoopParams = None,
     out: Out = Path("results/excitation/design"),
 ) -> None:
     """Find the largest amplitude that stays in region A, from the map and confirmed by simulation of the full plant."""
-    from rich.console import Console
-
-    from amb_bringup.commands.progress import Stages
-    from amb_bringup.commands.results import make_folder
-    from amb_core.excitation_design import design_excitation
-    from amb_core.excitation_design.summary import design_summary
-
-    values = _given(locals())
     region_map, loop = _load(map_file, params)
     console = Console()
     make_folder(out)
     with Stages(console, "steps") as stages:
         designed = design_excitation(
             kind,
-            values,
+            given,
             region_map,
             *loop,
             model_order=model_order,
@@ -143,25 +118,8 @@ def design(
     _write(out, {"map": str(map_file), **design_summary(designed)}, designed.check, region_map, console)
 
 
-def _given(options: dict[str, Any]) -> dict[str, Any]:
-    """The fields of an excitation among a command's options, those that were given."""
-    from amb_core.excitation import KINDS
-
-    fields = {name for kind in KINDS.values() for name in kind.model_fields}
-    # A switch that is off is given; a number that is 0 is not.
-    return {name: value for name, value in options.items() if name in fields and (value or value is False)}
-
-
 def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:
     """The map, and the loop: that of a parameter file, or the one the map was made with."""
-    from amb_bringup.commands.inputs import load_loop, load_regions
-    from amb_core.errors import RegionError
-    from amb_core.excitation_design.notes import made_with
-    from amb_core.loop.control import ControllerParameters
-    from amb_core.plant import PlantParameters
-    from amb_core.regions import RegionParameters
-    from amb_core.regions.region_map import RegionMap
-
     if not _exists(map_file):
         raise RegionError(f"region map {map_file}: there is no such file; `amb map` makes one (results/map/map.json)")
     region_map = RegionMap.load(map_file)
@@ -189,9 +147,6 @@ def _print_check(console: Console, found: ExcitationCheck) -> None:
 
 
 def _check_table(found: ExcitationCheck) -> Table:
-    from rich.table import Table
-
-    from amb_core.regions import Region
 
     axes = found.axes
     table = Table("quantity", *(axis.axis for axis in axes), "limit", title=f"{found.kind} on the region map")
@@ -224,7 +179,6 @@ def _trial_line(trial: Trial) -> str:
 
 
 def _design_table(designed: DesignedExcitation) -> Table:
-    from rich.table import Table
 
     persistence = designed.persistence
     table = Table("quantity", "value", title=f"Designed {designed.signal.kind}")
@@ -239,9 +193,6 @@ def _design_table(designed: DesignedExcitation) -> Table:
 
 def _write(out: Path, summary: dict[str, Any], found: ExcitationCheck, region_map: RegionMap, console: Console) -> None:
     """Summary and figure."""
-    from amb_bringup.commands.results import write_json
-    from amb_core.figures import overlay_figure, overlay_page, save_figure
-
     write_json(out / "summary.json", summary)
     save_figure(out, "overlay", overlay_figure(found, region_map), overlay_page(found, region_map))
     console.print(f"summary.json, overlay.png, overlay.html: {out}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from amb_bringup.commands.inputs import ParamsOption
+from amb_bringup.commands.options import ParamsOption
 
 if TYPE_CHECKING:
     from amb_bringup.launcher import Graph

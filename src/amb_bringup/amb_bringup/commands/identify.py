@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any, cast
 
+import numpy as np
 import typer
+from rich.console import Console
+from rich.table import Table
 
-from amb_bringup.commands.validate import ControllerOption
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
-    from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress
-    from amb_core.loop.control import ControllerParameters
+from amb_bringup.commands.inputs import model_order
+from amb_bringup.commands.progress import Stages, working
+from amb_bringup.commands.results import make_folder, make_place, names_file, write_json
+from amb_bringup.commands.validate import ControllerOption, load_recorded
+from amb_core import figures, identification
+from amb_core.errors import IdentificationError
+from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress, response_of
+from amb_core.identification.controller_choice import PAPER, needs_controller
+from amb_core.identification.data import merge
+from amb_core.loop.control import ControllerParameters
 
 UNITS = 1e6
 """Micrometres in a metre."""
@@ -50,14 +56,6 @@ def identify(
 
     Several bags give one model of all their experiments, each with an initial state of its own.
     """
-    from rich.console import Console
-
-    from amb_bringup.commands.inputs import model_order
-    from amb_bringup.commands.progress import Stages, working
-    from amb_bringup.commands.results import make_folder, make_place, names_file, write_json
-    from amb_core import identification
-    from amb_core.errors import IdentificationError
-
     console = Console()
     wanted, tried = model_order(order), _orders(orders)
     if tried is not None and wanted != "auto":
@@ -93,7 +91,6 @@ def identify(
 
 
 def _orders(text: str) -> list[int] | None:
-    from amb_core.errors import IdentificationError
 
     if not text:
         return None
@@ -108,11 +105,6 @@ def _load(
     console: Console, paths: list[Path], first_step: int, steps: int, controller: str
 ) -> tuple[IdentificationData, ControllerParameters | None]:
     """The experiments of all bags, and their controller; None for data of something else than the bearing's loop."""
-    from amb_bringup.commands.validate import load_recorded
-    from amb_core.errors import IdentificationError
-    from amb_core.identification.controller_choice import PAPER, needs_controller
-    from amb_core.identification.data import merge
-
     loops = [load_recorded(console, path, None, first_step, steps, controller) for path in paths]
     for path, loop in zip(paths, loops, strict=True):
         if loop.controller is None and needs_controller(loop.data):
@@ -136,8 +128,6 @@ def _cost(now: IdentificationProgress) -> str:
 
 def summary_of(result: Identification) -> dict[str, Any]:
     """What was found as plain JSON values in SI units; numbers that do not exist are None."""
-    import numpy as np
-
     model, selection, uncertainty = result.model, result.order_selection, result.uncertainty
     deviations = None if uncertainty is None else uncertainty.pole_deviations()
     rms = np.sqrt(np.diag(model.innovation_covariance))
@@ -192,16 +182,12 @@ def summary_of(result: Identification) -> dict[str, Any]:
 
 
 def _finite(value: float) -> float | None:
-    import math
 
     return float(value) if math.isfinite(value) else None
 
 
 def _table(result: Identification) -> Table:
     """The model and its validation; poles as continuous-time rates in 1/s, s = ln(z) / T."""
-    import numpy as np
-    from rich.table import Table
-
     model, selection = result.model, result.order_selection
     unstable = model.unstable_poles()
     table = Table("quantity", "value", title=f"{model.method} from {model.source}")
@@ -246,11 +232,6 @@ def _number(value: complex, digits: int = 7) -> str:
 
 def _save_figures(folder: Path, result: Identification) -> list[str]:
     """Write the figures there are something to show for; their names."""
-    import numpy as np
-
-    from amb_core import figures
-    from amb_core.identification import response_of
-
     names = []
     known = [index for index, item in enumerate(result.data.experiments) if item.reference is not None]
     for index in known if result.closed_loop_poles is not None else ():

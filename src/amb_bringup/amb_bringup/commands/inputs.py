@@ -3,35 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
-import typer
+import yaml
 
-if TYPE_CHECKING:
-    from amb_core.loop.control import ControllerParameters
-    from amb_core.parameters import Parameters
-    from amb_core.plant import PlantParameters
-    from amb_core.regions import RegionParameters
+from amb_bringup.packages import share_folder
+from amb_controller_node.parameters import PdControllerParameters
+from amb_core.errors import IdentificationError
+from amb_core.loop.control import ControllerParameters
+from amb_core.parameters import Parameters, load_parameters
+from amb_core.plant import PlantParameters
+from amb_core.regions import RegionParameters
+from amb_ident_node.region_monitor import RegionMonitorParameters
+from amb_sim_node.parameters import SimulatorParameters
 
 P = TypeVar("P", bound="Parameters")
-
-ParamsOption = Annotated[Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.")]
 
 
 def parameter_file(params: Path | None) -> Path:
     """The parameter file asked for, or that of the paper's bearing."""
-    from amb_bringup.packages import share_folder
-
     return params or share_folder("amb_bringup") / "config" / "paper.yaml"
 
 
 def load_loop(params: Path | None) -> tuple[PlantParameters, ControllerParameters]:
     """Plant and controller of a parameter file of all nodes; what their nodes would refuse is refused."""
-    from amb_controller_node.parameters import PdControllerParameters
-    from amb_core.loop.control import ControllerParameters
-    from amb_core.plant import PlantParameters
-    from amb_sim_node.parameters import SimulatorParameters
-
     path = parameter_file(params)
     return (
         _part(PlantParameters, SimulatorParameters, path, "simulator"),
@@ -41,24 +36,17 @@ def load_loop(params: Path | None) -> tuple[PlantParameters, ControllerParameter
 
 def load_regions(params: Path | None) -> RegionParameters:
     """Thresholds of the classifier in a parameter file of all nodes."""
-    from amb_core.regions import RegionParameters
-    from amb_ident_node.region_monitor import RegionMonitorParameters
-
     return _part(RegionParameters, RegionMonitorParameters, parameter_file(params), "region_monitor")
 
 
 def _part(part: type[P], whole: type[Parameters], path: Path, node: str) -> P:
     """Some of the parameters of a node, after all have been looked at: a misspelt one belongs to no part."""
-    from amb_core.parameters import load_parameters
-
     load_parameters(whole, path, node)
     return load_parameters(part, path, node, part=True)
 
 
 def typed_value(word: str) -> Any:
     """A number where the word is one (YAML does not take 1e-3 for one), else a switch or a word."""
-    import yaml
-
     try:
         return float(word)
     except ValueError:
@@ -67,8 +55,6 @@ def typed_value(word: str) -> Any:
 
 def model_order(text: str) -> int | Literal["auto"]:
     """The order of a model as --order takes it; IdentificationError if it is neither a number nor auto."""
-    from amb_core.errors import IdentificationError
-
     if text == "auto":
         return "auto"
     try:

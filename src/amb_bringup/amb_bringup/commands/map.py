@@ -2,46 +2,44 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
 import typer
+from rich.console import Console
+from rich.table import Table
 
-from amb_bringup.commands.inputs import ParamsOption
+from amb_bringup.commands.inputs import load_loop, load_regions, typed_value
+from amb_bringup.commands.options import ParamsOption, declared_options
+from amb_bringup.commands.progress import Stages
+from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.exit_codes import INTERRUPTED
+from amb_core.errors import RegionError
+from amb_core.figures import map_figure, map_grid_figure, map_grid_page, map_page, save_figure
+from amb_core.loop.control import ControllerParameters
+from amb_core.parameters import validate
+from amb_core.plant import PlantParameters
+from amb_core.regions import Region
+from amb_core.regions.region_map import (
+    BOUNDARIES,
+    Comparison,
+    GridCell,
+    MapProgress,
+    MapSettings,
+    RegionMap,
+    analytic_lines,
+    build_grid,
+    build_map,
+    compare,
+)
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
 
-    from amb_core.loop.control import ControllerParameters
-    from amb_core.plant import PlantParameters
-    from amb_core.regions import Region
-    from amb_core.regions.region_map import Comparison, GridCell, MapProgress, RegionMap
-
-
+@declared_options({"Sweeps": [MapSettings]})
 def region_map(
+    given: dict[str, Any],
     params: ParamsOption = None,
-    amplitude_low: Annotated[float, typer.Option(help="Smallest amplitude (m).")] = 5e-6,
-    amplitude_high: Annotated[float, typer.Option(help="Largest amplitude (m).")] = 100e-6,
-    frequency_start: Annotated[float, typer.Option(help="Frequency at which every sweep starts (Hz).")] = 10.0,
-    frequency_end: Annotated[
-        float, typer.Option(help="Frequency at which it ends unless the rotor delevitates (Hz).")
-    ] = 5000.0,
-    spacing: Annotated[str, typer.Option(help="Frequency over time: linear or logarithmic.")] = "linear",
-    duration: Annotated[float, typer.Option(help="Duration of a sweep (s).")] = 20.0,
-    rest: Annotated[float, typer.Option(help="Time at rest before it, in which the rotor settles (s).")] = 1.0,
-    axes: Annotated[str, typer.Option(help="Axes that are excited: x, y or both.")] = "y",
-    initial_sweeps: Annotated[
-        int | None,
-        typer.Option(
-            help="Sweeps at amplitudes with equal ratios, then refined; by default 8, or --max-sweeps if less."
-        ),
-    ] = None,
-    max_sweeps: Annotated[int, typer.Option(help="Largest number of sweeps, refinement included.")] = 24,
-    resolution: Annotated[
-        float, typer.Option(help="Relative error in frequency, or in amplitude where a boundary ends (-).")
-    ] = 0.03,
     grid: Annotated[
         list[str] | None,
         typer.Option(
@@ -66,17 +64,6 @@ def region_map(
 
     Every finished sweep is kept. After Ctrl-C, or worse, the same command goes on where it ended.
     """
-    from rich.console import Console
-
-    from amb_bringup.commands.inputs import load_loop, load_regions
-    from amb_bringup.commands.progress import Stages
-    from amb_bringup.commands.results import make_folder
-    from amb_core.errors import RegionError
-    from amb_core.parameters import validate
-    from amb_core.regions.region_map import MapSettings, build_grid, build_map
-
-    names = MapSettings.model_fields
-    given = {name: value for name, value in locals().items() if name in names and value is not None}
     settings = validate(MapSettings, given, RegionError)
     design = _design(grid or [])
     plant, controller = load_loop(params)
@@ -119,13 +106,11 @@ class _Interrupt:
         self._asked_to_end = False
 
     def __enter__(self) -> _Interrupt:
-        import signal
 
         self._handler = signal.signal(signal.SIGINT, self._on_interrupt)
         return self
 
     def __exit__(self, *problem: object) -> None:
-        import signal
 
         signal.signal(signal.SIGINT, self._handler)
 
@@ -139,13 +124,10 @@ class _Interrupt:
 
 def _ranges(found: RegionMap) -> str:
     """The frequencies at which each region begins, as text."""
-    from amb_core.regions.region_map import BOUNDARIES
-
     return ", ".join(f"{region.name} {_range(found, region)}" for region in BOUNDARIES if _range(found, region))
 
 
 def _range(found: RegionMap, region: Region) -> str:
-    import numpy as np
 
     frequency = found.frequencies(region)
     return "" if np.isnan(frequency).all() else f"{np.nanmin(frequency):.0f} to {np.nanmax(frequency):.0f}"
@@ -153,9 +135,6 @@ def _range(found: RegionMap, region: Region) -> str:
 
 def _design(grid: list[str]) -> dict[str, list[Any]]:
     """Design parameters and their values from the command line."""
-    from amb_bringup.commands.inputs import typed_value
-    from amb_core.errors import RegionError
-
     design: dict[str, list[Any]] = {}
     for text in grid:
         name, sign, values = text.partition("=")
@@ -171,10 +150,6 @@ def _write_map(
     out: Path, found: RegionMap, plant: PlantParameters, controller: ControllerParameters, console: Console
 ) -> None:
     """Map, summary and figures, and the tables on the console."""
-    from amb_bringup.commands.results import write_json
-    from amb_core.figures import map_figure, map_page, save_figure
-    from amb_core.regions.region_map import analytic_lines, compare
-
     found.save(out / "map.json")
     lines = analytic_lines(plant, controller, found.settings.axes)
     comparisons = compare(found, lines)
@@ -189,12 +164,6 @@ def _write_map(
 
 def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
     """A folder for each map of a grid, and summary and figure of all."""
-    from rich.table import Table
-
-    from amb_bringup.commands.results import make_folder, write_json
-    from amb_core.figures import map_grid_figure, map_grid_page, save_figure
-    from amb_core.regions.region_map import BOUNDARIES, analytic_lines, compare
-
     summaries, problems = [], []
     table = Table(*cells[0].values, "sweeps", "B (Hz)", "C (Hz)", "D (Hz)", title="Grid of region maps")
     for cell in cells:
@@ -252,9 +221,6 @@ def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
 
 
 def _boundary_table(found: RegionMap) -> Table:
-    from rich.table import Table
-
-    from amb_core.regions.region_map import BOUNDARIES
 
     table = Table(title="Where the regions begin; * by ordinary resonance")
     table.add_column("amplitude (um)", justify="right")
@@ -268,7 +234,6 @@ def _boundary_table(found: RegionMap) -> Table:
 
 
 def _line_table(comparisons: list[Comparison]) -> Table:
-    from rich.table import Table
 
     table = Table("line", "region", "amplitudes", "median", "range", title="Frequency of analytic lines over simulated")
     for one in comparisons:

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
-from amb_bringup.commands.inputs import ParamsOption
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from amb_core.plant import PlantDescription
-    from amb_core.plant.description import Entry
+from amb_bringup.commands.inputs import parameter_file
+from amb_bringup.commands.options import ParamsOption
+from amb_bringup.commands.results import make_folder
+from amb_controller_node.parameters import PdControllerParameters
+from amb_core.errors import PlantError
+from amb_core.parameters import load_parameters
+from amb_core.plant import PlantDescription
+from amb_core.plant import describe as describe_plant
+from amb_core.plant import figures as plant_figures
+from amb_core.plant.description import Entry
+from amb_sim_node.parameters import SimulatorParameters
 
 app = typer.Typer(help="Describe or plot the plant of a parameter file.", no_args_is_help=True)
 
@@ -29,21 +37,14 @@ def describe(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, values in SI units, instead of tables.")] = False,
 ) -> None:
     """Print the derived constants of bearing and loop, and which effects the plant has."""
-    from amb_bringup.commands.inputs import parameter_file
-    from amb_controller_node.parameters import PdControllerParameters
-    from amb_core.parameters import load_parameters
-    from amb_core.plant import describe
-    from amb_sim_node.parameters import SimulatorParameters
-
     path = parameter_file(params)
-    description = describe(
+    description = describe_plant(
         load_parameters(SimulatorParameters, path, "simulator"),
         load_parameters(PdControllerParameters, path, "pd_controller"),
     )
     if as_json:
         typer.echo(_json(description))
         return
-    from rich.console import Console
 
     console = Console()
     console.print(_constants(description.entries, str(path)))
@@ -56,13 +57,6 @@ def figures(
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("results/plant"),
 ) -> None:
     """Draw the iron's magnetisation, the static force, and the force over frequency."""
-    from amb_bringup.commands.inputs import parameter_file
-    from amb_bringup.commands.results import make_folder
-    from amb_core.errors import PlantError
-    from amb_core.parameters import load_parameters
-    from amb_core.plant import figures as plant_figures
-    from amb_sim_node.parameters import SimulatorParameters
-
     path = parameter_file(params)
     parameters = load_parameters(SimulatorParameters, path, "simulator")
     make_folder(out)
@@ -81,8 +75,6 @@ def figures(
 
 
 def _json(description: PlantDescription) -> str:
-    import json
-    from dataclasses import asdict
 
     def listed(entries: list[Entry]) -> dict[str, dict[str, object]]:
         return {entry.name: {key: value for key, value in asdict(entry).items() if key != "name"} for entry in entries}
@@ -93,7 +85,6 @@ def _json(description: PlantDescription) -> str:
 
 
 def _constants(entries: list[Entry], title: str) -> Table:
-    from rich.table import Table
 
     table = Table("constant", "value", "unit", "meaning", title=title)
     table.columns[1].justify = "right"
@@ -103,7 +94,6 @@ def _constants(entries: list[Entry], title: str) -> Table:
 
 
 def _effects(entries: list[Entry]) -> Table:
-    from rich.table import Table
 
     table = Table("effect", "state", "meaning")
     for entry in entries:

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.progress import TaskID
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 PERIOD = 10.0  # s, between plain lines of one stage
 
@@ -67,7 +66,6 @@ def working(console: Console, text: str) -> Iterator[None]:
 
 class _Bars:
     def __init__(self, console: Console, unit: str) -> None:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
         self._unit = unit
         self._tasks: dict[str, TaskID] = {}

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
-    from amb_core.analysis.recorded_regions import RecordedRegions
-    from amb_core.regions import Onset, Region
+from amb_bringup.commands.progress import working
+from amb_bringup.commands.results import make_folder, write_json
+from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
+from amb_core.errors import RegionError
+from amb_core.figures import save_figure, sweep_figure, sweep_page
+from amb_core.figures.sweep import rises
+from amb_core.loop.telemetry import describe_gaps
+from amb_core.recording import Recording
+from amb_core.regions import Onset, Region
+from amb_core.regions.stretches import beats, shares, stretches
 
 
 def regions(
@@ -23,15 +30,7 @@ def regions(
         Path("results/regions")
     ),
 ) -> None:
-    """Tell where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions."""
-    from rich.console import Console
-
-    from amb_bringup.commands.progress import working
-    from amb_bringup.commands.results import make_folder
-    from amb_core.analysis.recorded_regions import classify_run
-    from amb_core.errors import RegionError
-    from amb_core.recording import Recording
-
+    """Show where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions."""
     if axes not in ("", "x", "y", "xy"):
         raise RegionError(f"--axes {axes} is not allowed; it must be x, y or xy")
     console = Console()
@@ -49,8 +48,6 @@ def regions(
 
 def _summary(found: RecordedRegions, bag: Path) -> dict[str, Any]:
     """What was found as plain JSON values, times in s and frequencies in Hz."""
-    from amb_core.regions.stretches import beats, shares, stretches
-
     record, told = found.record, found.classification
     parts = stretches(told.states)
     axis_x, axis_y = told.axis_onsets
@@ -77,7 +74,6 @@ def _summary(found: RecordedRegions, bag: Path) -> dict[str, Any]:
 
 
 def _onset(region: Region, onset: Onset) -> dict[str, Any]:
-    import math
 
     known = not math.isnan(onset.input_frequency)
     return {
@@ -90,7 +86,6 @@ def _onset(region: Region, onset: Onset) -> dict[str, Any]:
 
 
 def _reason(region: Region, onset: Onset) -> str:
-    from amb_core.regions import Region
 
     reason = {
         Region.B: "the bias drifts",
@@ -102,8 +97,6 @@ def _reason(region: Region, onset: Onset) -> str:
 
 def _frequency(found: RecordedRegions, step: int) -> float | None:
     """Input frequency at a step as the bag has it; None where it has none."""
-    import math
-
     if found.frequency is None:
         return None
     value = float(found.frequency[min(step - found.record.first_step, found.record.steps - 1)])
@@ -111,7 +104,6 @@ def _frequency(found: RecordedRegions, step: int) -> float | None:
 
 
 def _print(console: Console, found: RecordedRegions, summary: dict[str, Any]) -> None:
-    from amb_core.loop.telemetry import describe_gaps
 
     if found.gaps:
         what = "missing" if found.gaps == found.missing else "missing or not finite"
@@ -128,7 +120,6 @@ def _print(console: Console, found: RecordedRegions, summary: dict[str, Any]) ->
 
 
 def _table(summary: dict[str, Any]) -> Table:
-    from rich.table import Table
 
     end = summary["first_step"] + summary["steps"]
     table = Table("", "region", "from (s)", "input (Hz)", "reason", title=f"Run {summary['run']}, {end} steps")
@@ -146,10 +137,6 @@ def _table(summary: dict[str, Any]) -> Table:
 
 def _write(out: Path, found: RecordedRegions, summary: dict[str, Any], axes: str) -> None:
     """Figure and summary; over frequency where the input is one sweep that rises, else over time."""
-    from amb_bringup.commands.results import write_json
-    from amb_core.figures import save_figure, sweep_figure, sweep_page
-    from amb_core.figures.sweep import rises
-
     response = (found.record, found.classification, found.frequency)
     over = "frequency" if rises(found.frequency) else "time"
     drawn: dict[str, Any] = {"over": over, "axes": axes, "title": f"Regions of run {found.run}"}

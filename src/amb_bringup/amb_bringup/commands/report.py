@@ -6,8 +6,16 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
+from amb_bringup.commands.inputs import model_order
+from amb_bringup.commands.progress import Stages
+from amb_bringup.commands.results import make_folder, names_file
 from amb_bringup.commands.validate import ControllerOption
+from amb_core.identification.controller_choice import named_controller
+from amb_core.recording import Recording
+from amb_core.report import write_report
+from amb_core.report.recording import recording_report
 
 
 def report(
@@ -20,16 +28,6 @@ def report(
     ),
 ) -> None:
     """Regions, motion, identified model, frequency response with confidence and validation of a recorded run."""
-    from rich.console import Console
-
-    from amb_bringup.commands.inputs import model_order
-    from amb_bringup.commands.progress import Stages
-    from amb_bringup.commands.results import make_folder, names_file
-    from amb_core.identification.controller_choice import named_controller
-    from amb_core.recording import Recording
-    from amb_core.report import write_report
-    from amb_core.report.recording import recording_report
-
     console = Console()
     if not names_file(out, (".html",)):
         out = out / "report.html"

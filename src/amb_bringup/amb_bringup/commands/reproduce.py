@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from amb_bringup.paper.campaign import CampaignProgress
-    from amb_bringup.paper.study import StudyResult
+from amb_bringup.commands.progress import Stages
+from amb_bringup.commands.results import make_folder
+from amb_bringup.paper.campaign import CampaignProgress, run_campaign
+from amb_bringup.paper.output import write_figures, write_paper
+from amb_bringup.paper.studies import STUDIES, studies_named
+from amb_bringup.paper.study import StudyResult, Workplace
 
 
 def reproduce(
@@ -25,15 +28,6 @@ def reproduce(
     workers: Annotated[int | None, typer.Option(help="Number of processes, by default one for each core.")] = None,
 ) -> None:
     """Redo every figure and claim of the paper on the simulator; finished studies are kept and not run again."""
-    from rich.console import Console
-
-    from amb_bringup.commands.progress import Stages
-    from amb_bringup.commands.results import make_folder
-    from amb_bringup.paper.campaign import run_campaign
-    from amb_bringup.paper.output import write_figures, write_paper
-    from amb_bringup.paper.studies import STUDIES, studies_named
-    from amb_bringup.paper.study import Workplace
-
     console = Console()
     studies = studies_named(only) if only else STUDIES
     make_folder(out)
@@ -60,7 +54,6 @@ def reproduce(
 
 
 def _claims(results: dict[str, StudyResult]) -> Table:
-    from rich.table import Table
 
     table = Table("paper", "claim", "finding", "verdict", title="The paper's claims on the simulator")
     colours = {"agrees": "green", "agrees in part": "yellow", "does not agree": "red"}

@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
 import typer
+from rich.console import Console
+from rich.table import Table
 
-from amb_bringup.commands.inputs import ParamsOption
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from amb_bringup.commands.progress import Stages
-    from amb_core.loop.control import ControllerParameters
-    from amb_core.plant import PlantParameters
-    from amb_core.subharmonics import (
-        Line,
-        SubharmonicSettings,
-        SubharmonicSpectrum,
-        SubharmonicSurface,
-        SurfaceSettings,
-    )
+from amb_bringup.commands.inputs import load_loop, typed_value
+from amb_bringup.commands.options import ParamsOption, declared_options
+from amb_bringup.commands.progress import Stages
+from amb_bringup.commands.results import make_folder, write_json
+from amb_core.errors import ParameterError, RegionError
+from amb_core.figures import save_figure, spectrum_figure, spectrum_page, surface_figure, surface_page
+from amb_core.loop.control import ControllerParameters
+from amb_core.parameters import part_of
+from amb_core.plant import PlantParameters
+from amb_core.recording import Recording
+from amb_core.simulation.parameters import with_values
+from amb_core.subharmonics import (
+    VARIANTS,
+    Line,
+    SubharmonicSettings,
+    SubharmonicSpectrum,
+    SubharmonicSurface,
+    SurfaceSettings,
+    analyse,
+    run_subharmonics,
+    subharmonic_surface,
+)
+from amb_core.subharmonics.run import check
+from amb_core.subharmonics.summary import spectrum_summary, surface_summary
 
 UM = 1e6
 SHOWN = 12  # lines in a table
@@ -30,20 +44,9 @@ TONE_ERROR = 0.1  # of its amplitude, by which a recorded tone may differ from t
 RIVAL = 4  # a product of an order that much higher than another's on the same line may still make it
 
 
+@declared_options({"Tones": [SubharmonicSettings], "Surface": [SurfaceSettings]}, leave_out=["shifted"])
 def subharmonics(
-    frequency_1: Annotated[float, typer.Option(help="Frequency of the first tone, f1 (Hz).")] = 200.0,
-    amplitude_1: Annotated[float, typer.Option(help="Its peak amplitude (m).")] = 10e-6,
-    frequency_2: Annotated[float, typer.Option(help="Frequency of the second tone, f2 (Hz).")] = 300.0,
-    amplitude_2: Annotated[float, typer.Option(help="Its peak amplitude (m).")] = 10e-6,
-    inducing_frequency: Annotated[float, typer.Option(help="Frequency of the inducing tone, f3 (Hz).")] = 3000.0,
-    inducing_amplitude: Annotated[float, typer.Option(help="Its peak amplitude (m); 0 for none.")] = 40e-6,
-    inducing_phase: Annotated[float, typer.Option(help="Its phase (rad).")] = 0.0,
-    offset_1: Annotated[float, typer.Option(help="Shift of f1 in the shifted test (Hz).")] = 1.0,
-    offset_2: Annotated[float, typer.Option(help="Shift of f2 (Hz).")] = -1.0,
-    offset_3: Annotated[float, typer.Option(help="Shift of f3 (Hz).")] = 7.0,
-    axis: Annotated[str, typer.Option(help="Axis that is excited and analysed: x or y.")] = "y",
-    block_duration: Annotated[float, typer.Option(help="Length of a block, whole periods of all tones (s).")] = 1.0,
-    longest_run: Annotated[float, typer.Option(help="Deadline by which the response must be steady (s).")] = 12.0,
+    given: dict[str, Any],
     params: ParamsOption = None,
     change: Annotated[
         list[str] | None,
@@ -62,12 +65,6 @@ def subharmonics(
     surface: Annotated[
         bool, typer.Option("--surface", help="Repeat both tests over amplitude and frequency of the inducing tone.")
     ] = False,
-    amplitude_low: Annotated[float, typer.Option(help="Surface: smallest amplitude (m).")] = 5e-6,
-    amplitude_high: Annotated[float, typer.Option(help="Surface: largest amplitude (m).")] = 50e-6,
-    amplitude_count: Annotated[int, typer.Option(help="Surface: number of amplitudes.")] = 10,
-    frequency_low: Annotated[float, typer.Option(help="Surface: lowest frequency (Hz).")] = 500.0,
-    frequency_high: Annotated[float, typer.Option(help="Surface: highest frequency (Hz).")] = 4500.0,
-    frequency_count: Annotated[int, typer.Option(help="Surface: number of frequencies.")] = 17,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a running dask scheduler, tcp://host:port, to run the surface.")
     ] = None,
@@ -86,19 +83,7 @@ def subharmonics(
 
     Finished runs of a surface are kept, as those of `amb map` are.
     """
-    from rich.console import Console
-
-    from amb_bringup.commands.progress import Stages
-    from amb_bringup.commands.results import make_folder
-    from amb_core.errors import ParameterError
-    from amb_core.parameters import validate
-    from amb_core.subharmonics import SubharmonicSettings, SurfaceSettings
-
-    given = dict(locals())
-    settings = validate(
-        SubharmonicSettings, {name: given[name] for name in given.keys() & SubharmonicSettings.model_fields}
-    )
-    grid = validate(SurfaceSettings, {name: given[name] for name in given.keys() & SurfaceSettings.model_fields})
+    settings, grid = part_of(SubharmonicSettings, given), part_of(SurfaceSettings, given)
     if bag is not None and (causes or surface or change or params is not None):
         raise ParameterError("--bag analyses what was measured; it takes no --params, --set, --causes or --surface")
     console = Console()
@@ -125,9 +110,6 @@ def subharmonics(
 
 
 def _load(params: Path | None, change: list[str]) -> tuple[PlantParameters, ControllerParameters]:
-    from amb_bringup.commands.inputs import load_loop, typed_value
-    from amb_core.errors import ParameterError
-    from amb_core.simulation.parameters import with_values
 
     values = {}
     for text in change:
@@ -140,12 +122,6 @@ def _load(params: Path | None, change: list[str]) -> tuple[PlantParameters, Cont
 
 def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectrum:
     """Spectrum of the last experiment of a bag, from the time of the fade-in on; refused if it lacks the tones."""
-    from dataclasses import replace
-
-    from amb_core.errors import RegionError
-    from amb_core.recording import Recording
-    from amb_core.subharmonics import analyse
-
     record = Recording.read(bag).experiment(-1, 0)
     first = record.first_step + round(settings.fade_in / record.sample_time)
     reference = analyse(replace(record, position=record.reference), settings, first)
@@ -168,10 +144,6 @@ def _simulate(
     causes: bool,
 ) -> dict[str, dict[str, SubharmonicSpectrum]]:
     """Spectra by loop and test; the loop as given, and if asked for with one effect switched off at a time."""
-    from amb_core.simulation.parameters import with_values
-    from amb_core.subharmonics import VARIANTS, run_subharmonics
-    from amb_core.subharmonics.run import check
-
     variants = VARIANTS if causes else VARIANTS[:1]
     tests = {"as asked": settings, "shifted": settings.shifted()}
     loops = {variant.name: with_values(plant, controller, variant.values) for variant in variants}
@@ -199,10 +171,6 @@ def _surfaces(
     **cluster: Any,
 ) -> dict[str, SubharmonicSurface]:
     """The surface as asked, and shifted."""
-    from functools import partial
-
-    from amb_core.subharmonics import subharmonic_surface
-
     surfaces = {}
     for name, shifted in (("surface", False), ("surface_shifted", True)):
         stages.update(name)
@@ -219,8 +187,6 @@ def _surfaces(
 
 def _write_spectra(out: Path, results: dict[str, dict[str, SubharmonicSpectrum]]) -> None:
     """Summary, and the figure of the spectra of the loop as given."""
-    from amb_core.figures import save_figure, spectrum_figure, spectrum_page
-
     _write_summary(out, results, {})
     given = next(iter(results.values()))
     save_figure(out, "spectrum", spectrum_figure(given), spectrum_page(given))
@@ -230,8 +196,6 @@ def _write_surfaces(
     out: Path, results: dict[str, dict[str, SubharmonicSpectrum]], surfaces: dict[str, SubharmonicSurface]
 ) -> None:
     """Summary with the surfaces, and their figures."""
-    from amb_core.figures import save_figure, surface_figure, surface_page
-
     _write_summary(out, results, surfaces)
     for name, found in surfaces.items():
         save_figure(out, name, surface_figure(found), surface_page(found))
@@ -240,8 +204,6 @@ def _write_surfaces(
 def _write_summary(
     out: Path, results: dict[str, dict[str, SubharmonicSpectrum]], surfaces: dict[str, SubharmonicSurface]
 ) -> None:
-    from amb_bringup.commands.results import write_json
-    from amb_core.subharmonics.summary import spectrum_summary, surface_summary
 
     spectra = {
         name: {test: spectrum_summary(spectrum) for test, spectrum in tests.items()} for name, tests in results.items()
@@ -252,8 +214,6 @@ def _write_summary(
 
 def _table(title: str, spectrum: SubharmonicSpectrum) -> Table:
     """The largest lines of a spectrum."""
-    from rich.table import Table
-
     colour = "green" if spectrum.state == "steady" else "yellow"
     table = Table(
         "frequency (Hz)", "amplitude (um)", "product", "made by", "also there",
@@ -293,8 +253,6 @@ def _slow(spectrum: SubharmonicSpectrum) -> str:
 
 def _cause_table(results: dict[str, dict[str, SubharmonicSpectrum]]) -> Table:
     """f2 - f1 and the slow component, loop by loop."""
-    from rich.table import Table
-
     table = Table("loop", "test", "state", "bias (um)", "f2 - f1 (um)", "slow (um)", "at (Hz)", "made by")
     for name, tests in results.items():
         for test, spectrum in tests.items():
@@ -312,8 +270,6 @@ def _cause_table(results: dict[str, dict[str, SubharmonicSpectrum]]) -> Table:
 
 def _surface_line(name: str, surface: SubharmonicSurface) -> str:
     """How many runs ended how, and the largest slow component."""
-    import numpy as np
-
     states, counts = np.unique(surface.state, return_counts=True)
     ended = ", ".join(f"{count} {state}" for state, count in zip(states, counts, strict=True))
     steady = np.where(surface.state == "steady", surface.slow_amplitude, np.nan)

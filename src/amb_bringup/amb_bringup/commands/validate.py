@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
 
+from amb_bringup.commands.progress import working
+from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.exit_codes import NOT_VALIDATED
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from amb_core.analysis import RecordedLoop
+from amb_core.analysis import RecordedLoop, read_loop
+from amb_core.figures import save_validation_figures
+from amb_core.identification import StateSpaceModel
+from amb_core.identification.controller_choice import named_controller
+from amb_core.identification.validation import HORIZONS
+from amb_core.identification.validation import validate as judge
 
 RunOption = Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")]
 FirstStepOption = Annotated[
@@ -52,14 +57,6 @@ def validate(
 
     Exit code 0 if the model is validated, 3 if it is not, 1 if it could not be judged.
     """
-    from rich.console import Console
-
-    from amb_bringup.commands.progress import working
-    from amb_bringup.commands.results import make_folder, make_place, write_json
-    from amb_core.identification import StateSpaceModel
-    from amb_core.identification.validation import HORIZONS
-    from amb_core.identification.validation import validate as judge
-
     console = Console(stderr=True)  # the report alone goes to the standard output
     if out is not None:
         figures, results = figures or out, results or out / "summary.json"
@@ -75,8 +72,6 @@ def validate(
     if results is not None:
         write_json(results, found.as_dict())
     if figures is not None:
-        from amb_core.figures import save_validation_figures
-
         with working(console, "drawing"):
             names = save_validation_figures(figures, {model.stem: found})
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
@@ -96,12 +91,6 @@ def load_recorded(
 
     A controller that is named replaces the recorded one. Where none is known, that and the consequence are reported.
     """
-    from dataclasses import replace
-
-    from amb_bringup.commands.progress import working
-    from amb_core.analysis import read_loop
-    from amb_core.identification.controller_choice import named_controller
-
     chosen = {"run": run, "first_step": first_step, "steps": steps}
     default = {"run": None, "first_step": -1, "steps": 0}
     with working(console, f"reading {bag}"):

@@ -1,0 +1,127 @@
+"""Options of commands: those that several commands share, and those made from declared parameters."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from amb_core.parameters import Declaration, Parameters, declarations
+
+ParamsOption = Annotated[Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.")]
+
+Command = Callable[..., None]
+
+
+def declared_options(
+    sets: Mapping[str, Iterable[type[Parameters]]],
+    leave_out: Iterable[str] = (),
+    defaults: Mapping[str, float] | None = None,
+    notes: Mapping[str, str] | None = None,
+) -> Callable[[Command], Command]:
+    """Give a command an option for every parameter that some sets declare.
+
+    The command gets one argument for all of them, `given`: the values of those that the user gave, by name. What a set
+    makes of the others is its own affair.
+
+    Parameters
+    ----------
+    sets : mapping
+        By title of their panel in the help, the sets; parameters of one name are one option.
+    leave_out : iterable of str, optional
+        Names that are no option of this command.
+    defaults : mapping, optional
+        Values that the command has instead of those of the sets.
+    notes : mapping, optional
+        What the help says instead of a default.
+    """
+    options: dict[str, inspect.Parameter] = {}
+    for panel, models in sets.items():
+        declared: dict[str, dict[str, Declaration]] = {}
+        for model in models:
+            for item in declarations(model):
+                declared.setdefault(item.name, {})[getattr(model, "kind", "")] = item
+        for name, by_kind in declared.items():
+            if name not in leave_out:
+                own = (defaults or {}).get(name)
+                options[name] = _option(
+                    by_kind, panel, (notes or {}).get(name, "" if own is None else f"by default {own:g}")
+                )
+
+    def decorate(command: Command) -> Command:
+        hints = get_type_hints(command, include_extras=True)
+        own = [
+            item.replace(annotation=hints[item.name], kind=inspect.Parameter.KEYWORD_ONLY)
+            for item in inspect.signature(command).parameters.values()
+            if item.name != "given"
+        ]
+
+        def run(**values: Any) -> None:
+            given = dict(defaults or {})
+            given |= {name: values[name] for name in options if values[name] not in (None, [])}
+            command(given=given, **{item.name: values[item.name] for item in own})
+
+        arguments = [item for item in own if _is_argument(item)]
+        parameters = [*arguments, *options.values(), *(item for item in own if item not in arguments)]
+        run.__name__, run.__doc__ = command.__name__, command.__doc__
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {item.name: item.annotation for item in parameters}
+        return run
+
+    return decorate
+
+
+def _is_argument(parameter: inspect.Parameter) -> bool:
+    return any(
+        isinstance(item, typer.models.ArgumentInfo) for item in getattr(parameter.annotation, "__metadata__", ())
+    )
+
+
+def _option(declared: Mapping[str, Declaration], panel: str, note: str) -> inspect.Parameter:
+    """The option of a parameter as each kind of set declares it."""
+    item = next(iter(declared.values()))
+    kind: Any = item.type if item.type in (bool, int, float, str) else list[float]
+    option = typer.Option(help=_help(declared, note), rich_help_panel=panel, show_default=False)
+    return inspect.Parameter(
+        item.name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, option]
+    )
+
+
+def _help(declared: Mapping[str, Declaration], note: str) -> str:
+    """What a parameter is, which values are allowed and which is the default; kind by kind where they differ."""
+    meanings: dict[str, dict[str, str]] = {}
+    for kind, item in declared.items():
+        meanings.setdefault(_meaning(item), {})[kind] = note or _default(item)
+    texts = []
+    for meaning, defaults in meanings.items():
+        kinds = f"{', '.join(defaults)}: " if len(meanings) > 1 else meaning[:1].upper()
+        texts.append(kinds + (meaning if len(meanings) > 1 else meaning[1:]) + _joined(defaults))
+    return "; ".join(texts) + "."
+
+
+def _meaning(item: Declaration) -> str:
+    text = item.description + ("" if item.unit == "-" else f" ({item.unit})")
+    if item.choices and not all(word in item.description for word in item.choices):
+        return f"{text}: {', '.join(item.choices[:-1])} or {item.choices[-1]}"
+    if item.minimum is not None:
+        return f"{text}, {item.allowed.removesuffix(f' {item.unit}')}"
+    return text if item.type in (bool, str) else f"{text}, once for each"
+
+
+def _default(item: Declaration) -> str:
+    if isinstance(item.default, bool) or not isinstance(item.default, str | int | float):
+        return ""
+    return f"by default {item.default if isinstance(item.default, str) else format(item.default, 'g')}"
+
+
+def _joined(defaults: Mapping[str, str]) -> str:
+    """The defaults of several kinds; without their names where all have the same."""
+    kinds: dict[str, list[str]] = {}
+    for kind, text in defaults.items():
+        kinds.setdefault(text, []).append(kind)
+    if len(kinds) == 1:
+        return "".join(f", {text}" for text in kinds if text)
+    return "".join(f", {text} ({', '.join(names)})" for text, names in kinds.items() if text)
