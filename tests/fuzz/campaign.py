@@ -21,6 +21,7 @@ from amb_bringup.connection import ClientError
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import Pause, Reset, RunSteps, StopRecording
 from amb_ros.qos import LATCHED
+from amb_ros.requests import PendingRequest
 from tests.fuzz.attacked_graph import ANSWER_TIMEOUT, NAMESPACE, AttackedGraph
 from tests.fuzz.hostile import Hostile, make_traps
 from tests.fuzz.targets import Target, find_targets, shown, tame, valid_messages
@@ -209,17 +210,23 @@ class Campaign:
         self._wait(settled, "discovery")
         return found
 
-    def _ask(self, service: Any, name: str, request: Any) -> Any:
+    def _ask(self, service: Any, name: str, request: Any, repeated: bool = False) -> Any:
         if name not in self._clients:
             self._clients[name] = self._connection.node.create_client(service, name)
         client = self._clients[name]
         self._wait(client.service_is_ready, name)
-        future = client.call_async(request)
+        pending, answer = PendingRequest(client, request, repeated), None
+
+        def answered() -> bool:
+            nonlocal answer
+            answer = pending.answer()
+            return answer is not None
+
         try:
-            self._wait(future.done, name)
+            self._wait(answered, name)
         finally:
-            client.remove_pending_request(future)
-        return future.result()
+            pending.forget()
+        return answer
 
     def _wait(self, condition: Callable[[], Any], name: str) -> None:
         """Wait for a condition; ClientError if it does not come, or as soon as a node has ended."""
@@ -235,10 +242,10 @@ class Campaign:
 
     def _probe(self, node: str) -> None:
         """See that a node answers; what was sent to it before has then been handled, or nearly so."""
-        self._ask(GetParameterTypes, f"/{NAMESPACE}/{node}/get_parameter_types", GetParameterTypes.Request())
+        self._ask(GetParameterTypes, f"/{NAMESPACE}/{node}/get_parameter_types", GetParameterTypes.Request(), True)
 
     def _names_of(self, node: str) -> list[str]:
-        answer = self._ask(ListParameters, f"/{NAMESPACE}/{node}/list_parameters", ListParameters.Request())
+        answer = self._ask(ListParameters, f"/{NAMESPACE}/{node}/list_parameters", ListParameters.Request(), True)
         return list(answer.result.names)
 
     def _bury(self, target: Target, note: _Note, problem: str) -> None:

@@ -64,14 +64,17 @@ class DetachedWorker(SubprocessWorker):
 
     The processes of `LocalCluster` do, so that programs without a guard around their main part start themselves over
     and over. A session of its own keeps Ctrl-C in a terminal from the worker; it is the driver that ends it. When the
-    driver is killed, the worker finishes its task, keeps the result, and ends.
+    driver is killed, the worker finishes its task, keeps the result, and ends. What it writes to stderr is dropped: a
+    problem of a task comes back as its result, and a worker that is ended while it starts leaves tracebacks of
+    multiprocessing.
     """
 
     async def _start(self) -> None:
         specification = json.dumps({"cls": self.worker_class, "opts": self.worker_kwargs})
         self.process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "dask", "spec", self.scheduler, "--spec", specification,
-            start_new_session=True, env={**os.environ, "DASK_LOGGING__DISTRIBUTED": "critical"},
+            stderr=asyncio.subprocess.DEVNULL, start_new_session=True,
+            env={**os.environ, "DASK_LOGGING__DISTRIBUTED": "critical"},
         )  # fmt: skip
 
 
