@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_core.analysis.recorded_regions import classify_run
-from amb_core.errors import BagError, RegionError
+from amb_core.errors import BagError, ParameterError, RegionError
 from amb_core.recording import BagWriter, Recording
 from amb_core.regions import Region
 from amb_core.regions.stretches import stretches
@@ -246,5 +246,5 @@ def test_the_command_prints_the_onsets_and_writes_figures_and_summary(tmp_path: 
 def test_the_command_refuses_a_bag_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="nowhere"):
         CliRunner().invoke(app, ["regions", str(tmp_path / "nowhere")], catch_exceptions=False)
-    with pytest.raises(RegionError, match="--axes z is not allowed; it must be x, y or xy"):
+    with pytest.raises(ParameterError, match="--axes z is not allowed; it must be x, y or xy"):
         CliRunner().invoke(app, ["regions", str(tmp_path), "--axes", "z"], catch_exceptions=False)

@@ -8,7 +8,7 @@ from collections import deque
 
 import pytest
 
-from amb_core.errors import PlantError, RegionError
+from amb_core.errors import PlantError, RegionError, TaskError
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
@@ -57,7 +57,7 @@ class Pool:
         amplitude = task.sweep.amplitude
         self.ran.append(amplitude)
         if task.plant.rotor.mass == 1.0 and amplitude > 70e-6:
-            return key, RegionError("the loop does not hold it")
+            return key, TaskError("the loop does not hold it")
         frequency = 60.0 if amplitude > 50e-6 else 400.0
         return key, MapSweep(amplitude, {Region.D: Boundary(frequency, False)}, (), frequency, 1000)
 
@@ -196,7 +196,7 @@ def test_a_plant_that_cannot_be_built_is_refused_before_anything_runs(ran):
 )
 def test_a_cluster_that_is_not_there_is_told_at_once(monkeypatch, tmp_path, options, message):
     monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
-    with pytest.raises(RegionError, match=message):
+    with pytest.raises(TaskError, match=message):
         build_map(SHORT, *LOOP, cache=tmp_path, **options)
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from amb_core.errors import ParameterError, RegionError
+from amb_core.errors import ParameterError, SpectrumError
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import validate
 from amb_core.subharmonics import SubharmonicSettings, SurfaceSettings, analyse
@@ -187,7 +187,7 @@ def test_records_that_do_not_suit_are_refused(
 ) -> None:
     zeros = np.zeros((len(y), 2))
     position = np.stack([zeros[:, 0], y], axis=1)
-    with pytest.raises(RegionError, match=message):
+    with pytest.raises(SpectrumError, match=message):
         analyse(LoopRecord(0, sample_time, zeros, position, zeros), settings, first_step)
 
 

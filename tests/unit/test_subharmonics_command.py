@@ -7,9 +7,9 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-import amb_core.subharmonics
 from amb_bringup.cli import app
-from amb_core.errors import RegionError
+from amb_bringup.commands import subharmonics
+from amb_core.errors import SpectrumError, TaskError
 from amb_core.tasks import cluster
 
 
@@ -18,15 +18,15 @@ def amb(*words):
 
 
 def test_tones_that_the_shifted_test_cannot_have_are_refused_before_anything_runs(monkeypatch, tmp_path):
-    monkeypatch.setattr(amb_core.subharmonics, "run_subharmonics", lambda *given: pytest.fail("a test was run"))
-    with pytest.raises(RegionError, match="a tone of 5006 Hz is asked for; allowed: below the Nyquist frequency"):
+    monkeypatch.setattr(subharmonics, "run_subharmonics", lambda *given: pytest.fail("a test was run"))
+    with pytest.raises(SpectrumError, match="a tone of 5006 Hz is asked for; allowed: below the Nyquist frequency"):
         amb("--inducing-frequency", 4999, "--out", tmp_path)
 
 
 def test_the_spectra_stay_when_the_surface_fails(monkeypatch, tmp_path):
     monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.5)
     tones = ("--inducing-amplitude", 1e-6, "--cache", tmp_path / "cache", "--out", tmp_path / "out")
-    with pytest.raises(RegionError, match=r"tcp://127\.0\.0\.1:9 does not answer"):
+    with pytest.raises(TaskError, match=r"tcp://127\.0\.0\.1:9 does not answer"):
         amb(*tones, "--surface", "--scheduler", "tcp://127.0.0.1:9")
     spectra = json.loads((tmp_path / "out" / "summary.json").read_text())["spectra"]
     assert {test["state"] for test in spectra["as given"].values()} == {"steady"}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import ExcitationError, ParameterError, RegionError
+from amb_core.errors import ExcitationError, ParameterError, SpectrumError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.simulation.parameters import with_values
@@ -96,8 +96,8 @@ def test_the_tones_fade_in_on_their_axis_alone() -> None:
     [
         ({}, {"inducing_amplitude": 240e-6}, ExcitationError, "add up to 260 um; allowed: below .* 250 um"),
         ({"magnetic_circuit.actuators": "differential"}, {"axis": "x"}, ExcitationError, "allowed: y"),
-        ({"controller.sample_rate": 20e3}, {}, RegionError, "the two rates must be equal"),
-        ({}, {"inducing_frequency": 5000.0}, RegionError, "below the Nyquist frequency, 5000 Hz"),
+        ({"controller.sample_rate": 20e3}, {}, SpectrumError, "the two rates must be equal"),
+        ({}, {"inducing_frequency": 5000.0}, SpectrumError, "below the Nyquist frequency, 5000 Hz"),
     ],
 )
 def test_tests_that_do_not_suit_the_loop_are_refused(
@@ -149,5 +149,5 @@ def test_a_surface_has_the_results_of_its_runs_and_runs_none_twice(tmp_path: Pat
 def test_a_surface_is_refused_before_anything_is_run() -> None:
     with pytest.raises(ParameterError, match="same frequency"):
         subharmonic_surface(*LOOP, FAST, SurfaceSettings(frequency_low=200.0, frequency_high=3000.0))
-    with pytest.raises(RegionError, match="Nyquist"):
+    with pytest.raises(SpectrumError, match="Nyquist"):
         subharmonic_surface(*LOOP, FAST, SurfaceSettings(frequency_high=5000.0))

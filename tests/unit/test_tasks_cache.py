@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.errors import RegionError
+from amb_core.errors import TaskError
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
@@ -165,7 +165,7 @@ def test_a_full_disk_costs_a_warning_and_leaves_no_half_file(tmp_path, caplog):
 
 
 def test_a_worker_with_other_code_refuses(tmp_path):
-    with pytest.raises(RegionError, match="another version"):
+    with pytest.raises(TaskError, match="another version"):
         compute(task(), "0" * 64, tmp_path)
 
 

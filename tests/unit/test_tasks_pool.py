@@ -7,7 +7,7 @@ import logging
 
 import pytest
 
-from amb_core.errors import RegionError
+from amb_core.errors import TaskError
 from amb_core.tasks import pool
 
 ADDRESS = "tcp://10.0.0.1:8786"
@@ -69,7 +69,7 @@ def test_a_cluster_without_the_code_is_told_so(tasks, problem):
     with tasks(Client(problem, {"w": {}})) as found:
         key, told = found.next_finished(0.0)
     assert key == "k"
-    assert isinstance(told, RegionError)
+    assert isinstance(told, TaskError)
     assert ADDRESS in str(told)
     assert str(problem).splitlines()[0] in str(told)
 

@@ -26,7 +26,15 @@ class IdentificationError(AmbError):
 
 
 class RegionError(AmbError):
-    """Telemetry cannot be classified into regions of operation."""
+    """Telemetry cannot be classified into regions of operation, or a region map cannot be made, read or used."""
+
+
+class SpectrumError(AmbError):
+    """The response to tones cannot be analysed."""
+
+
+class TaskError(AmbError):
+    """A task cannot be run: no scheduler, no worker, or what the task itself raised."""
 
 
 LONGEST_TEXT = 2_000  # characters

@@ -16,7 +16,7 @@ from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.exit_codes import INTERRUPTED
-from amb_core.errors import RegionError
+from amb_core.errors import AmbError, ParameterError, RegionError
 from amb_core.figures import map_figure, map_grid_figure, map_grid_page, map_page, save_figure
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
@@ -86,7 +86,7 @@ def region_map(
                 cells = build_grid(settings, plant, controller, design, regions, **options)
             else:
                 found = build_map(settings, plant, controller, regions, **options)
-        except RegionError:
+        except AmbError:
             if interrupt.asked():  # before there was anything to keep
                 raise KeyboardInterrupt from None
             raise
@@ -139,9 +139,9 @@ def _design(grid: list[str]) -> dict[str, list[Any]]:
     for text in grid:
         name, sign, values = text.partition("=")
         if not (name and sign and values):
-            raise RegionError(f"--grid {text}: must be a name and its values, as amplifier.bias_current=2,3,4")
+            raise ParameterError(f"--grid {text}: must be a name and its values, as amplifier.bias_current=2,3,4")
         if name in design:
-            raise RegionError(f"--grid {name} is given twice; give all its values at once")
+            raise ParameterError(f"--grid {name} is given twice; give all its values at once")
         design[name] = [typed_value(word) for word in values.split(",")]
     return design
 

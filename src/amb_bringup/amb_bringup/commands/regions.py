@@ -13,7 +13,7 @@ from rich.table import Table
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, write_json
 from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
-from amb_core.errors import RegionError
+from amb_core.errors import ParameterError
 from amb_core.figures import save_figure, sweep_figure, sweep_page
 from amb_core.figures.sweep import rises
 from amb_core.loop.telemetry import describe_gaps
@@ -32,7 +32,7 @@ def regions(
 ) -> None:
     """Show where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions."""
     if axes not in ("", "x", "y", "xy"):
-        raise RegionError(f"--axes {axes} is not allowed; it must be x, y or xy")
+        raise ParameterError(f"--axes {axes} is not allowed; it must be x, y or xy")
     console = Console()
     make_folder(out)
     recording = Recording.read(bag)

@@ -16,7 +16,7 @@ from amb_bringup.commands.inputs import load_loop, typed_value
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
-from amb_core.errors import ParameterError, RegionError
+from amb_core.errors import ParameterError, SpectrumError
 from amb_core.figures import save_figure, spectrum_figure, spectrum_page, surface_figure, surface_page
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import part_of
@@ -129,7 +129,7 @@ def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectru
         line = reference.line(*(int(tone == index) for index in range(3)))
         found = 0.0 if line is None else abs(line.amplitude)
         if abs(found - asked) > TONE_ERROR * asked:
-            raise RegionError(
+            raise SpectrumError(
                 f"bag {bag}: the reference {settings.axis} has {UM * found:.3g} um at {frequency:g} Hz, asked for are "
                 f"{UM * asked:.3g} um; give the tones that were recorded"
             )

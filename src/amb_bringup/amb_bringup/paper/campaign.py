@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from amb_bringup.paper.study import Study, StudyError, StudyResult, Workplace
 from amb_core.errors import AmbError
-from amb_core.tasks import ResultCache
-
-POLL = 1.0  # s; how long workers that have failed may go unnoticed, no more depends on it
+from amb_core.tasks import Request, ResultCache, run
 
 
 @dataclass(frozen=True)
@@ -43,54 +42,49 @@ def run_campaign(
     ------
     StudyError
         If studies fail, after the others have been run.
-    RegionError
+    TaskError
         If the scheduler does not answer, or is lost.
     """
-    from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
-
     workplace = workplace or Workplace()
     kept = ResultCache(workplace.cache)
     results: dict[str, StudyResult] = {}
     problems: list[str] = []
-    waiting: dict[str, Study] = {}
     reused = 0
 
     def report(last: str) -> None:
         if progress is not None:
             progress(CampaignProgress(len(results) + len(problems), len(studies), reused, last))
 
-    def take(study: Study, key: str, result: StudyResult | AmbError) -> None:
+    def take(study: Study, result: StudyResult | AmbError, _kept: bool = False) -> tuple[()]:
         if isinstance(result, AmbError):
             problems.append(f"{study.name}: {result}")
         else:
             results[study.name] = result
-            kept.ensure(key, study, result)
         report(study.name)
+        return ()
 
-    with TaskPool[StudyResult](workplace.scheduler, workplace.workers) as pool:
-        own: dict[str, Study] = {}
-        for study in studies:
-            key = study.key()
-            known = kept.load(key, study) if study.files_are_whole(workplace.folder) else None
-            if known is not None:
-                results[study.name] = known
-                reused += 1
-            elif study.parallel:
-                pool.submit(study, key, kept.folder)
-                waiting[key] = study
-            else:
-                own[key] = study
-        report("")
-        while waiting:
-            finished = pool.next_finished(POLL)
-            if finished is not None:
-                take(waiting.pop(finished[0]), *finished)
-    for key, study in own.items():  # after the others, since these have the whole machine
+    missing = []
+    for study in studies:
+        known = kept.load(study.key(), study) if study.files_are_whole(workplace.folder) else None
+        if known is None:
+            missing.append(study)
+        else:
+            results[study.name] = known
+            reused += 1
+    report("")
+    parallel = [Request(study, partial(take, study), reuse=False) for study in missing if study.parallel]
+    run(parallel, kept, workplace.scheduler, workplace.workers)
+    for study in missing:  # these after the others, since they have the whole machine
+        if study.parallel:
+            continue
         workplace.tell(study.name)
         try:
-            take(study, key, study.run_at(workplace))
+            result = study.run_at(workplace)
         except AmbError as problem:
-            take(study, key, problem)
+            take(study, problem)
+        else:
+            kept.ensure(study.key(), study, result)
+            take(study, result)
     if problems:
         raise StudyError("; ".join(problems))
     return {study.name: results[study.name] for study in studies}

@@ -10,13 +10,14 @@ import functools
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from amb_bringup.paper.study import StudyError, Workplace
-from amb_core.errors import AmbError, IdentificationError
+from amb_core.errors import IdentificationError, TaskError
 from amb_core.excitation import Excitation, generate
 from amb_core.excitation_design import Trial, TrialBench
 from amb_core.identification import IdentificationData, StateSpaceModel, closed_loop_poles, nrmse_fit
@@ -25,10 +26,8 @@ from amb_core.identification.experiment_simulation import simulate_experiment
 from amb_core.identification.progress import Watch
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
-from amb_core.tasks import ResultCache, Task
+from amb_core.tasks import Request, ResultCache, Task, run
 from amb_core.tasks.provenance import code_version
-
-POLL = 1.0  # s; how long workers that have failed may go unnoticed
 
 
 @dataclass(frozen=True)
@@ -148,33 +147,22 @@ def run_trials(
     ------
     StudyError
         If a task fails.
-    RegionError
+    TaskError
         If the scheduler does not answer, or is lost.
     """
-    from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
+    found: dict[int, ModelTrial] = {}
 
-    kept = ResultCache(workplace.cache)
-    keys = [task.key() for task in tasks]
-    by_key = dict(zip(keys, tasks, strict=True))
-    results = {key: known for key, task in by_key.items() if (known := kept.load(key, task)) is not None}
-    waiting = [key for key in keys if key not in results]
-    with TaskPool[ModelTrial](workplace.scheduler, workplace.workers) as pool:
-        for key in waiting:
-            pool.submit(by_key[key], key, kept.folder)
-        meanwhile()
-        left = len(waiting)
-        while left:
-            workplace.tell(f"model {len(keys) - left} of {len(keys)}")
-            finished = pool.next_finished(POLL)
-            if finished is None:
-                continue
-            key, result = finished
-            if isinstance(result, AmbError):
-                raise StudyError(f"{by_key[key].data.name}, {by_key[key].method}, order {by_key[key].order}: {result}")
-            kept.ensure(key, by_key[key], result)
-            results[key] = result
-            left -= 1
-    return [results[key] for key in keys]
+    def take(number: int, trial: ModelTrial | TaskError, _kept: bool) -> tuple[()]:
+        if isinstance(trial, TaskError):
+            task = tasks[number]
+            raise StudyError(f"{task.data.name}, {task.method}, order {task.order}: {trial}")
+        found[number] = trial
+        workplace.tell(f"model {len(found)} of {len(tasks)}")
+        return ()
+
+    requests = [Request(task, partial(take, number)) for number, task in enumerate(tasks)]
+    run(requests, ResultCache(workplace.cache), workplace.scheduler, workplace.workers, meanwhile=meanwhile)
+    return [found[number] for number in range(len(tasks))]
 
 
 @functools.cache

@@ -15,7 +15,7 @@ from math import gcd
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import RegionError
+from amb_core.errors import SpectrumError
 from amb_core.loop.records import LoopRecord
 from amb_core.subharmonics.products import Product, products_by_bin
 from amb_core.subharmonics.results import Line, SlowComponent, State, SubharmonicSpectrum
@@ -80,22 +80,22 @@ def analyse(
 
     Raises
     ------
-    RegionError
+    SpectrumError
         If a block is no whole number of samples, a tone is at or above the Nyquist frequency, a sample is not finite,
         or the record is shorter than `agreeing_blocks` blocks although the rotor did not delevitate.
     """
     block, periods = block_periods(settings, record.sample_time)
     start = first_step - record.first_step
     if start < 0:
-        raise RegionError(f"the record begins at step {record.first_step}, after the tones, step {first_step}")
+        raise SpectrumError(f"the record begins at step {record.first_step}, after the tones, step {first_step}")
     position = record.position[start:, 0 if settings.axis == "x" else 1]
     if not np.isfinite(position).all():
         step = first_step + int(np.argmin(np.isfinite(position)))
-        raise RegionError(f"position {settings.axis} at step {step} is not finite")
+        raise SpectrumError(f"position {settings.axis} at step {step} is not finite")
     count = len(position) // block
     wanted = settings.agreeing_blocks
     if count < wanted and not delevitated:
-        raise RegionError(
+        raise SpectrumError(
             f"{len(position)} samples from step {first_step} on hold {count} blocks of {settings.block_duration:g} s; "
             f"the test for a steady state needs {wanted}"
         )
@@ -133,17 +133,17 @@ def analyse(
 
 
 def block_periods(settings: SubharmonicSettings, sample_time: float) -> tuple[int, tuple[int, int, int]]:
-    """Samples in a block, and periods of the tones in it; RegionError if the sample time (s) does not suit them."""
+    """Samples in a block, and periods of the tones in it; SpectrumError if the sample time (s) does not suit them."""
     block = round(settings.block_duration / sample_time)
     if block < 2 or abs(settings.block_duration / sample_time - block) > WHOLE:
-        raise RegionError(
+        raise SpectrumError(
             f"block_duration = {settings.block_duration:g} s is {settings.block_duration / sample_time:g} samples at "
             f"{1.0 / sample_time:g} Hz; allowed: a whole number of samples"
         )
     f1, f2, f3 = (round(frequency * settings.block_duration) for frequency in settings.frequencies)
     periods = f1, f2, f3 if settings.inducing_amplitude > 0.0 else 0
     if 2 * max(periods) >= block:
-        raise RegionError(
+        raise SpectrumError(
             f"a tone of {max(periods) / settings.block_duration:g} Hz is asked for; allowed: below the Nyquist "
             f"frequency, {0.5 / sample_time:g} Hz"
         )

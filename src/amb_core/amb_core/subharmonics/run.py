@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import ExcitationError, RegionError
+from amb_core.errors import ExcitationError, SpectrumError
 from amb_core.excitation import Tones, generate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
@@ -34,7 +34,7 @@ def run_subharmonics(
     ------
     ExcitationError
         If the tones reach beyond the backup bearing, or the rotor cannot move along their axis.
-    RegionError
+    SpectrumError
         If a tone is not below the Nyquist frequency, a block is no whole number of samples, or plant and controller
         are sampled at different rates.
     """
@@ -74,7 +74,7 @@ def check(plant: PlantParameters, controller: ControllerParameters, settings: Su
         )
     rate, sampled = controller.sample_rate, plant.integration.sample_rate
     if abs(rate - sampled) > WHOLE * rate:
-        raise RegionError(
+        raise SpectrumError(
             f"the controller runs at {rate:g} Hz, the plant is sampled at {sampled:g} Hz; the two rates must be equal"
         )
     block_periods(settings, 1.0 / rate)

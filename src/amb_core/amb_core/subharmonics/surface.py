@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from amb_core.errors import RegionError
+from amb_core.errors import TaskError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.subharmonics.point import PointTask, SurfacePoint
 from amb_core.subharmonics.results import SubharmonicSurface
 from amb_core.subharmonics.run import check
 from amb_core.subharmonics.settings import SubharmonicSettings, SurfaceSettings
-from amb_core.tasks import ResultCache, cache_folder
+from amb_core.tasks import Request, ResultCache, cache_folder, run
 
 Place = tuple[int, int]  # in the surface, amplitude first
-POLL = 1.0  # s; how long workers that have failed may go unnoticed, no more depends on it
 
 
 def subharmonic_surface(
@@ -55,9 +55,10 @@ def subharmonic_surface(
     ------
     ParameterError
         If an inducing tone has the frequency of another tone.
-    ExcitationError, RegionError
-        As for `run_subharmonics`; before anything is run. RegionError also if the scheduler does not answer,
-        or is lost.
+    ExcitationError, SpectrumError
+        As for `run_subharmonics`; before anything is run.
+    TaskError
+        If a run fails, or the scheduler does not answer or is lost.
     """
     settings, surface = settings or SubharmonicSettings(), surface or SurfaceSettings()
     tests = _tests(settings, surface)
@@ -77,33 +78,18 @@ def _run(
     report: Callable[[int, int], None],
 ) -> dict[Place, SurfacePoint]:
     """The points of all places; those that are not in the cache are computed."""
-    from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
-
     points: dict[Place, SurfacePoint] = {}
-    waiting: dict[str, list[Place]] = {}  # places by key: frequencies that are rounded may be the same
+
+    def take(place: Place, point: SurfacePoint | TaskError, _kept: bool) -> tuple[()]:
+        if isinstance(point, TaskError):
+            raise TaskError(f"the surface ends after {len(points)} of {len(tasks)} runs: {point}")
+        points[place] = point
+        report(len(points), len(tasks))
+        return ()
+
     report(0, len(tasks))
-    with TaskPool[SurfacePoint](scheduler, workers) as pool:
-        for place, task in tasks.items():
-            key = task.key()
-            point = None if key in waiting else cache.load(key, task)
-            if point is not None:
-                points[place] = point
-                report(len(points), len(tasks))
-                continue
-            if key not in waiting:
-                pool.submit(task, key, cache.folder)
-            waiting.setdefault(key, []).append(place)
-        while waiting:
-            finished = pool.next_finished(POLL)
-            if finished is None:
-                continue
-            key, result = finished
-            if isinstance(result, RegionError):
-                raise RegionError(f"the surface ends after {len(points)} of {len(tasks)} runs: {result}")
-            for place in waiting.pop(key):
-                cache.ensure(key, tasks[place], result)
-                points[place] = result
-                report(len(points), len(tasks))
+    # Frequencies that are rounded may be the same: their places share a task.
+    run((Request(task, partial(take, place)) for place, task in tasks.items()), cache, scheduler, workers)
     return points
 
 

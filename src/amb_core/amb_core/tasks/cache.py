@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from amb_core.errors import AmbError, RegionError
+from amb_core.errors import AmbError, TaskError
 from amb_core.tasks.task import R, Task
 
 logger = logging.getLogger(__name__)
@@ -96,18 +96,18 @@ def compute(task: Task[R], key: str, folder: Path) -> R:
 
     Raises
     ------
-    RegionError
+    TaskError
         If the worker has another version of the code or of a file than the driver, or the task fails.
     """
     try:
         if task.key() != key:
-            raise RegionError(
+            raise TaskError(
                 "a worker has another version of amb_core, its libraries or the plant's data files than this program; "
                 "start both anew"
             )
         result = task.run()
     except (AmbError, OSError) as problem:
-        raise RegionError(str(problem)) from None
+        raise TaskError(str(problem)) from None
     with contextlib.suppress(OSError):
         ResultCache(folder).store(key, task, result)
     return result

@@ -15,7 +15,7 @@ import dask
 from distributed import Client, Scheduler, SpecCluster
 from distributed.deploy.subprocess import SubprocessWorker
 
-from amb_core.errors import RegionError
+from amb_core.errors import TaskError
 
 ADDRESS = re.compile(r"(tcp|tls|ws|wss)://\S+:\d+")
 CONNECT_TIMEOUT = 3.0  # s, within which a scheduler answers on any network
@@ -24,9 +24,9 @@ logger = logging.getLogger(__name__)
 
 
 def check_address(scheduler: str) -> None:
-    """Raise RegionError if a text is no address of a scheduler."""
+    """Raise TaskError if a text is no address of a scheduler."""
     if not ADDRESS.fullmatch(scheduler):
-        raise RegionError(f"scheduler '{scheduler}' is no address; allowed: one like tcp://host:8786")
+        raise TaskError(f"scheduler '{scheduler}' is no address; allowed: one like tcp://host:8786")
 
 
 @contextlib.contextmanager
@@ -42,15 +42,15 @@ def open_cluster(scheduler: str | None = None, workers: int | None = None) -> It
 
     Raises
     ------
-    RegionError
+    TaskError
         If the scheduler does not answer or is no address, or the number of workers makes no sense.
     """
     if workers is not None and workers < 1:
-        raise RegionError(f"workers = {workers} is not allowed; allowed: 1 or more")
+        raise TaskError(f"workers = {workers} is not allowed; allowed: 1 or more")
     if scheduler is not None:
         check_address(scheduler)
     if workers is not None and scheduler is not None:
-        raise RegionError(f"workers = {workers} is given with scheduler {scheduler}, which has workers of its own")
+        raise TaskError(f"workers = {workers} is given with scheduler {scheduler}, which has workers of its own")
     with contextlib.ExitStack() as resources:
         if scheduler is None:
             cluster = resources.enter_context(_local_cluster(workers))
@@ -102,7 +102,7 @@ def _connect(scheduler: str) -> Iterator[Client]:
         try:
             client = Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError):
-            raise RegionError(
+            raise TaskError(
                 f"scheduler {scheduler} does not answer within {CONNECT_TIMEOUT:g} s; is it running, and with the same "
                 "version of dask?"
             ) from None

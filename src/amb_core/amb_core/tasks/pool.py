@@ -13,7 +13,7 @@ from typing import Any, Generic
 from distributed import Client, Future, KilledWorker
 from distributed.comm import CommClosedError
 
-from amb_core.errors import RegionError
+from amb_core.errors import TaskError
 from amb_core.tasks.cache import compute
 from amb_core.tasks.cluster import open_cluster
 from amb_core.tasks.task import R, Task
@@ -54,7 +54,7 @@ class TaskPool(Generic[R]):
 
         Raises
         ------
-        RegionError
+        TaskError
             If this is the first task and the scheduler does not answer.
         """
         if self._client is None:
@@ -67,12 +67,12 @@ class TaskPool(Generic[R]):
         """Do not run a task, if it has not begun yet, and forget its result."""
         self._waiting.pop(key).cancel()
 
-    def next_finished(self, timeout: float) -> tuple[str, R | RegionError] | None:
+    def next_finished(self, timeout: float) -> tuple[str, R | TaskError] | None:
         """Key of a finished task with its result, or why there is none; None if nothing finished in time (s).
 
         Raises
         ------
-        RegionError
+        TaskError
             If the processes of our own cluster do not come up.
         """
         try:
@@ -85,20 +85,20 @@ class TaskPool(Generic[R]):
             return None
         try:
             return key, future.result()
-        except RegionError as problem:
+        except TaskError as problem:
             return key, problem
         except (ImportError, RuntimeError) as problem:
             if self._scheduler is None:
                 raise
             reason = " ".join(str(problem).splitlines()[:1])
-            return key, RegionError(
+            return key, TaskError(
                 f"the scheduler {self._scheduler} or its workers cannot take up the work ({reason}); start them in an "
                 "environment with this version of amb_core and of its libraries"
             )
         except KilledWorker:
-            return key, RegionError("its worker died, and so did those that tried after it")
+            return key, TaskError("its worker died, and so did those that tried after it")
         except (CancelledError, CommClosedError, TimeoutError):
-            return key, RegionError(f"the scheduler {self._scheduler or ''} is gone; finished results are kept")
+            return key, TaskError(f"the scheduler {self._scheduler or ''} is gone; finished results are kept")
 
     def _check_workers(self) -> None:
         """A cluster of others may get workers later; where ours has none, they and their successors have failed."""
@@ -107,7 +107,7 @@ class TaskPool(Generic[R]):
             return
         absent = time.monotonic() - self._last_seen
         if self._scheduler is None and absent > START_TIMEOUT:
-            raise RegionError(
+            raise TaskError(
                 f"no worker process has come up within {START_TIMEOUT:g} s; `python -m dask worker` should run in this "
                 "environment"
             )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from amb_core.errors import RegionError
+from amb_core.errors import RegionError, TaskError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import RegionParameters
@@ -16,9 +16,7 @@ from amb_core.regions.region_map.refinement import Refinement
 from amb_core.regions.region_map.region_map import MapSweep, RegionMap
 from amb_core.regions.region_map.settings import MapSettings
 from amb_core.regions.region_map.sweep_run import SweepTask
-from amb_core.tasks import ResultCache, cache_folder
-
-POLL = 0.1  # s, how often `cancelled` is asked
+from amb_core.tasks import Request, ResultCache, cache_folder, run
 
 
 @dataclass(frozen=True)
@@ -89,8 +87,10 @@ def build_map(
     Raises
     ------
     RegionError
-        If the settings do not fit the loop, the scheduler does not answer or is lost, a worker dies again and again,
-        the loop does not hold the rotor, or the map is cancelled before the first sweep has finished.
+        If the settings do not fit the loop, a sweep fails, such as where the loop does not hold the rotor, or the map
+        is cancelled before the first sweep has finished.
+    TaskError
+        If the scheduler does not answer, or our own processes do not come up.
     PlantError
         If the plant cannot be built.
     """
@@ -170,70 +170,33 @@ def run_jobs(
 
     A map with a sweep that fails has this as its `problem`; the others go on.
     """
-    from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
-
-    with TaskPool[MapSweep](scheduler, workers) as pool:
-        run = _Run(jobs, pool, ResultCache(cache or cache_folder("region_map")), progress or (lambda _: None))
-        run.start()
-        while run.waiting and not (cancelled is not None and cancelled()):
-            finished = pool.next_finished(POLL)
-            if finished is not None:
-                run.take(*finished)
+    sweeps = _Sweeps(jobs, progress or (lambda _: None))
+    sweeps.report(None)
+    first = [request for job in jobs for request in sweeps.requests(job, job.refinement.amplitudes)]
+    run(first, ResultCache(cache or cache_folder("region_map")), scheduler, workers, cancelled=cancelled)
 
 
-class _Run:
-    """Maps on their way."""
+class _Sweeps:
+    """The sweeps of maps that run together."""
 
-    def __init__(
-        self, jobs: Sequence[MapJob], pool: Any, cache: ResultCache, progress: Callable[[MapProgress], None]
-    ) -> None:
-        self._jobs, self._pool, self._cache, self._progress = jobs, pool, cache, progress
-        self.waiting: dict[str, list[tuple[MapJob, SweepTask]]] = {}
+    def __init__(self, jobs: Sequence[MapJob], progress: Callable[[MapProgress], None]) -> None:
+        self._jobs, self._progress = jobs, progress
         self._reused = 0
 
-    def start(self) -> None:
-        self._report(None)
-        for job in self._jobs:
-            self._ask(job, job.refinement.amplitudes)
+    def requests(self, job: MapJob, amplitudes: Iterable[float]) -> list[Request[MapSweep]]:
+        """Sweeps of a map at amplitudes (m), wanted as long as the map has no problem."""
+        return [
+            Request(
+                job.task(amplitude),
+                partial(self._take, job, amplitude),
+                priority=-self._jobs.index(job),
+                wanted=lambda: job.problem is None,
+            )
+            for amplitude in amplitudes
+        ]
 
-    def take(self, key: str, result: MapSweep | RegionError) -> None:
-        """Take in the result of a sweep, and get under way what it asks for."""
-        for job, task in self.waiting.pop(key):
-            if isinstance(result, RegionError):
-                self._give_up(job, RegionError(f"sweep of {task.sweep.amplitude:g} m: {result}"))
-                continue
-            self._cache.ensure(key, task, result)
-            amplitudes = job.refinement.add(result)
-            self._report(job)
-            self._ask(job, amplitudes)
-
-    def _ask(self, job: MapJob, amplitudes: Sequence[float]) -> None:
-        """Get sweeps under way; those that are on disk are finished at once, and may ask for more."""
-        asked = list(amplitudes)
-        while asked and job.problem is None:
-            task = job.task(asked.pop(0))
-            key = task.key()
-            if key in self.waiting:  # two maps of a grid may be the same
-                self.waiting[key].append((job, task))
-                continue
-            sweep = self._cache.load(key, task)
-            if sweep is None:
-                self._pool.submit(task, key, self._cache.folder, -self._jobs.index(job))
-                self.waiting[key] = [(job, task)]
-            else:
-                self._reused += 1
-                asked += job.refinement.add(sweep)
-                self._report(job)
-
-    def _give_up(self, job: MapJob, problem: RegionError) -> None:
-        job.problem = problem
-        for key, owners in list(self.waiting.items()):
-            owners[:] = [(owner, task) for owner, task in owners if owner is not job]
-            if not owners:
-                del self.waiting[key]
-                self._pool.cancel(key)
-
-    def _report(self, job: MapJob | None) -> None:
+    def report(self, job: MapJob | None) -> None:
+        """Report how far all maps are; with that of the job that has got further."""
         jobs = [one for one in self._jobs if one.problem is None]
         self._progress(
             MapProgress(
@@ -243,6 +206,16 @@ class _Run:
                 None if job is None else job.map(),
             )
         )
+
+    def _take(self, job: MapJob, amplitude: float, sweep: MapSweep | TaskError, kept: bool) -> list[Request[MapSweep]]:
+        """Take in a sweep; what the boundaries need next."""
+        if isinstance(sweep, TaskError):
+            job.problem = RegionError(f"sweep of {amplitude:g} m: {sweep}")
+            return []
+        self._reused += kept
+        amplitudes = job.refinement.add(sweep)
+        self.report(job)
+        return self.requests(job, amplitudes)
 
 
 def _check(settings: MapSettings, plant: PlantParameters, controller: ControllerParameters) -> None:

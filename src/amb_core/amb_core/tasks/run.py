@@ -1,0 +1,131 @@
+"""The one way to run tasks: kept results are taken from the disk, the others computed on a cluster and kept."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic
+
+from amb_core.errors import TaskError
+from amb_core.tasks.cache import ResultCache
+from amb_core.tasks.task import R, Task
+
+if TYPE_CHECKING:
+    from amb_core.tasks.pool import TaskPool
+
+POLL = 0.1  # s; how long a wish to end, or workers that have failed, may go unnoticed
+
+
+def _always() -> bool:
+    return True
+
+
+@dataclass(frozen=True)
+class Request(Generic[R]):
+    """A task, and what becomes of its result.
+
+    Attributes
+    ----------
+    task : Task
+        What to run. Requests with the same task share one run.
+    take : callable
+        Called in the thread that runs the tasks, with the result, or why there is none, and whether the result was
+        kept before. Returns what else is to be run.
+    priority : int
+        Those of higher priority run first.
+    wanted : callable
+        Whether the result is still wanted; once no request for a task wants it, it is not begun.
+    reuse : bool
+        Whether a kept result will do.
+    """
+
+    task: Task[R]
+    take: Callable[[R | TaskError, bool], Iterable[Request[R]]]
+    priority: int = 0
+    wanted: Callable[[], bool] = _always
+    reuse: bool = True
+
+
+def run(
+    requests: Iterable[Request[R]],
+    cache: ResultCache,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    *,
+    cancelled: Callable[[], bool] | None = None,
+    meanwhile: Callable[[], None] | None = None,
+) -> None:
+    """Run tasks and all that their results ask for.
+
+    Parameters
+    ----------
+    requests : iterable of Request
+        What to run first.
+    cache : ResultCache
+        Where results are kept.
+    scheduler, workers : optional
+        As for `open_cluster`.
+    cancelled : callable, optional
+        Asked ten times a second; once it is true, this returns. Results so far are kept.
+    meanwhile : callable, optional
+        Called once, while the cluster is busy with the first tasks.
+
+    Raises
+    ------
+    TaskError
+        If the scheduler does not answer, or our own processes do not come up.
+    """
+    from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
+
+    with TaskPool[R](scheduler, workers) as pool:
+        under_way = _UnderWay(pool, cache)
+        under_way.ask(requests)
+        if meanwhile is not None:
+            meanwhile()
+        while under_way.waiting and not (cancelled is not None and cancelled()):
+            finished = pool.next_finished(POLL)
+            if finished is not None:
+                under_way.finish(*finished)
+
+
+class _UnderWay(Generic[R]):
+    """Requests whose tasks run, by key."""
+
+    def __init__(self, pool: TaskPool[R], cache: ResultCache) -> None:
+        self.waiting: dict[str, list[Request[R]]] = {}
+        self._pool, self._cache = pool, cache
+
+    def ask(self, requests: Iterable[Request[R]]) -> None:
+        """Get tasks under way; those with kept results are finished at once, and may ask for more."""
+        asked = deque(requests)
+        while asked:
+            request = asked.popleft()
+            if not request.wanted():
+                continue
+            key = request.task.key()
+            if key in self.waiting:
+                self.waiting[key].append(request)
+                continue
+            kept = self._cache.load(key, request.task) if request.reuse else None
+            if kept is None:
+                self._pool.submit(request.task, key, self._cache.folder, request.priority)
+                self.waiting[key] = [request]
+            else:
+                asked.extend(request.take(kept, True))
+
+    def finish(self, key: str, result: R | TaskError) -> None:
+        """Hand on a result, cancel what it has made needless, and ask for what it needs."""
+        for request in self.waiting.pop(key):
+            if not isinstance(result, TaskError):
+                self._cache.ensure(key, request.task, result)
+            more = request.take(result, False)
+            self._cancel_unwanted()
+            self.ask(more)
+
+    def _cancel_unwanted(self) -> None:
+        for key, requests in list(self.waiting.items()):
+            requests[:] = [request for request in requests if request.wanted()]
+            if not requests:
+                del self.waiting[key]
+                self._pool.cancel(key)
