@@ -12,7 +12,9 @@ setup(
     maintainer_email="maintainers@users.noreply.example",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "report/page.html.j2", "report/page.css"]},
+    package_data={
+        NAME: ["py.typed", "figures/*.j2", "figures/page.css", "figures/touch.js", "report/*.j2", "report/page.css"]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

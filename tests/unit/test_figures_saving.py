@@ -74,7 +74,7 @@ def test_the_numbers_of_a_chart_are_a_table() -> None:
     fragment = page_fragment(draw_page(EMPTY))
     assert '<th scope="col">a &lt; b</th>' in fragment
     assert "<td>1</td><td>&lt;2&gt;</td>" in fragment
-    assert 'aria-label="alt &quot;quoted&quot;"' in fragment
+    assert 'aria-label="alt &#34;quoted&#34;"' in fragment
 
 
 def test_what_cannot_be_written_is_told(tmp_path: Path) -> None:

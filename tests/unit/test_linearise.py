@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.constants import mu_0
 
-from amb_core.errors import PlantError
+from amb_core.errors import ParameterError, PlantError
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import (
     AmplifierParameters,
@@ -214,3 +214,11 @@ def test_controller_at_another_rate_is_refused():
     plant = Plant(PlantParameters(integration=IntegrationParameters(sample_rate=20_000.0)))
     with pytest.raises(PlantError, match="controller runs at 10000 Hz, the plant is sampled at 20000 Hz"):
         linearize(plant)
+
+
+def test_a_controller_of_another_sample_rate_is_refused() -> None:
+    controller = PdController(ControllerParameters(sample_rate=20e3))
+    with pytest.raises(ParameterError, match="the two rates must be equal"):
+        simulate(Plant(), controller, 10)
+    with pytest.raises(ParameterError, match="the two rates must be equal"):
+        linearize(Plant(), controller.parameters)

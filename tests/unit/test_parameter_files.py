@@ -208,3 +208,10 @@ def test_the_check_of_a_file_covers_every_node(file: Path) -> None:
         file.write_text(f"/amb/{node}: {{ros__parameters: {{no_such_name: 1}}}}\n")
         with pytest.raises(ParameterError, match=f"node {node}: unknown parameter 'no_such_name'"):
             check_parameter_file(file)
+
+
+def test_two_sample_rates_are_refused_before_a_graph_starts(tmp_path: Path) -> None:
+    file = tmp_path / "two_rates.yaml"
+    file.write_text("/amb/pd_controller: {ros__parameters: {sample_rate: 20000.0}}\n")
+    with pytest.raises(ParameterError, match=r"two_rates\.yaml: the controller runs at 20000 Hz, the plant"):
+        check_parameter_file(file)

@@ -12,7 +12,7 @@ import pytest
 from amb_core.errors import AmbError
 from amb_core.figures import response_figure, response_page
 from amb_core.loop.records import LoopRecord
-from amb_core.report import Chart, Listing, Picture, Prose, Report, Section, Table, Verdict, write_report
+from amb_core.report import FigureBlock, Listing, Picture, Prose, Report, Section, TableBlock, Verdict, write_report
 
 
 class Page(HTMLParser):
@@ -41,13 +41,15 @@ class Page(HTMLParser):
 
 
 @pytest.fixture
-def chart() -> Chart:
+def chart() -> FigureBlock:
     steps = np.arange(200.0)[:, np.newaxis] * np.ones(2)
-    return Chart(response_page(LoopRecord(0, 1e-4, 0.0 * steps, 1e-6 * np.sin(steps), 0.0 * steps), None), "Response")
+    return FigureBlock(
+        response_page(LoopRecord(0, 1e-4, 0.0 * steps, 1e-6 * np.sin(steps), 0.0 * steps), None), "Response"
+    )
 
 
 @pytest.fixture
-def report(chart: Chart, tmp_path: Path) -> Report:
+def report(chart: FigureBlock, tmp_path: Path) -> Report:
     image = tmp_path / "image.png"
     response_figure(
         LoopRecord(0, 1e-4, np.zeros((50, 2)), np.outer(np.arange(50.0), [1e-6, 1e-6]), np.zeros((50, 2))), None
@@ -56,7 +58,9 @@ def report(chart: Chart, tmp_path: Path) -> Report:
         "Fig. 2: a sweep",
         [Prose("Below <100> Hz & more."), chart, Verdict("a < b", "a = b", "does not agree", "iron & more")],
     )
-    numbers = Section("Numbers", [Table(("what", "value"), [("k_i", "66 N/A")], "Constants"), Listing("a  b", "Text")])
+    numbers = Section(
+        "Numbers", [TableBlock(("what", "value"), [("k_i", "66 N/A")], "Constants"), Listing("a  b", "Text")]
+    )
     return Report("A bearing", "Shaken <fast>.", [Picture(image, "Two curves")], [evidence, numbers], "Made of a bag.")
 
 

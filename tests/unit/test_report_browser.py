@@ -16,13 +16,13 @@ from amb_core.figures import map_page, response_page
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
-from amb_core.report import Chart, Prose, Report, Section, Table, Verdict, write_report
+from amb_core.report import FigureBlock, Prose, Report, Section, TableBlock, Verdict, write_report
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
 
-TABLE = Table(
+TABLE = TableBlock(
     ("claim", "paper", "verdict"),
     [("At low frequencies the bearing behaves as the identified linear model does.", "Section 2.2", "does not agree")],
     "44 claims; agrees: 26, agrees in part: 14, does not agree: 4",
@@ -46,9 +46,9 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> Path:
     report = Report(
         "Shaken too fast",
         "What a bearing does then.",
-        [Chart(map_page(region_map))],
+        [FigureBlock(map_page(region_map))],
         [
-            Section("Fig. 14: response", [Prose("A sine."), Chart(response_page(record), "Response")]),
+            Section("Fig. 14: response", [Prose("A sine."), FigureBlock(response_page(record), "Response")]),
             Section("Claims", [Verdict("It moves.", "It does.", "agrees"), TABLE]),
         ],
     )

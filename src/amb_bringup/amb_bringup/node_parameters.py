@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
+from amb_core.errors import ParameterError
+from amb_core.loop.control import require_one_rate
 from amb_core.parameters import Parameters, load_parameters
 from amb_ident_node.identifier import IdentifierParameters
 from amb_ident_node.recorder import RecorderParameters
@@ -28,7 +30,13 @@ def check_parameter_file(path: str | Path) -> None:
     Raises
     ------
     ParameterError
-        If the file, a key or a parameter is wrong; one line that names file, node and parameter.
+        If the file, a key or a parameter is wrong, or the nodes' sample rates differ; one line that names the file.
     """
-    for node, model in PARAMETERS.items():
-        load_parameters(model, path, node)
+    parameters = {node: load_parameters(model, path, node) for node, model in PARAMETERS.items()}
+    simulator, controller = parameters["simulator"], parameters["pd_controller"]
+    assert isinstance(simulator, SimulatorParameters)
+    assert isinstance(controller, PdControllerParameters)
+    try:
+        require_one_rate(controller, simulator.integration.sample_rate)
+    except ParameterError as problem:
+        raise ParameterError(f"{path}: {problem}") from None

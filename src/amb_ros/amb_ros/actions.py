@@ -5,6 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -44,32 +45,60 @@ def create_action(
         Called in the executor with every goal before it is accepted, for what can be judged at once. An `AmbError`
         that it raises rejects the goal; its text is logged and published (see `amb_ros.rejections`).
     """
-    rejections = RejectionPublisher(node, name)
+    goals = _Goals(node, action_type, callback, worker, check, RejectionPublisher(node, name))
+    return ActionServer(
+        node,
+        action_type,
+        name,
+        goals.execute,
+        goal_callback=goals.judge,
+        cancel_callback=lambda _goal: CancelResponse.ACCEPT,
+    )
 
-    def judge(goal: Any) -> GoalResponse:
+
+@dataclass(frozen=True)
+class _Goals:
+    """What becomes of the goals of an action."""
+
+    node: Node
+    action_type: Any
+    callback: Callback
+    worker: Executor
+    check: Check
+    rejections: RejectionPublisher
+
+    def judge(self, goal: Any) -> GoalResponse:
+        """Accept a goal, or reject it and publish why."""
         try:
-            check(goal)
+            self.check(goal)
         except AmbError as problem:
-            rejections.publish(goal, one_line(problem))
+            self.rejections.publish(goal, one_line(problem))
             return GoalResponse.REJECT
         except Exception as problem:  # whatever happens, the caller gets an answer and the node lives
-            node.get_logger().error(traceback.format_exc())
-            rejections.publish(goal, _internal_error(node, problem))
+            self.rejections.publish(goal, self._internal_error(problem))
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
-    def outcome(goal: ServerGoalHandle) -> Any:
-        def publish_feedback(message: Any) -> None:
-            if node.context.ok():
-                goal.publish_feedback(message)
+    async def execute(self, goal: ServerGoalHandle) -> Any:
+        """The result of a goal, once the worker has it."""
+        finished: Future = Future(executor=self.node.executor)
+        self.worker.submit(self._work, goal, finished)
+        return await finished
 
+    def _work(self, goal: ServerGoalHandle, finished: Future) -> None:
+        executor = self.node.executor
         try:
-            result = callback(goal.request, publish_feedback, lambda: goal.is_cancel_requested)
-        except AmbError as problem:
-            result = action_type.Result(message=one_line(problem))
-        except Exception as problem:  # whatever happens, the caller gets a result and the node lives
-            node.get_logger().error(traceback.format_exc())
-            result = action_type.Result(message=_internal_error(node, problem))
+            finished.set_result(self._outcome(goal))
+        except Exception:
+            if self.node.context.ok():
+                raise
+            return  # the node was shut down meanwhile, and nobody waits any more
+        # EventsExecutor resumes a coroutine only after another event: here is one.
+        if executor is not None:
+            executor.create_task(lambda: None)
+
+    def _outcome(self, goal: ServerGoalHandle) -> Any:
+        result = self._result(goal)
         if result.success:
             goal.succeed()
         elif goal.is_cancel_requested:
@@ -78,32 +107,18 @@ def create_action(
             goal.abort()
         return result
 
-    def work(goal: ServerGoalHandle, finished: Future) -> None:
-        executor = node.executor
+    def _result(self, goal: ServerGoalHandle) -> Any:
+        def publish_feedback(message: Any) -> None:
+            if self.node.context.ok():
+                goal.publish_feedback(message)
+
         try:
-            finished.set_result(outcome(goal))
-        except Exception:
-            if node.context.ok():
-                raise
-            return  # the node was shut down meanwhile, and nobody waits any more
-        # EventsExecutor resumes a coroutine only after another event: here is one.
-        if executor is not None:
-            executor.create_task(lambda: None)
+            return self.callback(goal.request, publish_feedback, lambda: goal.is_cancel_requested)
+        except AmbError as problem:
+            return self.action_type.Result(message=one_line(problem))
+        except Exception as problem:  # whatever happens, the caller gets a result and the node lives
+            return self.action_type.Result(message=self._internal_error(problem))
 
-    async def execute(goal: ServerGoalHandle) -> Any:
-        finished: Future = Future(executor=node.executor)
-        worker.submit(work, goal, finished)
-        return await finished
-
-    return ActionServer(
-        node,
-        action_type,
-        name,
-        execute,
-        goal_callback=judge,
-        cancel_callback=lambda _goal: CancelResponse.ACCEPT,
-    )
-
-
-def _internal_error(node: Node, problem: Exception) -> str:
-    return f"internal error in {node.get_fully_qualified_name()}: {problem!r}; see its log"
+    def _internal_error(self, problem: Exception) -> str:
+        self.node.get_logger().error(traceback.format_exc())
+        return f"internal error in {self.node.get_fully_qualified_name()}: {problem!r}; see its log"

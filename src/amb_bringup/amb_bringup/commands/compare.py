@@ -21,6 +21,7 @@ from amb_bringup.commands.validate import (
     StepsOption,
     load_recorded,
 )
+from amb_core.analysis import RecordedLoop
 from amb_core.errors import IdentificationError
 from amb_core.figures import save_validation_figures
 from amb_core.identification import StateSpaceModel, Validation, validate
@@ -48,15 +49,8 @@ def compare(
     if figures is not None:
         make_folder(figures)
     loop = load_recorded(console, bag, run, first_step, steps, controller)
-    found, refused = {}, {}
-
     with working(console, "validating"):
-        for name, path in zip(_names(models), models, strict=True):
-            try:
-                found[name] = validate(StateSpaceModel.load(path), loop.data, loop.controller, plant=loop.plant)
-            except IdentificationError as problem:  # the others can still be judged
-                refused[name] = str(problem)
-    found = dict(sorted(found.items(), key=lambda item: _quality(item[1]), reverse=True))
+        found, refused = _judged(models, loop)
     if found:
         console.print(_table(found))
     for name, reason in refused.items():
@@ -69,6 +63,17 @@ def compare(
         with working(console, "drawing"):
             names = save_validation_figures(figures, found)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
+
+
+def _judged(models: list[Path], loop: RecordedLoop) -> tuple[dict[str, Validation], dict[str, str]]:
+    """Validations by name, the best first, and why a model has none."""
+    found, refused = {}, {}
+    for name, path in zip(_names(models), models, strict=True):
+        try:
+            found[name] = validate(StateSpaceModel.load(path), loop.data, loop.controller, plant=loop.plant)
+        except IdentificationError as problem:  # the others can still be judged
+            refused[name] = str(problem)
+    return dict(sorted(found.items(), key=lambda item: _quality(item[1]), reverse=True)), refused
 
 
 def _names(models: list[Path]) -> list[str]:

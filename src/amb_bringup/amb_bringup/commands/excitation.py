@@ -30,13 +30,12 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.region_map import RegionMap
+from amb_core.units import UM
 
 Loop = tuple[ControllerParameters, PlantParameters, RegionParameters | None]
 
 
 app = typer.Typer(help="Check or design an excitation on a region map.", no_args_is_help=True)
-
-UM = 1e6
 
 DESIGNED = ("square", "multisine", "prbs")
 DURATION = {"duration": 4.0}  # s

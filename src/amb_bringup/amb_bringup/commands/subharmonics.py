@@ -36,8 +36,8 @@ from amb_core.subharmonics import (
 )
 from amb_core.subharmonics.run import check
 from amb_core.subharmonics.summary import spectrum_summary, surface_summary
+from amb_core.units import UM
 
-UM = 1e6
 SHOWN = 12  # lines in a table
 DIFFERENCE = (-1, 1, 0)  # f2 - f1
 TONE_ERROR = 0.1  # of its amplitude, by which a recorded tone may differ from that asked for

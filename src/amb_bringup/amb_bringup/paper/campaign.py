@@ -46,45 +46,64 @@ def run_campaign(
         If the scheduler does not answer, or is lost.
     """
     workplace = workplace or Workplace()
-    kept = ResultCache(workplace.cache)
-    results: dict[str, StudyResult] = {}
-    problems: list[str] = []
-    reused = 0
+    campaign = _Campaign(studies, workplace, progress or (lambda _: None))
+    missing = campaign.take_kept()
+    requests = [Request(study, partial(campaign.take, study), reuse=False) for study in missing if study.parallel]
+    run(requests, campaign.cache, workplace.scheduler, workplace.workers)
+    for study in missing:
+        if not study.parallel:  # after the others, since it has the whole machine
+            workplace.tell(study.name)
+            campaign.run_here(study)
+    if campaign.problems:
+        raise StudyError("; ".join(campaign.problems))
+    return {study.name: campaign.results[study.name] for study in studies}
 
-    def report(last: str) -> None:
-        if progress is not None:
-            progress(CampaignProgress(len(results) + len(problems), len(studies), reused, last))
 
-    def take(study: Study, result: StudyResult | AmbError, _kept: bool = False) -> tuple[()]:
+class _Campaign:
+    """Results of studies, and why others have none."""
+
+    def __init__(
+        self, studies: Sequence[Study], workplace: Workplace, progress: Callable[[CampaignProgress], None]
+    ) -> None:
+        self.cache = ResultCache(workplace.cache)
+        self.results: dict[str, StudyResult] = {}
+        self.problems: list[str] = []
+        self._studies, self._workplace, self._progress = studies, workplace, progress
+        self._reused = 0
+
+    def take_kept(self) -> list[Study]:
+        """Take results from the disk; the studies that have none."""
+        missing = []
+        for study in self._studies:
+            whole = study.files_are_whole(self._workplace.folder)
+            known = self.cache.load(study.key(), study) if whole else None
+            if known is None:
+                missing.append(study)
+            else:
+                self.results[study.name] = known
+        self._reused = len(self.results)
+        self._report("")
+        return missing
+
+    def take(self, study: Study, result: StudyResult | AmbError, _kept: bool = False) -> tuple[()]:
+        """Take the result of a study, after which nothing else is to be run, or why there is none."""
         if isinstance(result, AmbError):
-            problems.append(f"{study.name}: {result}")
+            self.problems.append(f"{study.name}: {result}")
         else:
-            results[study.name] = result
-        report(study.name)
+            self.results[study.name] = result
+        self._report(study.name)
         return ()
 
-    missing = []
-    for study in studies:
-        known = kept.load(study.key(), study) if study.files_are_whole(workplace.folder) else None
-        if known is None:
-            missing.append(study)
-        else:
-            results[study.name] = known
-            reused += 1
-    report("")
-    parallel = [Request(study, partial(take, study), reuse=False) for study in missing if study.parallel]
-    run(parallel, kept, workplace.scheduler, workplace.workers)
-    for study in missing:  # these after the others, since they have the whole machine
-        if study.parallel:
-            continue
-        workplace.tell(study.name)
+    def run_here(self, study: Study) -> None:
+        """Run a study in this process, and keep its result."""
         try:
-            result = study.run_at(workplace)
+            result = study.run_at(self._workplace)
         except AmbError as problem:
-            take(study, problem)
+            self.take(study, problem)
         else:
-            kept.ensure(study.key(), study, result)
-            take(study, result)
-    if problems:
-        raise StudyError("; ".join(problems))
-    return {study.name: results[study.name] for study in studies}
+            self.cache.ensure(study.key(), study, result)
+            self.take(study, result)
+
+    def _report(self, last: str) -> None:
+        done = len(self.results) + len(self.problems)
+        self._progress(CampaignProgress(done, len(self._studies), self._reused, last))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from amb_bringup.paper.study import DrawnFigure, Study, StudyResult
 from amb_core.figures.saving import page_from_json
-from amb_core.report import ANSWERS, Block, Chart, Prose, Report, Section, Table, Verdict
+from amb_core.report import ANSWERS, Block, FigureBlock, Prose, Report, Section, TableBlock, Verdict
 
 
 def paper_report(
@@ -26,7 +26,7 @@ def paper_report(
     figures = {figure.name: figure for result in results.values() for figure in result.figures}
     claims = [claim for study in studies for claim in results[study.name].claims]
     counts = ", ".join(f"{answer}: {sum(claim.verdict == answer for claim in claims)}" for answer in ANSWERS)
-    table = Table(
+    table = TableBlock(
         ("claim", "paper", "verdict"),
         [(claim.statement, claim.paper_figure, claim.verdict) for claim in claims],
         f"{len(claims)} claims; {counts}",
@@ -45,12 +45,14 @@ def paper_report(
 
 def _opening(figures: Sequence[DrawnFigure]) -> list[Block]:
     """Figures below their titles as text, since no heading of a section stands above them yet."""
-    return [block for figure in figures for block in (Prose(f"{figure.title}."), Chart(page_from_json(figure.page)))]
+    return [
+        block for figure in figures for block in (Prose(f"{figure.title}."), FigureBlock(page_from_json(figure.page)))
+    ]
 
 
 def _blocks(result: StudyResult) -> list[Block]:
     blocks: list[Block] = [Prose(note) for note in result.notes]
-    blocks += [Chart(page_from_json(figure.page), figure.title) for figure in result.figures]
+    blocks += [FigureBlock(page_from_json(figure.page), figure.title) for figure in result.figures]
     if result.parameters:
-        blocks.append(Table(("parameter", "value"), list(result.parameters.items()), "The experiment"))
+        blocks.append(TableBlock(("parameter", "value"), list(result.parameters.items()), "The experiment"))
     return blocks + [Verdict(claim.statement, claim.finding, claim.verdict, claim.reason) for claim in result.claims]

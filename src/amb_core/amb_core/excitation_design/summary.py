@@ -8,8 +8,7 @@ from typing import Any
 from amb_core.excitation_design.design import DesignedExcitation
 from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
 from amb_core.excitation_design.trial import Trial
-
-UM = 1e6
+from amb_core.units import UM
 
 
 def check_summary(check: ExcitationCheck) -> dict[str, Any]:

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from amb_core.errors import IdentificationError
 from amb_core.figures.chart import Axis, Band, Chart, Curve, Item, Panel, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import MODELS, PLANT, UM, Stroke
+from amb_core.figures.style import MODELS, PLANT, Stroke
 from amb_core.figures.thinning import extremes
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, normal_quantile
+from amb_core.units import UM
 
 STROKES = (PLANT, *MODELS)
 MEASURED = 0.8  # width (pt)

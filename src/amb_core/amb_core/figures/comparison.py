@@ -14,11 +14,12 @@ from amb_core.figures.prediction import prediction_figure, prediction_page
 from amb_core.figures.renderers import renderers
 from amb_core.figures.residuals import residuals_figure, residuals_page
 from amb_core.figures.saving import save_figure
-from amb_core.figures.style import MODELS, PLANT, REFERENCE, UM, Stroke
+from amb_core.figures.style import MODELS, PLANT, REFERENCE, Stroke
 from amb_core.figures.thinning import extremes
 from amb_core.identification.frequency_response import FrequencyResponse
 from amb_core.identification.validation import Validation, nrmse_fit
 from amb_core.loop.records import LoopRecord
+from amb_core.units import UM
 
 TITLE = "Closed loop of model and controller next to the data"
 DEVIATIONS = "deviations alone"

@@ -9,10 +9,11 @@ import numpy as np
 from amb_core.figures.chart import Axis, Chart, Curve, Panel
 from amb_core.figures.renderers import renderers
 from amb_core.figures.saving import save_figure
-from amb_core.figures.style import MODEL, PLANT, REFERENCE, UM, Stroke
+from amb_core.figures.style import MODEL, PLANT, REFERENCE, Stroke
 from amb_core.figures.thinning import extremes, thinned_path
 from amb_core.identification.validation import nrmse_fit
 from amb_core.loop.records import LoopRecord
+from amb_core.units import UM
 
 HIDDEN = 0.2e-6  # movement in an orbit that is narrower than its line (m)
 

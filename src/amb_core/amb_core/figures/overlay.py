@@ -9,8 +9,9 @@ import numpy as np
 from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Points, Table
 from amb_core.figures.region_map import AMPLITUDE, FREQUENCY, map_axes, region_items
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import BLUE, UM, Stroke, region_label
+from amb_core.figures.style import BLUE, Stroke, region_label
 from amb_core.regions import Region
+from amb_core.units import UM
 
 if TYPE_CHECKING:
     from amb_core.excitation_design import AxisCheck, ExcitationCheck

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from amb_core.figures.chart import Axis, Band, Chart, Curve, HoverGrid, Item, Note, Panel, Points, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import BLUE, GREEN, GREY, REGIONS, UM, Stroke, region_label
+from amb_core.figures.style import BLUE, GREEN, GREY, REGIONS, Stroke, region_label
 from amb_core.regions import Region
 from amb_core.regions.region_map import BOUNDARIES, RegionMap
+from amb_core.units import UM
 
 if TYPE_CHECKING:
     from amb_core.regions.region_map import AnalyticLine, GridCell

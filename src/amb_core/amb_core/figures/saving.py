@@ -5,12 +5,12 @@ Pages of one folder share one `plotly.min.js` beside them: each alone would be 5
 
 from __future__ import annotations
 
-import html
 from pathlib import Path
-from typing import Any
 
 import plotly.graph_objects as go  # type: ignore[import-untyped]
 import plotly.io  # type: ignore[import-untyped]
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
@@ -28,26 +28,12 @@ CONFIG = {
 
 COLUMN_WIDTH = 20  # of a panel beside others (rem); narrower windows scroll
 
-STYLE = """
-:root { color-scheme: light dark; --text: #1a1a1a; --page: #ffffff; --line: #cccccc; }
-@media (prefers-color-scheme: dark) { :root { --text: #e8e8e8; --page: #16181c; --line: #444444; } }
-body { margin: 0 auto; max-width: 70rem; padding: 0.8rem; font: 1rem/1.5 system-ui, sans-serif;
-  color: var(--text); background: var(--page); }
-h1 { font-size: 1.3rem; line-height: 1.25; }
-figure { margin: 0 0 1.5rem; }
-.chart .main-svg text { fill: var(--text) !important; }
-.chart .hoverlayer text { fill: #ffffff !important; }
-.chart .hoverlayer path { fill: #333333 !important; }
-.chart, .numbers { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { border-bottom: 1px solid var(--line); padding: 0.25rem 0.8rem; text-align: left; white-space: nowrap; }
-"""
+STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
+TOUCH = (Path(__file__).parent / "touch.js").read_text(encoding="utf-8")
 
-# A finger that scrolls the page must not zoom the chart that it touches.
-TOUCH = """
-if (matchMedia("(pointer: coarse)").matches)
-  document.querySelectorAll(".plotly-graph-div").forEach((chart) => Plotly.relayout(chart, {dragmode: false}));
-"""
+_TEMPLATES = Environment(
+    loader=PackageLoader("amb_core", "figures"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+)
 
 
 def save_figure(folder: str | Path, name: str, figure: Figure, page: go.Figure) -> tuple[Path, Path]:
@@ -81,15 +67,15 @@ def save_figure(folder: str | Path, name: str, figure: Figure, page: go.Figure) 
 
 def write_page(folder: Path, name: str, page: go.Figure) -> None:
     """Write a page as name.html to a folder that exists; AmbError if it cannot be written."""
-    title = html.escape(page.layout.title.text)
+    document = _TEMPLATES.get_template("page.html.j2").render(
+        title=page.layout.title.text,
+        style=Markup(STYLE),
+        script=SCRIPT,
+        fragment=Markup(page_fragment(page)),
+        touch=Markup(TOUCH),
+    )
     try:
-        (folder / f"{name}.html").write_text(
-            f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{title}</title>\n'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-            f'<style>{STYLE}</style>\n<script src="{SCRIPT}"></script>\n</head>\n<body>\n<main>\n'
-            f"<h1>{title}</h1>\n{page_fragment(page)}\n</main>\n<script>{TOUCH}</script>\n</body>\n</html>\n",
-            encoding="utf-8",
-        )
+        (folder / f"{name}.html").write_text(document, encoding="utf-8")
         write_script(folder)
     except OSError as problem:
         raise AmbError(f"page {name} in {folder}: cannot be written: {problem.strerror}") from None
@@ -116,28 +102,5 @@ def page_fragment(page: go.Figure) -> str:
     width = f"min-width: {COLUMN_WIDTH * columns}rem" if columns > 1 else ""
     chart = go.Figure(page)
     chart.update_layout(title=None, meta=None, margin_t=50)
-    drawn = chart.to_html(
-        full_html=False,
-        include_plotlyjs=False,
-        config=CONFIG,
-    )
-    parts = [
-        "<figure>",
-        f'<div class="chart" role="img" aria-label="{html.escape(alt)}"><div style="{width}">{drawn}</div></div>',
-        f"<figcaption>{html.escape(alt)}</figcaption>",
-        *([_numbers(table)] if table else []),
-        "</figure>",
-    ]
-    return "\n".join(parts)
-
-
-def _numbers(table: dict[str, Any]) -> str:
-    """The table as HTML that opens on demand, by keyboard too."""
-    heads = "".join(f'<th scope="col">{html.escape(text)}</th>' for text in table["header"])
-    rows = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in row) + "</tr>\n" for row in table["rows"]
-    )
-    return (
-        f'<details><summary>Numbers</summary><div class="numbers"><table><thead><tr>{heads}</tr></thead>'
-        f"<tbody>\n{rows}</tbody></table></div></details>"
-    )
+    drawn = chart.to_html(full_html=False, include_plotlyjs=False, config=CONFIG)
+    return _TEMPLATES.get_template("fragment.html.j2").render(alt=alt, table=table, width=width, drawn=Markup(drawn))

@@ -9,8 +9,9 @@ import numpy as np
 
 from amb_core.figures.chart import Axis, Chart, Curve, Item, Note, Panel, Points, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import BLUE, GREEN, ORANGE, UM, VERMILION, Marker, Stroke
+from amb_core.figures.style import BLUE, GREEN, ORANGE, VERMILION, Marker, Stroke
 from amb_core.figures.thinning import extremes
+from amb_core.units import UM
 
 if TYPE_CHECKING:
     from amb_core.subharmonics import Line, SubharmonicSpectrum

@@ -14,9 +14,6 @@ from amb_core.regions import Region
 BLUE, SKY, GREEN, ORANGE = "#0072B2", "#56B4E9", "#009E73", "#E69F00"
 VERMILION, PURPLE, GREY = "#D55E00", "#CC79A7", "#8C8C8C"
 
-UM = 1e6
-"""Micrometres in a metre: figures show um, the library computes in m."""
-
 OPACITY = 0.22
 """Of the areas of regions: light enough for what is drawn over them."""
 

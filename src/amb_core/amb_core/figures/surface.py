@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from amb_core.figures.chart import Axis, Chart, Heat, Item, Panel, Points, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import ORANGE, UM, VERMILION, Marker
+from amb_core.figures.style import ORANGE, VERMILION, Marker
+from amb_core.units import UM
 
 if TYPE_CHECKING:
     from amb_core.subharmonics import SubharmonicSurface

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from amb_core.errors import RegionError
 from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Rule, Span, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import GREY, MEAN, MODEL, PLANT, REGIONS, UM, Stroke, region_label
+from amb_core.figures.style import GREY, MEAN, MODEL, PLANT, REGIONS, Stroke, region_label
 from amb_core.figures.thinning import extremes
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Classification, Onset, Region
 from amb_core.regions.stretches import stretches
+from amb_core.units import UM
 
 BEAT = Stroke(GREY, width=5.0)
 MEAN_TIME = 0.1  # s, longer than the periods of input and loop, shorter than a drift

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from amb_core.errors import RegionError
 from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Rule, Span, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import PLANT, REGIONS, UM, region_label
+from amb_core.figures.style import PLANT, REGIONS, region_label
 from amb_core.figures.sweep import rises
 from amb_core.figures.thinning import extremes
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Classification, Region
 from amb_core.regions.stretches import stretches
+from amb_core.units import UM
 
 SPANS = 400  # of the axis of which the extremes are drawn: the panels are small
 ROOM = 1.03  # free to the right, so that a line at the end is seen

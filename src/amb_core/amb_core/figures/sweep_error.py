@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from amb_core.figures.chart import Axis, Chart, Curve, Panel, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import BLUE, UM, VERMILION, Stroke
+from amb_core.figures.style import BLUE, VERMILION, Stroke
 from amb_core.identification.focus.sweep_error import SweepError
+from amb_core.units import UM
 
 LOOKS = (Stroke(BLUE, "solid"), Stroke(VERMILION, "dash"))
 

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from amb_core.figures.chart import Axis, Chart, Curve, Panel, Table
 from amb_core.figures.renderers import renderers
-from amb_core.figures.style import MEAN, PLANT, UM, region_label
+from amb_core.figures.style import MEAN, PLANT, region_label
 from amb_core.figures.thinning import extremes
 from amb_core.loop.records import LoopRecord
+from amb_core.units import UM
 
 if TYPE_CHECKING:
     from amb_core.excitation_design import Trial

@@ -16,6 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.errors import ParameterError
 from amb_core.parameters import Parameters, choice, quantity
 
 
@@ -75,6 +76,15 @@ def pd_update(
         state[2 + axis] = differentiated
         current[axis] = min(max(proportional * (reference - measured) + derivative * state[axis], -limit), limit)
     state[4] = 1.0
+
+
+def require_one_rate(parameters: ControllerParameters, sample_rate: float) -> None:
+    """Raise ParameterError unless the controller runs at the rate at which the plant is sampled (Hz)."""
+    if abs(parameters.sample_rate - sample_rate) > 1e-9 * sample_rate:
+        raise ParameterError(
+            f"the controller runs at {parameters.sample_rate:g} Hz, the plant is sampled at {sample_rate:g} Hz; "
+            "the two rates must be equal"
+        )
 
 
 def pack_gains(parameters: ControllerParameters) -> NDArray[np.float64]:

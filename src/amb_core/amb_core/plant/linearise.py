@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import PlantError
-from amb_core.loop.control import ControllerParameters, pack_gains
+from amb_core.loop.control import ControllerParameters, pack_gains, require_one_rate
 from amb_core.plant.averaged import AveragedPlant, flux_embedding
 from amb_core.plant.network import POLES, active_coils
 from amb_core.plant.operating_point import OperatingPoint, point_at, point_held_by
@@ -123,15 +122,12 @@ def linearize(
     Raises
     ------
     PlantError
-        If there is no such equilibrium within the limits of currents and duty cycles, or the sample rates of plant and
-        controller differ.
+        If there is no such equilibrium within the limits of currents and duty cycles.
+    ParameterError
+        If the sample rates of plant and controller differ.
     """
     controller = controller or ControllerParameters()
-    if abs(controller.sample_rate * plant.sample_time - 1.0) > 1e-9:
-        raise PlantError(
-            f"the controller runs at {controller.sample_rate:g} Hz, the plant is sampled at "
-            f"{1.0 / plant.sample_time:g} Hz; the two rates must be equal"
-        )
+    require_one_rate(controller, 1.0 / plant.sample_time)
     point = point_held_by(controller, plant) if position is None else point_at(position, plant)
     continuous = linear_plant(plant, point)
     discrete = _discretise(continuous, plant)

@@ -249,7 +249,7 @@ class PlantParameters(Parameters):
         return round(1.0 / (self.amplifier.switching_frequency * self.integration.internal_step))
 
     @model_validator(mode="after")
-    def _fits_together(self) -> PlantParameters:
+    def _periods_are_whole_steps(self) -> PlantParameters:
         step = self.integration.internal_step
         for name, frequency in (
             ("integration.sample_rate", self.integration.sample_rate),
@@ -266,6 +266,10 @@ class PlantParameters(Parameters):
                 f"amplifier.carriers = 'interleaved' shifts by a quarter of the switching period, which has "
                 f"{self.steps_per_period} internal steps; allowed: a multiple of four"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _rotor_fits_the_bearing(self) -> PlantParameters:
         radius, gap = self.rotor.backup_bearing_radius, self.magnetic_circuit.air_gap
         if radius >= gap:
             raise ValueError(f"rotor.backup_bearing_radius = {radius:g} m must be smaller than the air gap, {gap:g} m")
@@ -274,6 +278,12 @@ class PlantParameters(Parameters):
                 f"rotor.initial_x = {self.rotor.initial_x:g} m and initial_y = {self.rotor.initial_y:g} m must lie "
                 f"inside the backup bearing, {radius:g} m"
             )
+        if self.iron.solid_journal and not self.iron.eddy_currents:
+            raise ValueError("iron.solid_journal is on and iron.eddy_currents off; its lag is eddy currents")
+        return self
+
+    @model_validator(mode="after")
+    def _rotor_has_what_it_needs(self) -> PlantParameters:
         if self.rotor.model == "flexible" and not self.flexible_rotor.modal_data:
             raise ValueError("rotor.model = 'flexible' needs flexible_rotor.modal_data, a file of modal data")
         if self.rotor.model != "point_mass":
@@ -287,6 +297,4 @@ class PlantParameters(Parameters):
                     f"controller_b.sample_rate = {self.controller_b.sample_rate:g} Hz must equal "
                     f"integration.sample_rate = {self.integration.sample_rate:g} Hz"
                 )
-        if self.iron.solid_journal and not self.iron.eddy_currents:
-            raise ValueError("iron.solid_journal is on and iron.eddy_currents off; its lag is eddy currents")
         return self

@@ -59,22 +59,28 @@ def open_storage(path: Path) -> Storage:
     BagError
         If there is nothing, or no bag.
     """
+    mode = _mode_of(path)
+    if stat.S_ISDIR(mode):
+        return _storage_of_folder(path)
+    if stat.S_ISREG(mode) and path.suffix == ".mcap":
+        return McapStorage([path])
+    if stat.S_ISREG(mode) and path.suffix == ".db3":
+        return RosbagsStorage(path)
+    raise BagError(f"bag {path}: not a bag; a bag is a folder, an .mcap or a .db3 file")
+
+
+def _mode_of(path: Path) -> int:
     try:
-        mode = path.stat().st_mode
+        return path.stat().st_mode
     except FileNotFoundError:
         raise BagError(f"bag {shown(path)}: there is no such file or folder") from None
     except OSError as problem:
         raise BagError(f"bag {shown(path)}: cannot be read: {problem.strerror}") from None
     except ValueError as problem:  # a NUL in the path
         raise BagError(f"bag {shown(path)}: the path is not allowed: {problem}") from None
-    if not stat.S_ISDIR(mode) and not stat.S_ISREG(mode):
-        raise BagError(f"bag {path}: not a bag; a bag is a folder, an .mcap or a .db3 file")
-    if stat.S_ISREG(mode):
-        if path.suffix == ".mcap":
-            return McapStorage([path])
-        if path.suffix == ".db3":
-            return RosbagsStorage(path)
-        raise BagError(f"bag {path}: not a bag; a bag is a folder, an .mcap or a .db3 file")
+
+
+def _storage_of_folder(path: Path) -> Storage:
     description = _description(path)
     if description.get("storage_identifier") == "sqlite3" or description.get("compression_mode"):
         return RosbagsStorage(path)

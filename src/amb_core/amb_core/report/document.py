@@ -22,7 +22,7 @@ class Prose:
 
 
 @dataclass(frozen=True)
-class Chart:
+class FigureBlock:
     """An interactive figure with its caption; what a `..._page` function of `amb_core.figures` makes.
 
     Its title is left out: the heading of the section, or `title`, says what it shows.
@@ -41,7 +41,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Table:
+class TableBlock:
     """Rows of texts below a header, which numbers in a report are too; `caption` says what they are."""
 
     header: Sequence[str]
@@ -67,7 +67,7 @@ class Listing:
     caption: str
 
 
-Block = Prose | Chart | Picture | Table | Verdict | Listing
+Block = Prose | FigureBlock | Picture | TableBlock | Verdict | Listing
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from amb_core.figures.residuals import residuals_page
 from amb_core.identification import Identification, identify
 from amb_core.identification.controller_choice import PAPER, needs_controller
 from amb_core.identification.validation import Validation, validate
-from amb_core.report.document import Block, Chart, Listing, Prose, Section, Table
+from amb_core.report.document import Block, FigureBlock, Listing, Prose, Section, TableBlock
 
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters
@@ -59,18 +59,18 @@ def _model(result: Identification, validation: Validation) -> Section:
         blocks.append(Prose(f"{result.uncertainty.summary}."))
     blocks.append(_poles(result))
     if result.order_selection is not None:
-        blocks.append(Chart(order_page(result.order_selection), "Choice of the order"))
+        blocks.append(FigureBlock(order_page(result.order_selection), "Choice of the order"))
     loop = validation.closed_loop
     if loop is not None:
         longest = int(np.argmax([record.steps for record in loop.measured]))
         simulated = loop.simulated[longest]
         if simulated is not None:
             page = comparison_page(loop.measured[longest], {"model": simulated})
-            blocks.append(Chart(page, "Response of plant and model"))
+            blocks.append(FigureBlock(page, "Response of plant and model"))
     return Section("Identified model", blocks)
 
 
-def _poles(result: Identification) -> Table:
+def _poles(result: Identification) -> TableBlock:
     """Poles as rates in continuous time, with their standard deviations where those are known."""
     model = result.model
     poles = model.poles()
@@ -86,7 +86,7 @@ def _poles(result: Identification) -> Table:
         shown = f"{pole.real:.6f}" if pole.imag == 0.0 else f"{pole.real:.6f} ± {pole.imag:.6f}j"
         known = "" if deviations is None else f"{deviations[number].max():.2g}"
         rows.append((shown, known, frequency, damping, kind))
-    return Table(
+    return TableBlock(
         ("pole z", "standard deviation (worse of real and imaginary part)", "natural frequency", "damping ratio", ""),
         rows,
         "Poles of the plant",
@@ -98,7 +98,7 @@ def _responses(validation: Validation) -> Section:
         "Frequency response",
         [
             Prose("From control currents to positions. Bands hold the response with a confidence of 99 %."),
-            Chart(bode_page(validation.frequency.responses)),
+            FigureBlock(bode_page(validation.frequency.responses)),
         ],
     )
 
@@ -110,6 +110,6 @@ def _validation(validation: Validation) -> Section:
         [
             Prose("By the same data from which the model was identified; data of another experiment say more."),
             Listing(validation.report(), "All tests"),
-            Chart(residuals_page(*tests), "Residuals"),
+            FigureBlock(residuals_page(*tests), "Residuals"),
         ],
     )

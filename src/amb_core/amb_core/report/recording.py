@@ -10,11 +10,12 @@ import numpy as np
 from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
 from amb_core.errors import AmbError
 from amb_core.figures.loop import orbit_page
-from amb_core.figures.style import UM, region_label
+from amb_core.figures.style import region_label
 from amb_core.figures.sweep import onset_text, rises, sweep_page
 from amb_core.loop.telemetry import describe_gaps
 from amb_core.regions.stretches import shares, stretches
-from amb_core.report.document import Block, Chart, Prose, Report, Section, Table
+from amb_core.report.document import Block, FigureBlock, Prose, Report, Section, TableBlock
+from amb_core.units import UM
 
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters
@@ -68,7 +69,7 @@ def recording_report(
     return Report(
         f"Run {found.run} of {recording.path.name}",
         _lead(found) + (f" No model: {problem}." if problem else ""),
-        [Chart(_sweep(found)), _experiment(recording, found)],
+        [FigureBlock(_sweep(found)), _experiment(recording, found)],
         sections + identified,
         f"Every number comes from the bag {recording.path}.",
     )
@@ -89,7 +90,7 @@ def _sweep(found: RecordedRegions):  # type: ignore[no-untyped-def]  # plotly ha
     return sweep_page(found.record, found.classification, found.frequency, over=over, title="Regions of the run")
 
 
-def _experiment(recording: Recording, found: RecordedRegions) -> Table:
+def _experiment(recording: Recording, found: RecordedRegions) -> TableBlock:
     record = found.record
     excitations = [
         f"{item.kind}, steps {item.first_step} to {item.stop - 1}"
@@ -107,7 +108,7 @@ def _experiment(recording: Recording, found: RecordedRegions) -> Table:
     if controller is not None:
         gains = f"{controller.proportional_gain:g} A/m, {controller.derivative_gain:g} A s/m"
         rows.append(("controller gains", gains))
-    return Table(("of the recording", "value"), rows, "The recording")
+    return TableBlock(("of the recording", "value"), rows, "The recording")
 
 
 def _regions(found: RecordedRegions) -> Section:
@@ -128,7 +129,7 @@ def _regions(found: RecordedRegions) -> Section:
         Prose(f"Share of the time in each region: {time}." if time else "Too short to be classified.")
     ]
     if rows:
-        blocks.append(Table(("part", "region", "begins at", "input frequency"), rows, "Where regions begin"))
+        blocks.append(TableBlock(("part", "region", "begins at", "input frequency"), rows, "Where regions begin"))
     return Section("Regions", blocks)
 
 
@@ -138,12 +139,12 @@ def _motion(record: LoopRecord) -> Section:
     return Section(
         "Motion",
         [
-            Table(
+            TableBlock(
                 ("axis", "mean", "farthest from the centre"),
                 [(name, f"{mean[axis]:z.1f} µm", f"{reach[axis]:.1f} µm") for axis, name in enumerate("xy")],
                 "Rotor position",
             ),
-            Chart(orbit_page(record), "Orbit"),
+            FigureBlock(orbit_page(record), "Orbit"),
         ],
     )
 

@@ -12,7 +12,7 @@ from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
 from amb_core.errors import AmbError
 from amb_core.figures.saving import STYLE, TOUCH, page_fragment
-from amb_core.report.document import Chart, Picture, Report
+from amb_core.report.document import FigureBlock, Picture, Report
 
 
 def write_report(report: Report, path: str | Path) -> None:
@@ -49,7 +49,7 @@ def write_report(report: Report, path: str | Path) -> None:
         raise AmbError(f"report {path}: cannot be written: {problem.strerror}") from None
 
 
-def _fragment(chart: Chart) -> Markup:
+def _fragment(chart: FigureBlock) -> Markup:
     return Markup(page_fragment(chart.page))
 
 

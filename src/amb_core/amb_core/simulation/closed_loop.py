@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.loop.control import PdController
+from amb_core.loop.control import PdController, require_one_rate
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
 
@@ -42,7 +42,13 @@ def simulate(
     -------
     LoopRecord
         The samples; fewer than `steps` if the rotor delevitated (then `plant.delevitated`).
+
+    Raises
+    ------
+    ParameterError
+        If the sample rates of plant and controller differ.
     """
+    require_one_rate(controller.parameters, 1.0 / plant.sample_time)
     plant.reset()
     controller.reset()
     nominal = controller.parameters

@@ -20,8 +20,7 @@ from amb_core.loop.records import LoopRecord
 from amb_core.subharmonics.products import Product, products_by_bin
 from amb_core.subharmonics.results import Line, SlowComponent, State, SubharmonicSpectrum
 from amb_core.subharmonics.settings import WHOLE, SubharmonicSettings
-
-UM = 1e6
+from amb_core.units import UM
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Blocks:
 
 
 @dataclass(frozen=True)
-class Content:
+class WindowContent:
     """What a window consists of; see the attributes of the same names of `SubharmonicSpectrum`."""
 
     amplitude: NDArray[np.float64]
@@ -180,10 +179,10 @@ def _content(
     grid: int,
     settings: SubharmonicSettings,
     sample_time: float,
-) -> Content:
+) -> WindowContent:
     """What a window of whole blocks consists of; products of any order lie on multiples of `grid` bins of a block."""
     if blocks == 0:
-        return Content(np.empty(0), (), None, float("nan"), float("nan"))
+        return WindowContent(np.empty(0), (), None, float("nan"), float("nan"))
     transform = 2.0 * np.fft.rfft(window) / len(window)
     if len(window) % 2 == 0:
         transform[-1] *= 0.5  # the Nyquist frequency has no mirror image
@@ -209,4 +208,4 @@ def _content(
     power[[place * blocks for place in products]] = 0.0
     off_lines = float(np.sqrt(power.sum()))
     power[:: grid * blocks] = 0.0
-    return Content(amplitude, lines, slow, off_lines, float(np.sqrt(power.sum())))
+    return WindowContent(amplitude, lines, slow, off_lines, float(np.sqrt(power.sum())))

@@ -11,7 +11,7 @@ from amb_bringup.paper.graph_experiment import SETTLING
 from amb_bringup.paper.square_waves import EXPERIMENT, ORDER
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult
 from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Points, Table
-from amb_core.figures.style import BLUE, GREEN, ORANGE, PURPLE, REFERENCE, UM, VERMILION, Marker, Stroke
+from amb_core.figures.style import BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION, Marker, Stroke
 from amb_core.figures.thinning import extremes
 from amb_core.identification import StateSpaceModel, identify, simulate_closed_loop
 from amb_core.identification.closed_loop import DivergenceError
@@ -21,6 +21,7 @@ from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.parameters import SensorParameters
 from amb_core.simulation import simulate
+from amb_core.units import UM
 
 NOISES = (0.0, 0.1e-6, 1e-6)  # m, standard deviation of the sensors' noise; none in the paper's simulation
 LAGS = (2, 3, 5, 8, 10, 15, 20, 30)

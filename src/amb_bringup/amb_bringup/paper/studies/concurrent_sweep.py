@@ -11,12 +11,12 @@ from amb_bringup.paper.graph_experiment import SETTLING, GraphExperiment, equali
 from amb_bringup.paper.square_waves import model_from_squares
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
 from amb_core.excitation import Sweep
-from amb_core.figures.style import UM
 from amb_core.figures.sweep import onset_text, sweep_chart
 from amb_core.figures.sweep_error import sweep_error_chart
 from amb_core.identification import simulate_closed_loop
 from amb_core.identification.focus.sweep_error import SweepError, sweep_error
 from amb_core.regions import Classification, Region, classify
+from amb_core.units import UM
 
 SWEEP = Sweep(amplitude=50e-6, frequency_start=11.0, frequency_end=400.0, duration=5.0, axes="both")
 EXPERIMENT = GraphExperiment("fig15-sweep", SWEEP)

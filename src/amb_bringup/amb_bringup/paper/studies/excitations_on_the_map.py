@@ -13,6 +13,7 @@ from amb_core.plant import PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.region_map import RegionMap
 from amb_core.report import Answer
+from amb_core.units import UM
 
 RATE = ControllerParameters().sample_rate
 NOISE = WhiteNoise(amplitude=5e-6, frequency_start=10.0, frequency_end=5_000.0, duration=3.0, axes="y")
@@ -20,7 +21,6 @@ WEAK_NOISE = NOISE.model_copy(update={"amplitude": 1e-6})
 PULSES = Square(amplitude=50e-6, frequency=5.0, duration=4.0, axes="in_turn")
 LARGE_PULSES = PULSES.model_copy(update={"amplitude": 90e-6})
 SIGNIFICANT = 0.05  # share of the power from which on a region holds a significant part of a signal
-UM = 1e6
 
 
 class ExcitationsOnTheMap(Study):

@@ -11,10 +11,11 @@ from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Work
 from amb_core.excitation import Multisine, Sweep, generate
 from amb_core.excitation_design import Trial
 from amb_core.figures.chart import Axis, Chart, Item, Panel, Points, Table
-from amb_core.figures.style import BLUE, GREEN, ORANGE, PURPLE, SKY, UM, VERMILION, Marker
+from amb_core.figures.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, Marker
 from amb_core.identification import METHODS
 from amb_core.loop.control import ControllerParameters
 from amb_core.regions import Region
+from amb_core.units import UM
 
 ORDERS = range(4, 17)
 PAPER = Multisine(amplitude=50e-6, frequency_start=11.0, frequency_end=400.0, duration=2.0, axes="both")

@@ -14,11 +14,11 @@ from amb_bringup.paper.square_waves import EXPERIMENT, model_from_squares
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
 from amb_core.figures.chart import Chart, Curve
 from amb_core.figures.loop import orbit_chart, response_chart
-from amb_core.figures.style import UM
 from amb_core.figures.thinning import extremes, thinned_path
 from amb_core.identification import Identification, StateSpaceModel, nrmse_fit, simulate_closed_loop
 from amb_core.loop.records import LoopRecord
 from amb_core.report import Answer
+from amb_core.units import UM
 
 REPLICATES = 90.0  # percent; fit of both axes from which on the model is said to replicate the response
 ORBIT, RESPONSE = "Orbit of plant and model", "Response of plant and model to square waves"

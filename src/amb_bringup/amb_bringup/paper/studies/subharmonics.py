@@ -21,6 +21,7 @@ from amb_core.subharmonics import (
     run_subharmonics,
     subharmonic_surface,
 )
+from amb_core.units import UM
 
 CURRENT_LIMIT = 10.0  # A; with the default of 3 A the third tone throws the rotor out
 SURFACE = SurfaceSettings(amplitude_low=5e-6, amplitude_high=40e-6, amplitude_count=8, shifted=True)
@@ -29,7 +30,6 @@ SIGNIFICANT = 0.1  # ratio of the product to the smaller tone's response from wh
 STRONG = 10.0  # ratio of the largest to the smallest slow component that makes an influence strong
 PAPER_SLOW = 2.2  # Hz, frequency of the slow component in the paper's Fig. 7
 FOLDED = "10 f3 - 3 fs"  # product that sampling folds to ten times the offset of the third tone from 3 kHz
-UM = 1e6
 
 
 class Subharmonics(Study):

@@ -20,6 +20,7 @@ from amb_core.figures.sweep_comparison import sweep_comparison_chart
 from amb_core.plant import RigidRotorParameters, uniform_shaft
 from amb_core.regions import Region, RegionParameters
 from amb_core.report import Answer
+from amb_core.units import UM
 
 AMPLITUDE = 100e-6  # m
 RIGID = RigidRotorParameters()
@@ -52,7 +53,6 @@ PROMINENT = 2.0  # ratio of a resonance to the response beside it
 VISIBLE = 0.05  # share of the largest movement from which on a resonance is seen in a figure that shows both
 BESIDE = (60.0, 150.0)  # Hz from a resonance, where the response beside it is
 SHORT = 0.02  # s, some periods of the input
-UM = 1e6
 
 
 class RigSweep(Study):

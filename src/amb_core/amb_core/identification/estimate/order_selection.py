@@ -22,14 +22,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
-from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
 from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory, halves
-from amb_core.identification.estimate.pem import MOST_EXPERIMENTS, cost_of, minimise
+from amb_core.identification.estimate.pem import MOST_EXPERIMENTS, cost_of, fit_modes
 from amb_core.identification.estimate.scaled_data import ScaledData, check_order
 from amb_core.identification.estimate.ssarx import future_map
 from amb_core.identification.estimate.state_regression import (
@@ -39,6 +38,7 @@ from amb_core.identification.estimate.state_regression import (
     predictor_matrices,
     shortest_horizon,
 )
+from amb_core.identification.numerics import LARGEST_RADIUS, small_matrices
 from amb_core.identification.progress import Cancelled, Progress, Watch
 
 HIGHEST = 14
@@ -49,7 +49,6 @@ _LEAST_GAIN = 1e-4  # of the squared errors: far below what a state must gain fo
 _MOST_ITERATIONS = 12
 _REACH = 2  # orders on either side that the best one is compared with: those of one mode less or more
 _RIDGES = RIDGES[::3]
-_LARGEST_RADIUS = 1.0 - 1e-6  # of a start's predictor modes
 
 
 @dataclass(frozen=True)
@@ -129,13 +128,8 @@ def select_order(
         check_order(order)
     watch.tell("order", 0, _total(tried))
     scaled = ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
-    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
-    with threadpool_limits(limits=1, user_api="blas"):
-        try:
-            return _compare(scaled, tried if orders is not None else _affordable(scaled, tried), watch)
-        except (linalg.LinAlgError, ValueError) as problem:
-            reason = " ".join(str(problem).split())
-            raise IdentificationError(f"no order can be chosen from {data.samples} samples: {reason}") from None
+    with small_matrices(f"no order can be chosen from {data.samples} samples"):
+        return _compare(scaled, tried if orders is not None else _affordable(scaled, tried), watch)
 
 
 def _affordable(data: ScaledData, orders: tuple[int, ...]) -> tuple[int, ...]:
@@ -214,7 +208,7 @@ def _refine_around_the_best(
             try:
                 a, c, k = best_predictor(data, regression, orders[number], future_map)
                 start = Modes.of(a - k @ c, c)
-                fit = minimise(start, whole, len(c), partial(_tell_cost, watch, step, total))
+                fit = fit_modes(start, whole, len(c), partial(_tell_cost, watch, step, total))
             except (IdentificationError, linalg.LinAlgError):
                 continue
             likelihood[number] = min(likelihood[number], 2.0 * len(data.inputs) * cost_of(fit))
@@ -236,7 +230,7 @@ def _fit(regression: PastRegression, maps: list[NDArray[np.float64]], memory: Fi
         try:
             a, _, c, k = predictor_matrices(regression, future, order)
             modes = Modes.of(a - k @ c, c)
-            if not modes.radius < _LARGEST_RADIUS:
+            if not modes.radius < LARGEST_RADIUS:
                 continue
             fit = memory.best(modes, np.eye(len(c)))
         except (IdentificationError, linalg.LinAlgError):
@@ -248,6 +242,6 @@ def _fit(regression: PastRegression, maps: list[NDArray[np.float64]], memory: Fi
 
 def _refine(modes: Modes, memory: FiniteMemory, outputs: int) -> Fit | None:
     try:
-        return minimise(modes, memory.best, outputs, None, _MOST_ITERATIONS, _LEAST_GAIN)
+        return fit_modes(modes, memory.best, outputs, None, _MOST_ITERATIONS, _LEAST_GAIN)
     except linalg.LinAlgError:
         return None

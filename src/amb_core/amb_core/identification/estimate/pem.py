@@ -19,18 +19,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
-from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.estimate.levenberg_marquardt import Damping, damped_step
 from amb_core.identification.estimate.scaled_data import Samples, ScaledData
+from amb_core.identification.numerics import LARGEST_RADIUS, small_matrices
 from amb_core.model.state_space import StateSpaceModel
 
 MOST_ITERATIONS = 22
 MOST_EXPERIMENTS = 10  # each has a first state of its own, and time grows with their square
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
-_LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
 
 
 def pem(
@@ -79,27 +78,21 @@ def pem(
             f"{len(data.outputs)} samples are too few for the {unknowns} unknowns of order {start.order}"
         )
     radius = float(np.max(np.abs(np.linalg.eigvals(start.a - start.k @ start.c))))
-    if not radius < _LARGEST_RADIUS:
+    if not radius < LARGEST_RADIUS:
         raise IdentificationError(f"the start must have a stable predictor; its spectral radius is {radius:.6g}")
     # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
-    with threadpool_limits(limits=1, user_api="blas"):
-        try:
-            modes = Modes.of(start.a - start.k @ start.c, start.c / data.output_scale[:, np.newaxis])
+    with small_matrices(f"no model of order {start.order} from {len(data.inputs)} samples"):
+        modes = Modes.of(start.a - start.k @ start.c, start.c / data.output_scale[:, np.newaxis])
 
-            def best(trial: Modes, weight: NDArray[np.float64]) -> Fit:
-                return fit_gains(trial, data.inputs, data.outputs, weight, data.lengths)
+        def best(trial: Modes, weight: NDArray[np.float64]) -> Fit:
+            return fit_gains(trial, data.inputs, data.outputs, weight, data.lengths)
 
-            fit = minimise(modes, best, data.outputs.shape[1], progress, most_iterations)
-            a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
-            return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source)
-        except (linalg.LinAlgError, ValueError) as problem:
-            reason = " ".join(str(problem).split())
-            raise IdentificationError(
-                f"no model of order {start.order} from {len(data.inputs)} samples: {reason}"
-            ) from None
+        fit = fit_modes(modes, best, data.outputs.shape[1], progress, most_iterations)
+        a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
+        return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source)
 
 
-def minimise(
+def fit_modes(
     modes: Modes,
     best: Callable[[Modes, NDArray[np.float64]], Fit],
     outputs: int,
@@ -148,7 +141,7 @@ def minimise(
 
 def _try(modes: Modes, best: Callable[[Modes, NDArray[np.float64]], Fit], weight: NDArray[np.float64]) -> Fit | None:
     """The fit with these modes in renewed coordinates; None where they make no stable predictor."""
-    if not modes.radius < _LARGEST_RADIUS:
+    if not modes.radius < LARGEST_RADIUS:
         return None
     try:
         return best(Modes.of(*modes.matrices()), weight)

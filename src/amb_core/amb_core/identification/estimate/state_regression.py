@@ -16,12 +16,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
-from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
 from amb_core.identification.estimate.predictor import experiments, fit_input_matrix, innovations, kalman_gain
 from amb_core.identification.estimate.scaled_data import Samples, ScaledData, check_order
+from amb_core.identification.numerics import small_matrices
 from amb_core.model.state_space import StateSpaceModel
 
 _LONGEST_PAST = 60  # steps; by then the predictor of a bearing has forgotten most, at any noise worth the name
@@ -53,17 +53,12 @@ def identify_by_states(
     data = ScaledData.of(inputs, outputs)
     steps, shortest = len(data.inputs), shortest_horizon(order)
     longest, future = horizons(data, order, past, future)
-    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
-    with threadpool_limits(limits=1, user_api="blas"):
-        try:
-            triangle = DataTriangle(data, longest, future)
-            used = triangle.best_past(shortest) if past is None else past
-            a, c, k = best_predictor(data, PastRegression(triangle, used), order, future_map)
-            b, initial_states = fit_input_matrix(a, c, k, data.inputs, data.outputs, data.lengths)
-            return data.model(a, b, c, k, initial_states, sample_time, method, source)
-        except (linalg.LinAlgError, ValueError) as problem:
-            reason = " ".join(str(problem).split())
-            raise IdentificationError(f"no model of order {order} from {steps} samples: {reason}") from None
+    with small_matrices(f"no model of order {order} from {steps} samples"):
+        triangle = DataTriangle(data, longest, future)
+        used = triangle.best_past(shortest) if past is None else past
+        a, c, k = best_predictor(data, PastRegression(triangle, used), order, future_map)
+        b, initial_states = fit_input_matrix(a, c, k, data.inputs, data.outputs, data.lengths)
+        return data.model(a, b, c, k, initial_states, sample_time, method, source)
 
 
 def shortest_horizon(order: int) -> int:

@@ -20,12 +20,11 @@ from typing import Literal
 import ctrlsys
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
-from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.estimate.predictor import fit_input_matrix, kalman_gain
 from amb_core.identification.estimate.scaled_data import ScaledData, check_order
+from amb_core.identification.numerics import small_matrices
 from amb_core.model.state_space import StateSpaceModel
 
 HORIZONS = (1.2, 1.5, 2.0, 3.0, 5.0)  # block rows in multiples of the order
@@ -73,15 +72,10 @@ def n4sid(
         raise IdentificationError(f"{method} takes one experiment; ssarx, pbsid, cva and pem take several")
     _check_size(order, block_rows, len(data.inputs))
     u, y = data.inputs, data.outputs
-    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
-    with threadpool_limits(limits=1, user_api="blas"):
-        try:
-            a, c, k = _predictor_matrices(u, y, order, block_rows, method)
-            b, initial_states = fit_input_matrix(a, c, k, u, y)
-            return data.model(a, b, c, k, initial_states, sample_time, method, source)
-        except (linalg.LinAlgError, ValueError) as problem:
-            reason = " ".join(str(problem).split())
-            raise IdentificationError(f"no model of order {order} from {len(inputs)} samples: {reason}") from None
+    with small_matrices(f"no model of order {order} from {len(inputs)} samples"):
+        a, c, k = _predictor_matrices(u, y, order, block_rows, method)
+        b, initial_states = fit_input_matrix(a, c, k, u, y)
+        return data.model(a, b, c, k, initial_states, sample_time, method, source)
 
 
 def n4sid_horizons(

@@ -17,14 +17,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import linalg
-from threadpoolctl import threadpool_limits
 
-from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.estimate.levenberg_marquardt import minimise
 from amb_core.identification.focus.gain import fit_kalman_gain
 from amb_core.identification.focus.problem import SimulationProblem
+from amb_core.identification.numerics import small_matrices
 from amb_core.identification.progress import Cancelled, Progress, Watch
 from amb_core.loop.control import ControllerParameters
 from amb_core.model.state_space import StateSpaceModel
@@ -78,21 +76,16 @@ def focus_simulation(
         identification is called off.
     """
     watch = Watch(progress, cancelled)
-    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
-    with threadpool_limits(limits=1, user_api="blas"):
-        try:
-            problem = SimulationProblem(model, data, controller, free_offset)
+    with small_matrices(f"no simulation focus for the model of order {model.order}"):
+        problem = SimulationProblem(model, data, controller, free_offset)
 
-            def tell(iteration: int, squares: float) -> None:
-                watch.tell("simulation focus", iteration, most_iterations, squares / problem.samples)
+        def tell(iteration: int, squares: float) -> None:
+            watch.tell("simulation focus", iteration, most_iterations, squares / problem.samples)
 
-            found = minimise(
-                problem.start, problem.squares, problem.linearise, problem.move, tell, most_iterations, _LEAST_GAIN
-            )
-            focused = fit_kalman_gain(found.model, *problem.deviations(found), found.initial_states)
-        except (linalg.LinAlgError, ValueError) as failure:
-            reason = " ".join(str(failure).split())
-            raise IdentificationError(f"no simulation focus for the model of order {model.order}: {reason}") from None
+        found = minimise(
+            problem.start, problem.squares, problem.linearise, problem.move, tell, most_iterations, _LEAST_GAIN
+        )
+        focused = fit_kalman_gain(found.model, *problem.deviations(found), found.initial_states)
     return replace(
         focused,
         initial_state=found.initial_states[0],

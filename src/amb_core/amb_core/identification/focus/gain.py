@@ -11,9 +11,9 @@ from scipy import linalg
 
 from amb_core.identification.estimate.levenberg_marquardt import minimise
 from amb_core.identification.estimate.predictor import experiment_factor, experiments, innovations, kalman_gain
+from amb_core.identification.numerics import LARGEST_RADIUS
 from amb_core.model.state_space import StateSpaceModel
 
-_LARGEST_RADIUS = 1.0 - 1e-6  # of the predictor's modes
 _LEAST_GAIN = 1e-4  # relative decrease of the squared errors at which the search ends
 _MOST_ITERATIONS = 15
 
@@ -69,7 +69,7 @@ def fit_kalman_gain(
     def move(k: Arrays, step: Arrays) -> Arrays | None:
         moved = k + step.reshape(k.T.shape).T
         radius = float(np.max(np.abs(np.linalg.eigvals(model.a - moved @ model.c))))
-        return moved if radius < _LARGEST_RADIUS else None
+        return moved if radius < LARGEST_RADIUS else None
 
     k = minimise(first, squares, linearise, move, most_iterations=_MOST_ITERATIONS, least_gain=_LEAST_GAIN)
     errors = errors_of(k)

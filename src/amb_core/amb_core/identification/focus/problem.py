@@ -12,12 +12,11 @@ from amb_core.identification.closed_loop import DivergenceError, closed_loop_pol
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.estimate.local_coordinates import balanced_predictor, local_directions
 from amb_core.identification.experiment_simulation import in_experiment
-from amb_core.identification.focus.sensitivity import Directions, sensitivity_factor
+from amb_core.identification.focus.sensitivity import LoopDirections, sensitivity_factor
+from amb_core.identification.numerics import LARGEST_RADIUS
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
-
-_LARGEST_RADIUS = 1.0 - 1e-6  # of the closed loop's modes
 
 Arrays = NDArray[np.float64]
 
@@ -32,13 +31,13 @@ class Loop:
         The model.
     initial_states : ndarray, shape (experiments, n)
         Its state at the first sample of each experiment.
-    directions : Directions
+    directions : LoopDirections
         In which the model may change.
     """
 
     model: StateSpaceModel
     initial_states: Arrays
-    directions: Directions
+    directions: LoopDirections
 
 
 class SimulationProblem:
@@ -159,10 +158,10 @@ class SimulationProblem:
         inputs, outputs = self._input_scale, self._output_scale
         of_a, of_b, of_c = local_directions(model.a, model.b * inputs, model.c / outputs[:, np.newaxis])
         of_b, of_c = of_b / inputs[:, np.newaxis], of_c * outputs[:, np.newaxis, np.newaxis]
-        return Loop(model, initial_states, Directions(of_a, of_b, of_c, np.diag(outputs)[:, : self._free]))
+        return Loop(model, initial_states, LoopDirections(of_a, of_b, of_c, np.diag(outputs)[:, : self._free]))
 
     def _stable(self, model: StateSpaceModel) -> bool:
-        return bool(np.abs(closed_loop_poles(model, self._controller)[0]) < _LARGEST_RADIUS)
+        return bool(np.abs(closed_loop_poles(model, self._controller)[0]) < LARGEST_RADIUS)
 
 
 def _signals(record: LoopRecord) -> tuple[Arrays, Arrays]:

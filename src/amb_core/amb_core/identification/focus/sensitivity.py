@@ -28,8 +28,8 @@ Arrays = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Directions:
-    """Directions in which a model changes.
+class LoopDirections:
+    """LoopDirections in which a model changes.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ def sensitivity_factor(
     controller: ControllerParameters,
     record: LoopRecord,
     first_current: Arrays | None,
-    directions: Directions,
+    directions: LoopDirections,
     scale: Arrays,
 ) -> Arrays:
     """Triangular factor of derivatives and errors of the simulated positions.
@@ -66,7 +66,7 @@ def sensitivity_factor(
         As in `simulate_closed_loop`, in a loop that does not diverge.
     record : LoopRecord
         The measured loop.
-    directions : Directions
+    directions : LoopDirections
         Changes of the model.
     scale : ndarray, shape (2,)
         Errors and derivatives of each position are divided by it (m).

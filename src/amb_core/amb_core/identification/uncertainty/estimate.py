@@ -20,13 +20,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
-from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.estimate.local_coordinates import local_directions
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
+from amb_core.identification.numerics import small_matrices
 from amb_core.identification.uncertainty.directions import Directions
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.identification.uncertainty.sensitivity import Sensitivity, sensitivity
@@ -63,12 +63,8 @@ def estimate_uncertainty(model: StateSpaceModel, data: IdentificationData, *, ro
     """
     _check(model, data)
     scaled = ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
-    with threadpool_limits(limits=1, user_api="blas"):
-        try:
-            return _estimate(model, scaled, robust)
-        except (linalg.LinAlgError, ValueError) as problem:
-            reason = " ".join(str(problem).split())
-            raise IdentificationError(f"no uncertainty of the model of order {model.order}: {reason}") from None
+    with small_matrices(f"no uncertainty of the model of order {model.order}"):
+        return _estimate(model, scaled, robust)
 
 
 def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUncertainty:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import IdentificationError, PlantError
+from amb_core.errors import IdentificationError, ParameterError, PlantError
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, response_of
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response
@@ -117,7 +117,7 @@ def compare_responses(
     if plant is not None:
         try:
             linearised = response_of_plant(plant, controller, grid)
-        except PlantError as problem:
+        except (ParameterError, PlantError) as problem:
             notes.append(f"frequency response of the plant: left out: {problem}")
     bands = tuple(_bands(of_model, measured, linearised))
     return FrequencyComparison(of_model, measured, linearised, bands), notes

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from amb_core.errors import RegionError, TaskError
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters, require_one_rate
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import RegionParameters
 from amb_core.regions.region_map.refinement import Refinement
@@ -220,11 +220,7 @@ class _Sweeps:
 
 def _check(settings: MapSettings, plant: PlantParameters, controller: ControllerParameters) -> None:
     rate = controller.sample_rate
-    if abs(rate - plant.integration.sample_rate) > 1e-9 * rate:
-        raise RegionError(
-            f"the controller runs at {rate:g} Hz, the plant is sampled at {plant.integration.sample_rate:g} Hz; "
-            "the two rates must be equal"
-        )
+    require_one_rate(controller, plant.integration.sample_rate)
     if settings.frequency_end > 0.5 * rate:
         raise RegionError(
             f"frequency_end = {settings.frequency_end:g} Hz is above the Nyquist frequency of the controller's sample "
