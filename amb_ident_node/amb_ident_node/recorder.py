@@ -84,6 +84,7 @@ class RecorderNode(Node):
         self._latched: dict[str, bytes] = {}
         self._plant_state: tuple[Mark, bytes] | None = None  # the last one
         self._conflicts: dict[str, None] = {}  # seen while this bag was recorded
+        self._published: set[str] = set()  # topics that had a publisher while this bag was recorded
         self._switching = threading.Lock()  # a message falls either before or into a bag that starts
         self._remote_parameters = RemoteParameters(self)
         self._described: set[str] = set()  # nodes whose parameters are in this bag
@@ -153,6 +154,7 @@ class RecorderNode(Node):
     def _on_flush_timer(self) -> None:
         if self._recording is not None:
             self._recording.flush()
+            self._note_published()
             late = [name for name in self._undescribed_nodes() if self._attempts[name] < READING_ATTEMPTS]
             if late:
                 self._worker.submit(self._describe, late, self._settings.parameter_timeout)
@@ -175,12 +177,14 @@ class RecorderNode(Node):
             )
         deadline = time.monotonic() + (request.timeout or DEFAULT_STOP_TIMEOUT)
         awaited = self._awaited(request.wait_for_run, request.wait_for_step)
-        published = self._published_topics()
+        self._note_published()
         if awaited is not None and not recording.failure:
-            self._ledger.wait_for(awaited, published, deadline - time.monotonic(), lambda: bool(recording.failure))
+            self._ledger.wait_for(
+                awaited, self._published, deadline - time.monotonic(), lambda: bool(recording.failure)
+            )
         self._describe(self._undescribed_nodes(), max(deadline - time.monotonic(), self._settings.parameter_timeout))
         self._note_conflicts()
-        problems = [recording.failure] if recording.failure else self._ledger.lacks(awaited, published)
+        problems = [recording.failure] if recording.failure else self._ledger.lacks(awaited, self._published)
         problems += self._conflicts
         if missing := self._undescribed_nodes():
             problems.append(f"the parameters of {', '.join(missing)} are missing")
@@ -215,6 +219,8 @@ class RecorderNode(Node):
         with self._switching:
             self._conflicts.clear()
             self._ledger.start()
+            self._published.clear()
+            self._note_published()
             first = dict(self._latched)
             self._recording = recording
         self._begin(recording, first)
@@ -268,10 +274,15 @@ class RecorderNode(Node):
         answer = ask(self._state_client, GetState.Request(), self._settings.parameter_timeout)
         return None if answer is None or not answer.success else answer.state
 
-    def _published_topics(self) -> set[str]:
-        """Those of the topics that follow the steps of a run which somebody publishes, or has published in this bag."""
-        published = {name for name in OF_THE_GRAPH if self.count_publishers(self._full_name(name))}
-        return published | {topics.REGION} if self._ledger.has_monitor else published
+    def _note_published(self) -> None:
+        """Note which of the topics that follow the steps of a run somebody publishes.
+
+        Those that were published before count as well: a recorder that was held up for long does not see their
+        publishers for a while, and lacks their messages all the more.
+        """
+        self._published |= {name for name in OF_THE_GRAPH if self.count_publishers(self._full_name(name))}
+        if self._ledger.has_monitor:
+            self._published.add(topics.REGION)
 
     def _note_conflicts(self) -> None:
         found = [self._ledger.conflict, *self._diagnostics.conflicts()]

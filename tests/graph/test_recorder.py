@@ -270,6 +270,19 @@ def test_messages_that_their_publisher_counts_are_missed_by_number(recorded: Loo
     assert stopped.message == "region lacks messages 3 to 4 and 7 to 8 (4 messages)"
 
 
+def test_a_publisher_that_is_not_seen_any_more_still_counts(loop: Loop, graph: Graph) -> None:
+    """As after the recorder was held up: it does not know the simulator's publishers, and has missed their messages."""
+    graph.start(RECORDER)
+    loop.state.publish(SimulatorState(run=5, mode=SimulatorState.RUNNING, sample_time=1e-4, sequence=1))
+    assert loop.start_bag().success
+    loop.publish_blocks(5, 0, 10)
+    graph.node.destroy_publisher(loop.state)
+    graph.wait_until(lambda: not graph.node.count_publishers("/amb/simulator/state"), "the end of the publisher")
+    stopped = loop.stop_bag(5, 10 * BLOCK, timeout=2.0)
+    assert not stopped.success
+    assert "simulator/state lacks that of step 1000 of run 5" in stopped.message
+
+
 def test_steps_that_come_twice_with_other_samples_are_named(recorded: Loop) -> None:
     recorded.start_bag("twice")
     recorded.publish_blocks(1, 0, 3)

@@ -144,6 +144,26 @@ def test_a_recorder_that_was_held_up_still_gets_everything_or_names_it(recorded:
     assert lacking(recorded, uri, run, 20_000) == named, stopped.message
 
 
+@pytest.mark.slow
+def test_a_recorder_that_the_others_gave_up_names_what_it_lost(recorded: Bearing) -> None:
+    """DDS gives up a participant that is silent for 20 s; found again, it does not see the publishers for a while.
+
+    The recorder alone subscribes to /rosout.
+    """
+    graph = recorded.graph
+    run = recorded.reset()
+    uri = start_bag(recorded)
+    process = graph.process_of("amb_ident_node.recorder")
+    process.send_signal(signal.SIGSTOP)
+    recorded.run(20_000)
+    recorded.wait_for_step(run, 20_000)
+    graph.wait_until(lambda: not graph.node.count_subscribers("/rosout"), "the end of the recorder's lease")
+    process.send_signal(signal.SIGCONT)
+    stopped = stop_bag(recorded, wait_for_run=run, wait_for_step=20_000, timeout=30.0)
+    named = {part.split()[0] for part in stopped.message.split("; ")} if not stopped.success else set()
+    assert lacking(recorded, uri, run, 20_000) == named, stopped.message
+
+
 def test_nothing_of_older_runs_is_in_a_bag_but_the_latched_messages(recorded: Bearing) -> None:
     for _ in range(2):
         run = recorded.reset()

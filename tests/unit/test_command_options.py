@@ -8,9 +8,11 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from amb_bringup.commands.map import region_map
 from amb_bringup.commands.options import declared_options
 from amb_core.excitation import KINDS
-from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_core.parameters import Parameters, choice, declarations, quantity, switch
+from amb_core.regions.region_map import MapSettings
 
 SEEN: dict[str, Any] = {}
 
@@ -71,3 +73,9 @@ def test_every_parameter_of_an_excitation_is_an_option(kind: str) -> None:
     shown = amb(check, "--help")
     for name in KINDS[kind].model_fields:
         assert f"--{name.replace('_', '-')}" in shown
+
+
+def test_a_map_has_every_setting_as_an_option() -> None:
+    shown = amb(region_map, "--help")
+    for declared in declarations(MapSettings):
+        assert f"--{declared.name.replace('_', '-')}" in shown

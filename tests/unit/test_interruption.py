@@ -120,7 +120,8 @@ def test_a_connection_that_is_interrupted_in_a_destructor_of_its_executor_closes
     )
     process = python(code, tmp_path)
     out, error = process.communicate(timeout=120.0)
-    assert (process.returncode, out, error) == (0, "destroying\ninterrupted False\n", "")
+    assert (process.returncode, error) == (0, "")
+    assert out.endswith("destroying\ninterrupted False\n"), out  # before it, Fast DDS may complain of what others left
 
 
 def test_a_connection_that_nobody_closes_is_closed_before_the_interpreter_ends(tmp_path: Path) -> None:
@@ -132,4 +133,5 @@ def test_a_connection_that_nobody_closes_is_closed_before_the_interpreter_ends(t
         "client.spin_once()\n"
     )
     out, error = python(code, tmp_path).communicate(timeout=120.0)
-    assert (out, error) == ("open: False\n", "")
+    assert error == ""
+    assert out.endswith("open: False\n"), out

@@ -102,7 +102,13 @@ def test_a_result_depends_on_the_library_and_on_all_modules_of_this_package(stud
 def test_the_report_opens_with_a_sweep_and_the_map_and_counts_verdicts() -> None:
     drawn = Drawing().run()
     report = paper_report([Drawing()], {"drawing": drawn}, ["line", "line"], "")
-    assert [type(block).__name__ for block in report.opening] == ["Prose", "Chart", "Prose", "Chart", "Table"]
+    assert [type(block).__name__ for block in report.opening] == [
+        "Prose",
+        "FigureBlock",
+        "Prose",
+        "FigureBlock",
+        "TableBlock",
+    ]
     assert report.opening[-1].caption == "1 claims; agrees: 1, agrees in part: 0, does not agree: 0"
     assert len(OPENING) == 2
 

@@ -8,7 +8,7 @@ from collections import deque
 
 import pytest
 
-from amb_core.errors import PlantError, RegionError, TaskError
+from amb_core.errors import ParameterError, PlantError, RegionError, TaskError
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
@@ -174,7 +174,7 @@ def test_a_grid_that_makes_no_sense_is_refused(ran, design, message):
     ],
 )
 def test_settings_that_do_not_fit_the_loop_are_refused_before_anything_runs(ran, settings, plant, message):
-    with pytest.raises(RegionError, match=message):
+    with pytest.raises((RegionError, ParameterError), match=message):
         build_map(SHORT.model_copy(update=settings), validate(PlantParameters, plant), LOOP[1])
     assert ran == []
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
-
 import numpy as np
 import pytest
 
-from amb_bringup.commands import map as command
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import declarations, validate
+from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.lines import command_gain
@@ -65,14 +62,3 @@ def test_a_limit_that_the_bearing_does_not_have_has_no_line(plant, axes, missing
     names = {line.name for line in analytic_lines(validate(PlantParameters, plant), CONTROLLER, axes)}
     assert missing not in names
     assert "gain-loss limit" in names
-
-
-def test_the_command_has_every_setting_of_a_map_with_its_default():
-    """Its options are written out, so that `amb --help` need not import the library."""
-    options = inspect.signature(command.region_map, eval_str=True).parameters
-    for declared in declarations(MapSettings):
-        option = options[declared.name]
-        follows = declared.name == "initial_sweeps"  # where there are fewer, the largest number of sweeps
-        assert option.default == (None if follows else declared.default)
-        unit = f"({declared.unit})"
-        assert declared.unit == "-" or unit in option.annotation.__metadata__[0].help
