@@ -220,9 +220,9 @@ class RecorderNode(Node):
             self._conflicts.clear()
             self._ledger.start()
             self._published.clear()
-            self._note_published()
             first = dict(self._latched)
-            self._recording = recording
+            self._recording = recording  # from here on it is closed, whatever fails
+        self._note_published()
         self._begin(recording, first)
         for node, values in parameters.items():
             recording.write_parameters(PARAMETER_EVENTS, node, values)
