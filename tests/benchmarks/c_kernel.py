@@ -13,13 +13,14 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
-from amb_core.plant.kernel import layout
+from amb_core.plant.kernel import records
 from amb_core.plant.kernel.advance import advance as kernel_advance
 from amb_core.plant.network import COILS, POLES
 
@@ -32,6 +33,8 @@ SAMPLES = 200  # 20 ms of closed loop
 STEPS = 2_000  # of a timed call, so that calling does not count
 REPETITIONS = 1_000
 TOLERANCE = 1e-9
+STATES = ("position", "velocity", "acceleration", "flux", "previous_drop")
+STATES += ("integral", "current_sum", "current_start", "duty")
 
 Advance = Callable[[NDArray[np.float64], int], int]
 """Moves the plant on with control current references x, y (A) over a number of internal steps; returns a status."""
@@ -61,24 +64,27 @@ def measure() -> dict[str, float | bool]:
 
 
 def _kernel(plant: Plant) -> Advance:
-    table, no_trace = plant._table, plant._no_trace
+    arrays, no_trace = plant._arrays, plant._no_trace
 
     def advance(references: NDArray[np.float64], steps: int) -> int:
-        return kernel_advance(table, references, steps, no_trace)
+        return kernel_advance(*arrays, references, steps, no_trace)
 
     return advance
 
 
 def _compiled(plant: Plant, library: Path, option: str) -> Advance:
-    """The C kernel on the plant's own arrays, so that neither has better ones."""
-    places = {name: value for name, value in vars(layout).items() if isinstance(value, int)}
-    places |= {"POLES": POLES, "COILS": COILS}
-    macros = [f"-D{name}={value}" for name, value in places.items()]
-    subprocess.run([*COMPILER, option, *macros, "-o", library, SOURCE, "-lm"], check=True)
+    """The C kernel on the plant's own records, so that neither has better ones."""
+    numbers = ("OK", "DELEVITATED", "NOT_FINITE")
+    macros = [f"-D{name}={getattr(records, name)}" for name in numbers] + [f"-DPOLES={POLES}", f"-DCOILS={COILS}"]
+    kinds = {"Constants": records.CONSTANTS, "State": records.STATE, "Bearing": records.BEARING}
+    declarations = "\n".join(f"typedef {_c_type(kind)} {name};" for name, kind in kinds.items())
+    library.with_name("records.h").write_text(f"#include <stdbool.h>\n#include <stdint.h>\n{declarations}\n")
+    command = [*COMPILER, option, *macros, f"-I{library.parent}", "-o", library, SOURCE, "-lm"]
+    subprocess.run(command, check=True)
     function = ctypes.CDLL(str(library)).advance
     function.argtypes = [ctypes.c_void_p] * 4 + [ctypes.c_long]
     arrays = plant._arrays
-    addresses = [array.ctypes.data for array in (arrays.state, arrays.constants, arrays.matrices)]
+    addresses = [array.ctypes.data for array in (arrays.state, arrays.bearings, arrays.constants)]
 
     def advance(references: NDArray[np.float64], steps: int) -> int:
         return function(*addresses, references.ctypes.data, steps)
@@ -86,36 +92,36 @@ def _compiled(plant: Plant, library: Path, option: str) -> Advance:
     return advance
 
 
+def _c_type(kind: np.dtype[Any]) -> str:
+    """A record's type in C, where its fields lie at the same places."""
+    if kind.fields is None:
+        return {"f": "double", "i": "int64_t", "b": "bool"}[kind.kind]
+    members = []
+    for name, (field, *_) in kind.fields.items():
+        sizes = "".join(f"[{size}]" for size in field.shape)
+        members.append(f"{_c_type(field.base)} {name}{sizes};")
+    return f"struct {{ {' '.join(members)} }}"
+
+
 def _difference(plant: Plant, *kernels: Advance) -> float:
     """Largest difference of the states over 20 ms, relative to the largest magnitude of each kind of state."""
     ours, plain = (_closed_loop(plant, advance) for advance in kernels)
-    return max(
-        float(np.abs(ours[:, kind] - plain[:, kind]).max() / np.abs(ours[:, kind]).max()) for kind in _kinds_of_state()
-    )
+    return max(float(np.abs(ours[name] - plain[name]).max() / np.abs(ours[name]).max()) for name in STATES)
 
 
-def _kinds_of_state() -> list[slice]:
-    head = [(layout.PHASE, 3)]  # with counters; the phase is zero after a sample
-    rotor = [(layout.POSITION, 2), (layout.VELOCITY, 2), (layout.ACCELERATION, 2)]
-    poles = [(layout.FLUX, POLES), (layout.MMF, POLES)]
-    coils = [(start, COILS) for start in (layout.INTEGRAL, layout.CURRENT_SUM, layout.DUTY, layout.CURRENT_START)]
-    block = [(layout.HEAD_SIZE + start, size) for start, size in poles + coils]
-    return [slice(start, start + size) for start, size in head + rotor + block]
-
-
-def _closed_loop(plant: Plant, advance: Advance) -> NDArray[np.float64]:
+def _closed_loop(plant: Plant, advance: Advance) -> NDArray[Any]:
     """States after every sample under a 100 um square wave: duties at their limits, currents blocked by the diodes."""
     plant.reset()
-    state, controller = plant._arrays.state, PdController(ControllerParameters())
-    states = np.empty((SAMPLES, len(state)))
+    bearings, controller = plant._arrays.bearings, PdController(ControllerParameters())
+    states = np.empty(SAMPLES, bearings.dtype)
     for sample in range(SAMPLES):
         target = 100e-6 if (sample // 50) % 2 == 0 else -100e-6
-        x, y = state[layout.POSITION], state[layout.POSITION + 1]
+        x, y = bearings["position"][0]
         references = np.array(controller.update(x, y, target, 0.0))
         status = advance(references, plant.parameters.steps_per_sample)
-        if status != layout.OK:
-            raise RuntimeError(f"kernel ended with status {status} at sample {sample}; expected: {layout.OK}")
-        states[sample] = state
+        if status != records.OK:
+            raise RuntimeError(f"kernel ended with status {status} at sample {sample}; expected: {records.OK}")
+        states[sample] = bearings[0]
     return states
 
 
@@ -126,11 +132,12 @@ def _nanoseconds_per_step(plant: Plant, *kernels: Advance) -> list[float]:
     for _ in range(2_000):
         current = controller.update(*plant.position, 0.0, 0.0)
         plant.advance(*current)
-    references, levitated = np.array(current), plant._arrays.state.copy()
+    references, arrays = np.array(current), plant._arrays
+    levitated = arrays.state.copy(), arrays.bearings.copy()
     durations: list[list[float]] = [[] for _ in kernels]
     for _ in range(REPETITIONS):
         for advance, times in zip(kernels, durations, strict=True):
-            plant._arrays.state[:] = levitated
+            arrays.state[:], arrays.bearings[:] = levitated
             started = time.perf_counter()
             advance(references, STEPS)
             times.append(time.perf_counter() - started)

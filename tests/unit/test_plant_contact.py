@@ -6,7 +6,6 @@ import pytest
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import AmplifierParameters, Plant, PlantParameters, RotorParameters
 from amb_core.plant.energy import EnergyAccount
-from amb_core.plant.kernel import layout
 from amb_core.plant.parameters import BackupBearingParameters
 
 MASS, GRAVITY = 6.25, 9.81
@@ -42,7 +41,7 @@ def test_restitution_of_a_bounce_is_that_of_spring_and_damper_that_only_push(dam
         gravity=0.0,
         initial_y=-245e-6,
     )
-    plant._arrays.state[layout.VELOCITY + 1] = -arrival
+    plant._arrays.bearings[0]["velocity"][1] = -arrival
     account = EnergyAccount(plant)
     for _ in range(30):
         trace = plant.trace(0.0, 0.0)
@@ -64,7 +63,7 @@ def test_friction_against_a_turning_journal_drives_it_backwards():
         initial_y=-249e-6,
         running_speed=50.0,
     )
-    plant._arrays.state[layout.VELOCITY + 1] = -arrival
+    plant._arrays.bearings[0]["velocity"][1] = -arrival
     trace = plant.trace(0.0, 0.0, samples=30)
     pressed = trace.contact_force[:, 1] > 1.0
     assert trace.velocity[-1] == pytest.approx([-2.0 * friction * arrival, arrival], rel=0.1)  # the wall is round

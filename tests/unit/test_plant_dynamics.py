@@ -18,7 +18,6 @@ from amb_core.plant import (
 )
 from amb_core.plant.closed_forms import current_gain, inductance, negative_stiffness
 from amb_core.plant.energy import EnergyAccount
-from amb_core.plant.kernel import layout
 from amb_core.simulation import simulate
 
 
@@ -183,7 +182,7 @@ def test_reference_that_is_not_finite_is_refused_before_it_reaches_the_state():
 
 def test_state_that_is_not_finite_is_an_error_naming_state_and_sample():
     plant = Plant()
-    plant._arrays.state[layout.HEAD_SIZE] = np.inf  # no input leads there: only a broken model would
+    plant._arrays.bearings[0]["flux"][0] = np.inf  # no input leads there: only a broken model would
     with pytest.raises(PlantError, match=r"state not finite \(flux, rotor\) at sample 1"):
         plant.advance(0.0, 0.0)
 

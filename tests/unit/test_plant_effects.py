@@ -18,7 +18,6 @@ from amb_core.plant import (
 )
 from amb_core.plant.closed_forms import current_gain, force_constant, negative_stiffness
 from amb_core.plant.iron import saturation_curve
-from amb_core.plant.kernel import iron_paths
 from amb_core.plant.parameters import (
     BackupBearingParameters,
     ConverterParameters,
@@ -108,16 +107,16 @@ def test_flux_that_circulates_in_a_ring_decays_by_its_eddy_currents():
     )
     reluctivity = float(saturation_curve(SATURATING).differential_reluctivity(np.array(0.0)))
     time_constant = circuit.iron_conductivity * circuit.lamination_thickness**2 / (12.0 * reluctivity)
-    rings = plant._arrays.iron[0, iron_paths.RINGS]
+    back_iron = plant._arrays.bearings[0]["ring"]
     start = 1e-6  # Wb, small enough for the iron to be linear
-    rings[iron_paths.CIRCULATING] = start
+    back_iron["flux"][0] = start
     plant.advance(0.0, 0.0)
     after = start * np.exp(-plant.sample_time / time_constant)
-    assert rings[iron_paths.CIRCULATING] == pytest.approx(after, rel=5e-3)
-    assert rings[iron_paths.CIRCULATING + 1] == pytest.approx(0.0, abs=1e-6 * start)
+    assert back_iron["flux"][0] == pytest.approx(after, rel=5e-3)
+    assert back_iron["flux"][1] == pytest.approx(0.0, abs=1e-6 * start)
     length, area = plant.network.paths[1]
     energy = 0.5 * 8.0 * length / area * reluctivity * (start**2 - after**2)
-    assert rings[iron_paths.CIRCULATING_LOSS] == pytest.approx(energy, rel=1e-2)
+    assert back_iron["loss"] == pytest.approx(energy, rel=1e-2)
 
 
 # -- amplifiers

@@ -21,8 +21,6 @@ from amb_core.plant import (
 )
 from amb_core.plant.closed_forms import AXIS_COSINE, force_constant
 from amb_core.plant.energy import EnergyAccount
-from amb_core.plant.kernel import iron as iron_kernel
-from amb_core.plant.kernel import iron_paths
 from amb_core.plant.network import COIL_POLES, POLES
 from amb_core.plant.parameters import BackupBearingParameters, ConverterParameters, IronParameters, SensorParameters
 
@@ -88,9 +86,9 @@ def iron_loss() -> Iterator[Row]:
         turn = 2.0 * np.pi * sample / period
         trace = plant.trace(2.0 * np.cos(2.0 * turn), 2.0 * np.cos(turn))
         if sample >= 0:
-            iron = plant._arrays.iron[0]
-            loops[sample] = iron[[iron_kernel.FLUX_DENSITY, iron_kernel.FIELD]]
-            energies[sample] = trace.iron_energy[-1] - iron[iron_paths.RINGS, iron_paths.CIRCULATING_LOSS]
+            bearing = plant._arrays.bearings[0]
+            loops[sample] = bearing["iron"]["flux_density"], bearing["iron"]["field"]
+            energies[sample] = trace.iron_energy[-1] - bearing["ring"]["loss"]
     flux_density, field = loops[:, 0], loops[:, 1]
     volumes = np.repeat([length * area for length, area in plant.network.paths], POLES)
     areas = np.trapezoid(field, flux_density, axis=0)

@@ -33,7 +33,8 @@ HIGHEST_FREQUENCY = 100e3
 """No more than this is asked of the terms (Hz)."""
 _STEPS_PER_PERIOD = 60  # internal steps per period of the highest frequency: keeps the shortest time constant at two
 _FASTEST = 1.6  # fastest rate over the highest angular frequency
-_MOST_TERMS = 30
+MOST_TERMS = 30
+"""Of the fit; the integrator has room for as many."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def solid_journal_terms(parameters: PlantParameters) -> SolidJournal:
     highest = min(HIGHEST_FREQUENCY, 1.0 / (_STEPS_PER_PERIOD * parameters.integration.internal_step))
     slowest = np.pi**2 / tau
     frequency = np.geomspace(min(0.01 * slowest, highest), highest, 400)
-    for terms in range(_MOST_TERMS + 1):
+    for terms in range(MOST_TERMS + 1):
         rates = np.geomspace(slowest, max(_FASTEST * 2.0 * np.pi * highest, slowest), terms)
         weights, rest = _fit(rates, frequency, tau)
         used = weights > 0.0
@@ -144,7 +145,7 @@ def solid_journal_terms(parameters: PlantParameters) -> SolidJournal:
     raise PlantError(
         f"diffusion into the solid journal with time constant {tau:g} s (iron.journal_conductivity, "
         f"magnetic_circuit.relative_permeability and journal radii) is not fitted within {100.0 * ACCURACY:g} % up to "
-        f"{highest:g} Hz by {_MOST_TERMS} terms; allowed: a smaller time constant, or a longer "
+        f"{highest:g} Hz by {MOST_TERMS} terms; allowed: a smaller time constant, or a longer "
         "integration.internal_step"
     )
 

@@ -13,7 +13,8 @@ from scipy.constants import mu_0
 
 from amb_core.plant.eddy import eddy_bandwidth, force_response
 from amb_core.plant.iron import initial_iron, pack_material, saturation_curve
-from amb_core.plant.kernel.iron import ELEMENTS, FIELD, FLUX_DENSITY, TARGET, advance_hysteresis
+from amb_core.plant.kernel.iron import advance_hysteresis
+from amb_core.plant.kernel.records import ELEMENTS
 from amb_core.plant.network import COIL_AXES
 from amb_core.plant.operating_point import static_force
 from amb_core.plant.parameters import IronParameters, PlantParameters
@@ -70,10 +71,10 @@ def hysteresis_loop(
     state, material = initial_iron(np.zeros(ELEMENTS), iron), pack_material(iron)
     field = np.empty(len(density))
     for n, value in enumerate(density):
-        state[TARGET] = value
+        state["target"] = value
         advance_hysteresis(state, material)
-        field[n] = state[FIELD, 0]
-        assert state[FLUX_DENSITY, 0] == value
+        field[n] = state["field"][0]
+        assert state["flux_density"][0] == value
     last = slice(-len(cycle) - 1, None)
     return field[last], density[last]
 

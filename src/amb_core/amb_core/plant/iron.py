@@ -15,12 +15,10 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from amb_core.errors import PlantError
 from amb_core.plant.bh_table import read_bh_table
-from amb_core.plant.kernel import iron as iron_kernel
-from amb_core.plant.kernel.iron import ELEMENTS, FIELD, FLUX_DENSITY, MAGNETISATION, ROWS, SLOPE, TARGET
 from amb_core.plant.kernel.langevin import langevin
+from amb_core.plant.kernel.records import CURVE, CURVE_INTERVALS, IRON, MATERIAL
 from amb_core.plant.parameters import IronParameters
 
-_INTERVALS = 4096
 _SPAN = 2.0  # of the table of an anhysteretic curve, in mu0 M_s
 _DAMPING = 9.0 / 16.0
 """Share of the stiff Jacobian in the Newton step; damps the lag of M behind M_an fastest where steps are long."""
@@ -80,17 +78,17 @@ def saturation_curve(parameters: IronParameters) -> SaturationCurve:
         odd = PchipInterpolator(
             np.concatenate([-flux_density[:0:-1], flux_density]), np.concatenate([-field[:0:-1], field])
         )
-        grid = np.linspace(0.0, flux_density[-1], _INTERVALS + 1)
+        grid = np.linspace(0.0, flux_density[-1], CURVE_INTERVALS + 1)
         values, slopes = odd(grid), odd(grid, 1)
         # Within these bounds an interpolant rises (Fritsch, Carlson 1980); they matter only where the table has a kink.
-        secants = np.diff(values) * _INTERVALS / grid[-1]
+        secants = np.diff(values) * CURVE_INTERVALS / grid[-1]
         slopes[1:] = np.minimum(slopes[1:], 3.0 * secants)
         slopes[:-1] = np.minimum(slopes[:-1], 3.0 * secants)
     else:
-        grid = np.linspace(0.0, _SPAN * mu_0 * parameters.saturation_magnetisation, _INTERVALS + 1)
+        grid = np.linspace(0.0, _SPAN * mu_0 * parameters.saturation_magnetisation, CURVE_INTERVALS + 1)
         values, slopes = anhysteretic_field(grid, parameters)
-    interval = grid[-1] / _INTERVALS
-    coefficients = np.zeros((_INTERVALS + 1, 4))
+    interval = grid[-1] / CURVE_INTERVALS
+    coefficients = np.zeros((CURVE_INTERVALS + 1, 4))
     coefficients[:-1] = CubicHermiteSpline(grid, values, slopes).c[::-1].T * interval ** np.arange(4)
     coefficients[-1, :2] = values[-1], interval / mu_0
     return SaturationCurve(float(grid[-1]), coefficients)
@@ -150,18 +148,17 @@ def check_stability(parameters: IronParameters) -> None:
         )
 
 
-def pack_curve(parameters: IronParameters) -> NDArray[np.float64]:
-    """Curve of the material for `advance_saturation`, shape (intervals + 2, 4); raises as `saturation_curve`."""
+def pack_curve(parameters: IronParameters) -> np.void:
+    """Curve of the material as the record that `follow_curve` takes; raises as `saturation_curve`."""
     curve = saturation_curve(parameters)
-    packed = np.zeros((len(curve.coefficients) + 1, 4))
-    packed[0, iron_kernel.CURVE_SCALE] = curve.scale
-    packed[0, iron_kernel.CURVE_INTERVALS] = len(curve.coefficients) - 1
-    packed[1:] = curve.coefficients
-    return packed
+    record: np.void = np.zeros(1, CURVE)[0]
+    record["scale"] = curve.scale
+    record["coefficients"] = curve.coefficients
+    return record
 
 
-def pack_material(parameters: IronParameters) -> NDArray[np.float64]:
-    """Constants of the material for `advance_hysteresis`, shape (8,).
+def pack_material(parameters: IronParameters) -> np.void:
+    """Constants of the material as the record that `advance_hysteresis` takes.
 
     Raises
     ------
@@ -171,20 +168,20 @@ def pack_material(parameters: IronParameters) -> NDArray[np.float64]:
     check_stability(parameters)
     a = parameters.anhysteretic_field
     uncoupled = 1.0 - parameters.interdomain_coupling
-    material = np.zeros(iron_kernel.MATERIAL_SIZE)
-    material[iron_kernel.SATURATION] = parameters.saturation_magnetisation
-    material[iron_kernel.SUSCEPTIBILITY] = parameters.saturation_magnetisation / a
-    material[iron_kernel.ARGUMENT_PER_B] = 1.0 / (mu_0 * a)
-    material[iron_kernel.ARGUMENT_PER_M] = uncoupled / a
-    material[iron_kernel.UNCOUPLED] = uncoupled
-    material[iron_kernel.PINNING] = 1.0 / parameters.pinning_field
-    material[iron_kernel.REVERSIBILITY] = parameters.reversibility
-    material[iron_kernel.DAMPING] = _DAMPING / (mu_0 * parameters.pinning_field)
-    return material
+    record: np.void = np.zeros(1, MATERIAL)[0]
+    record["saturation"] = parameters.saturation_magnetisation
+    record["susceptibility"] = parameters.saturation_magnetisation / a
+    record["argument_per_b"] = 1.0 / (mu_0 * a)
+    record["argument_per_m"] = uncoupled / a
+    record["uncoupled"] = uncoupled
+    record["pinning"] = 1.0 / parameters.pinning_field
+    record["reversibility"] = parameters.reversibility
+    record["damping"] = _DAMPING / (mu_0 * parameters.pinning_field)
+    return record
 
 
-def initial_iron(flux_density: NDArray[np.float64], parameters: IronParameters) -> NDArray[np.float64]:
-    """Iron array with every element on the single-valued curve: demagnetised, then brought to its flux density.
+def initial_iron(flux_density: NDArray[np.float64], parameters: IronParameters) -> np.void:
+    """Iron with every element on the single-valued curve: demagnetised, then brought to its flux density.
 
     Parameters
     ----------
@@ -195,8 +192,8 @@ def initial_iron(flux_density: NDArray[np.float64], parameters: IronParameters) 
 
     Returns
     -------
-    ndarray, shape (ROWS, 24)
-        Iron array; no work done yet.
+    record IRON
+        The elements; no work done yet.
 
     Raises
     ------
@@ -204,14 +201,14 @@ def initial_iron(flux_density: NDArray[np.float64], parameters: IronParameters) 
         As `saturation_curve`.
     """
     curve = saturation_curve(parameters)
-    iron = np.zeros((ROWS, ELEMENTS))
-    iron[TARGET] = iron[FLUX_DENSITY] = flux_density
-    iron[FIELD] = curve.field(flux_density)
-    iron[MAGNETISATION] = flux_density / mu_0 - iron[FIELD]
+    iron: np.void = np.zeros(1, IRON)[0]
+    iron["target"] = iron["flux_density"] = flux_density
+    iron["field"] = curve.field(flux_density)
+    iron["magnetisation"] = flux_density / mu_0 - iron["field"]
     reluctivity = curve.differential_reluctivity(flux_density)
-    iron[SLOPE] = 1.0 / mu_0 - reluctivity
+    iron["slope"] = 1.0 / mu_0 - reluctivity
     if parameters.hysteresis:  # only the reversible part moves at first
         alpha = parameters.interdomain_coupling
-        chi = parameters.reversibility * iron[SLOPE] / (reluctivity + alpha * iron[SLOPE])
-        iron[SLOPE] = chi / (mu_0 * (1.0 + (1.0 - alpha) * chi))
+        chi = parameters.reversibility * iron["slope"] / (reluctivity + alpha * iron["slope"])
+        iron["slope"] = chi / (mu_0 * (1.0 + (1.0 - alpha) * chi))
     return iron

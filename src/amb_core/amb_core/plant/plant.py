@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from amb_core.errors import PlantError
 from amb_core.loop.control import PdController
 from amb_core.plant.iron import initial_iron
-from amb_core.plant.kernel import iron_paths, layout
+from amb_core.plant.kernel import records
 from amb_core.plant.kernel.advance import advance
-from amb_core.plant.kernel.iron import FIELD, FLUX_DENSITY
-from amb_core.plant.kernel.pointers import address_table
-from amb_core.plant.kernel.rotor import place_journals
+from amb_core.plant.kernel.rotor import COORDINATE, place_journals
 from amb_core.plant.magnetostatics import Magnetostatics
-from amb_core.plant.network import COILS, POLES, active_coils, build_network
+from amb_core.plant.network import COILS, active_coils, build_network
 from amb_core.plant.packing import pack
 from amb_core.plant.parameters import PlantParameters
 from amb_core.plant.rotor import rotor_model
@@ -105,29 +103,29 @@ class Plant:
         self.reset()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """A copy has arrays of its own, so other addresses."""
+        """A copy has arrays of its own, so its views are of these."""
         self.__dict__.update(state)
         self._set_views()
 
     def _set_views(self) -> None:
-        self._table = address_table(self._arrays)
-        self._sensed = self._arrays.state[layout.SENSED : layout.SENSED + 2 * self.bearings]
+        self._state = self._arrays.state[0]
+        self._sensed = self._state["sensed"][: 2 * self.bearings]
 
     def reset(self) -> None:
         """Rotor at rest at its initial position, bias current in all coils with the fluxes of the steady state."""
         arrays, rotor = self._arrays, self.parameters.rotor
         x, y = rotor.initial_x, rotor.initial_y
-        arrays.state[:] = 0.0
-        arrays.work[:] = 0.0
-        arrays.diffusion[:, :, :POLES] = 0.0
-        arrays.diffusion[:, -2:] = 0.0
-        arrays.state[layout.POSITION : layout.POSITION + 2 * self.bearings] = [x, y] * self.bearings
-        if self.rotor is not None:
-            first = layout.HEAD_SIZE + self.bearings * layout.BLOCK_SIZE
-            arrays.state[first : first + self._coordinates] = self.rotor.coordinates_at(x, y)
-            place_journals(arrays.state, arrays.modes, self.bearings)
-        self._sensed[:] = [x, y] if self.rotor is None else self.rotor.sensors @ self.rotor.coordinates_at(x, y)
-        for bearing in range(self.bearings):
+        arrays.state[:] = np.zeros((), records.STATE)
+        arrays.bearings[:] = np.zeros((), records.BEARING)
+        arrays.bearings["position"] = x, y
+        if self.rotor is None:
+            self._sensed[:] = x, y
+        else:
+            arrays.modes[: COORDINATE + 4] = 0.0
+            arrays.modes[COORDINATE] = self.rotor.coordinates_at(x, y)
+            place_journals(arrays.bearings, arrays.modes)
+            self._sensed[:] = self.rotor.sensors @ self.rotor.coordinates_at(x, y)
+        for bearing in arrays.bearings:
             self._reset_circuit(bearing, x, y)
 
         self.delevitated = False
@@ -137,22 +135,20 @@ class Plant:
         self._reference, self._next_reference = np.zeros(2 * self.bearings), np.zeros(2 * self.bearings)
         self._measured = self._sensing.measure(self._sensed) if self._sensing.real else self._sensed
 
-    def _reset_circuit(self, bearing: int, x: float, y: float) -> None:
-        arrays = self._arrays
-        block = arrays.state[layout.HEAD_SIZE + bearing * layout.BLOCK_SIZE :][: layout.BLOCK_SIZE]
+    def _reset_circuit(self, bearing: np.void, x: float, y: float) -> None:
         bias = self.bias_currents()
         magnetised = self.magnetostatics.solve(bias, x, y)
-        block[layout.FLUX : layout.FLUX + POLES] = magnetised.flux
-        if len(arrays.iron):
-            arrays.iron[bearing, : iron_paths.RINGS] = initial_iron(magnetised.flux_density, self.parameters.iron)
-            arrays.iron[bearing, iron_paths.RINGS] = 0.0
-            arrays.iron[bearing, iron_paths.RINGS, :2] = magnetised.circulating
-        period, shift = arrays.constants[layout.PERIOD], arrays.constants[layout.CARRIER_SHIFT]
+        bearing["flux"] = magnetised.flux
+        if self.parameters.iron.saturation:
+            bearing["iron"] = initial_iron(magnetised.flux_density, self.parameters.iron)
+            bearing["ring"]["flux"] = magnetised.circulating
+        amplifier = self._arrays.constants[0]["amplifier"]
+        period, shift = amplifier["period"], amplifier["carrier_shift"]
         # Of the switching period that ends at its first update, a coil with a later carrier has part still to go.
         gone = period - shift * np.arange(COILS) if shift else np.full(COILS, period)
-        block[layout.CURRENT_SUM : layout.CURRENT_SUM + COILS] = bias * gone
-        block[layout.CURRENT_START : layout.CURRENT_START + COILS] = bias
-        block[layout.DUTY : layout.DUTY + COILS] = 0.5
+        bearing["current_sum"] = bias * gone
+        bearing["current_start"] = bias
+        bearing["duty"] = 0.5
 
     @property
     def position(self) -> tuple[float, float]:
@@ -168,8 +164,7 @@ class Plant:
     @property
     def contact(self) -> bool:
         """Whether a backup bearing pushed at its journal in the last internal step."""
-        work, force = self._arrays.work, layout.CONTACT_FORCE
-        return any(work[n * layout.WORK_SIZE + force + axis] != 0.0 for n in range(self.bearings) for axis in range(2))
+        return bool(self._arrays.bearings["contact_force"].any())
 
     def bias_currents(self) -> NDArray[np.float64]:
         """Bias current of every coil (A), shape (4,); zero for coils without amplifier."""
@@ -200,13 +195,10 @@ class Plant:
 
     def snapshot(self) -> PlantSnapshot:
         """Currents, flux densities and forces at the end of the last internal step."""
-        state, work = self._arrays.state, self._arrays.work.reshape(self.bearings, layout.WORK_SIZE)
-        blocks = state[layout.HEAD_SIZE :][: self.bearings * layout.BLOCK_SIZE].reshape(self.bearings, -1)
-        contact_force = work[:, layout.CONTACT_FORCE : layout.CONTACT_FORCE + 2].copy()
-        position = state[layout.POSITION : layout.POSITION + 2 * self.bearings].reshape(-1, 2).copy()
-        started = state[layout.STARTED] != 0.0
-        currents = work[:, layout.CURRENT : layout.CURRENT + COILS] if started else [self.bias_currents()]
-        flux_density = blocks[:, layout.FLUX : layout.FLUX + POLES] / self.network.pole_area
+        bearings = self._arrays.bearings
+        position, contact_force = bearings["position"].copy(), bearings["contact_force"].copy()
+        currents = bearings["current"] if self._state["started"] else [self.bias_currents()]
+        flux_density = bearings["flux"] / self.network.pole_area
         return PlantSnapshot(
             coil_current=np.array(np.broadcast_to(currents, (self.bearings, COILS))),
             flux_density=flux_density,
@@ -223,7 +215,8 @@ class Plant:
         Elements are the 8 poles, then the segments of the back iron, then those of the journal; no bearings for linear
         iron.
         """
-        return self._arrays.iron[:, FLUX_DENSITY].copy(), self._arrays.iron[:, FIELD].copy()
+        bearings = self._arrays.bearings if self.parameters.iron.saturation else self._arrays.bearings[:0]
+        return bearings["iron"]["flux_density"].copy(), bearings["iron"]["field"].copy()
 
     def static_flux(self, coil_currents: NDArray[np.float64], x: float, y: float) -> NDArray[np.float64]:
         """Pole fluxes (Wb), shape (8,), of constant coil currents (A), shape (4,), at a rotor position (m)."""
@@ -252,12 +245,12 @@ class Plant:
         if self._current_resolution > 0.0:
             now[:] = quantise(now, self._current_resolution)
         late = self._late_steps
-        status = advance(self._table, before, late, rows[:late]) if late > 0 else layout.OK
-        if status in (layout.OK, layout.DELEVITATED) and late < self._steps:
-            status = advance(self._table, now, self._steps - late, rows[late:] if len(rows) else rows)
+        status = advance(*self._arrays, before, late, rows[:late]) if late > 0 else records.OK
+        if status in (records.OK, records.DELEVITATED) and late < self._steps:
+            status = advance(*self._arrays, now, self._steps - late, rows[late:] if len(rows) else rows)
         self._reference, self._next_reference = now, before
         self.samples += 1
-        if status != layout.OK:
+        if status != records.OK:
             self._stop(status)
         self._measured = self._sensing.measure(self._sensed) if self._sensing.real else self._sensed
 
@@ -285,17 +278,17 @@ class Plant:
             )
 
     def _stop(self, status: int) -> None:
-        if status == layout.DELEVITATED:
+        if status == records.DELEVITATED:
             self.delevitated = True
             return
         when = f"at sample {self.samples}, {self.samples * self.sample_time:.6f} s"
-        state = self._arrays.state
-        if status == layout.GAP_CLOSED:
+        if status == records.GAP_CLOSED:
             raise PlantError(
                 f"a journal reached the poles {when}, through a backup bearing of stiffness "
                 f"{self.parameters.backup_bearing.stiffness:g} N/m; reset the plant"
             )
-        circuits = layout.HEAD_SIZE + self.bearings * layout.BLOCK_SIZE
-        names = {"flux": state[layout.HEAD_SIZE : circuits], "rotor": state[layout.POSITION : layout.SENSED]}
+        bearings = self._arrays.bearings
+        rotor = [bearings[name] for name in ("position", "velocity", "acceleration")]
+        names = {"flux": bearings["flux"], "rotor": np.stack(rotor)}
         bad = [name for name, part in names.items() if not np.isfinite(part).all()]
         raise PlantError(f"state not finite ({', '.join(bad)}) {when}; reset the plant")

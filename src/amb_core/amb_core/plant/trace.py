@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.plant.kernel import layout
-from amb_core.plant.network import COILS, POLES
+from amb_core.plant.kernel.trace import ENERGIES, FIELDS
 
 
 @dataclass(frozen=True)
@@ -51,34 +50,20 @@ class Trace:
 
 def row_size(bearings: int, coordinates: int) -> int:
     """Columns of a trace."""
-    return bearings * layout.TRACE_BLOCK_SIZE + layout.TRACE_TAIL_SIZE + 2 * coordinates
+    return bearings * sum(FIELDS.values()) + len(ENERGIES) + 2 * coordinates
 
 
 def unpack(rows: NDArray[np.float64], bearings: int, coordinates: int, internal_step: float) -> Trace:
     """Name the columns of a trace, shape (n, row_size(bearings, coordinates)), that the kernel wrote."""
+    widths = [*FIELDS.values()] * bearings + [1] * len(ENERGIES) + [coordinates, coordinates]
+    *parts, _ = np.split(rows, np.cumsum(widths), axis=1)
+    of_bearings = [dict(zip(FIELDS, parts[n * len(FIELDS) :], strict=False)) for n in range(bearings)]
+    *energies, coordinate, rate = parts[bearings * len(FIELDS) :]
+    shared = {name: column[:, 0] for name, column in zip(ENERGIES, energies, strict=True)}
+    shared |= {"coordinates": coordinate, "rates": rate}
     time = np.arange(len(rows), dtype=np.float64) * internal_step
-    tail = rows[:, bearings * layout.TRACE_BLOCK_SIZE :]
-    coordinate = layout.TRACE_TAIL_SIZE
-    shared = {
-        "iron_energy": tail[:, layout.TRACE_IRON_ENERGY],
-        "diffusion_energy": tail[:, layout.TRACE_DIFFUSION_ENERGY],
-        "coordinates": tail[:, coordinate : coordinate + coordinates],
-        "rates": tail[:, coordinate + coordinates : coordinate + 2 * coordinates],
-    }
-    columns = {
-        "flux": (layout.TRACE_FLUX, POLES),
-        "flux_rate": (layout.TRACE_RATE, POLES),
-        "current": (layout.TRACE_CURRENT, COILS),
-        "voltage": (layout.TRACE_VOLTAGE, COILS),
-        "position": (layout.TRACE_POSITION, 2),
-        "velocity": (layout.TRACE_VELOCITY, 2),
-        "force": (layout.TRACE_FORCE, 2),
-        "contact_force": (layout.TRACE_CONTACT, 2),
-    }
     trace: Trace | None = None
-    for bearing in reversed(range(bearings)):
-        block = rows[:, bearing * layout.TRACE_BLOCK_SIZE :]
-        own = {name: block[:, first : first + width] for name, (first, width) in columns.items()}
+    for own in reversed(of_bearings):
         trace = Trace(time=time, **own, **shared, bearing_b=trace)
     assert trace is not None  # there is a bearing
     return trace

@@ -1,131 +1,115 @@
-"""Compiled parts of the integrator for the amplifiers: current references, duty cycles, voltages, diodes."""
+"""Compiled parts of the integrator for the amplifiers: current references, duty cycles, voltages, diodes.
+
+Once per switching period of n steps h, a PI controller sets the duty cycle d of a coil from the mean current of the
+period before, with reference i_r:
+
+    e = i_r - mean(i),    I <- I + K_I e n h,    d = 1/2 + K_P e + I,    V = U (2 s - 1)
+
+s is the share of the step in which the pulse is on: n d steps wide, in the middle of the period. I holds while d is at
+its limit.
+"""
 
 from __future__ import annotations
 
 import numba
 
-from amb_core.plant.kernel.layout import (
-    APPLIED,
-    BIAS,
-    CARRIER_SHIFT,
-    CURRENT,
-    CURRENT_MAX,
-    CURRENT_MIN,
-    CURRENT_START,
-    CURRENT_SUM,
-    DEAD_TIME,
-    DUTY,
-    DUTY_MAX,
-    DUTY_MIN,
-    INTEGRAL,
-    KI,
-    KP,
-    PERIOD,
-    RATES,
-    REFERENCE,
-    SOLUTION,
-    STEP,
-    SUPPLY,
-    VOLTAGE,
-)
-from amb_core.plant.network import COILS, POLES
+from amb_core.plant.network import COILS
 
 
 @numba.njit(inline="always", error_model="numpy")
-def set_references(constants, work, scratch, current_x, current_y):
+def set_references(amplifier, bearing, current_x, current_y):
     """Coil current references from the control current references of a bearing."""
     for coil in range(COILS):
         current = current_x if coil % 2 == 0 else current_y
-        reference = constants[BIAS] + (current if coil < 2 else -current)
-        work[scratch + REFERENCE + coil] = min(max(reference, constants[CURRENT_MIN]), constants[CURRENT_MAX])
+        reference = amplifier.bias + (current if coil < 2 else -current)
+        bearing.reference[coil] = min(max(reference, amplifier.current_min), amplifier.current_max)
 
 
 @numba.njit(inline="always", error_model="numpy")
-def update_duty(state, constants, work, block, scratch, coil):
+def update_duty(amplifier, bearing, coil, step):
     """PI on the mean current of the past switching period; the integral part holds while the duty is at its limit."""
-    period = constants[PERIOD]
+    period = float(amplifier.period)
     # Trapezoidal mean: the sum counts the start of every step, so half the change over the period is missing.
-    current = work[scratch + CURRENT + coil]
-    missing = 0.5 * (current - state[block + CURRENT_START + coil])
-    error = work[scratch + REFERENCE + coil] - (state[block + CURRENT_SUM + coil] + missing) / period
-    integral = state[block + INTEGRAL + coil] + constants[KI] * error * period * constants[STEP]
-    duty = 0.5 + constants[KP] * error + integral
-    if constants[DUTY_MIN] <= duty <= constants[DUTY_MAX]:
-        state[block + INTEGRAL + coil] = integral
-    state[block + DUTY + coil] = min(max(duty, constants[DUTY_MIN]), constants[DUTY_MAX])
-    state[block + CURRENT_SUM + coil] = 0.0
-    state[block + CURRENT_START + coil] = current
+    current = bearing.current[coil]
+    missing = 0.5 * (current - bearing.current_start[coil])
+    error = bearing.reference[coil] - (bearing.current_sum[coil] + missing) / period
+    integral = bearing.integral[coil] + amplifier.integral_gain * error * period * step
+    duty = 0.5 + amplifier.proportional_gain * error + integral
+    if amplifier.duty_min <= duty <= amplifier.duty_max:
+        bearing.integral[coil] = integral
+    bearing.duty[coil] = min(max(duty, amplifier.duty_min), amplifier.duty_max)
+    bearing.current_sum[coil] = 0.0
+    bearing.current_start[coil] = current
 
 
 @numba.njit(inline="always", error_model="numpy")
-def set_voltages(state, constants, work, block, scratch, phase):
+def set_voltages(amplifier, bearing, phase, step):
     """Mean coil voltages over this internal step; the pulse is centred in the switching period, which is common."""
     if phase == 0:
         for coil in range(COILS):
-            update_duty(state, constants, work, block, scratch, coil)
-    period = constants[PERIOD]
+            update_duty(amplifier, bearing, coil, step)
+    period = float(amplifier.period)
     for coil in range(COILS):
-        half = 0.5 * period * state[block + DUTY + coil]
+        half = 0.5 * period * bearing.duty[coil]
         on = min(phase + 1.0, 0.5 * period + half) - max(float(phase), 0.5 * period - half)
-        work[scratch + VOLTAGE + coil] = constants[SUPPLY] * (2.0 * min(max(on, 0.0), 1.0) - 1.0)
+        bearing.voltage[coil] = amplifier.supply * (2.0 * min(max(on, 0.0), 1.0) - 1.0)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def set_shifted_voltages(state, constants, work, block, scratch, phase):
+def set_shifted_voltages(amplifier, bearing, phase, step):
     """The same for carriers that follow one another, with dead time, or without limits.
 
     Dead time delays the edge that drives a current further: until then it flows through the diodes.
     """
-    period, shift = int(constants[PERIOD]), int(constants[CARRIER_SHIFT])
+    period, dead = amplifier.period, amplifier.dead_time
     for coil in range(COILS):
-        if phase == coil * shift:
-            update_duty(state, constants, work, block, scratch, coil)
+        if phase == coil * amplifier.carrier_shift:
+            update_duty(amplifier, bearing, coil, step)
     for coil in range(COILS):
-        dead = constants[DEAD_TIME]
-        driven = work[scratch + CURRENT + coil] >= 0.0
+        driven = bearing.current[coil] >= 0.0
         if period == 1:  # a switching period of one internal step has the average voltage, which may have no limit
-            duty = state[block + DUTY + coil] - (dead if driven else -dead)
-            work[scratch + VOLTAGE + coil] = constants[SUPPLY] * (2.0 * duty - 1.0)
+            duty = bearing.duty[coil] - (dead if driven else -dead)
+            bearing.voltage[coil] = amplifier.supply * (2.0 * duty - 1.0)
             continue
-        now = phase - coil * shift
+        now = phase - coil * amplifier.carrier_shift
         if now < 0:
             now += period
-        half = 0.5 * period * state[block + DUTY + coil]
+        half = 0.5 * period * bearing.duty[coil]
         start, end = 0.5 * period - half, 0.5 * period + half
         if driven:
             start += dead
         else:
             end += dead
         on = min(now + 1.0, end) - max(float(now), start)
-        work[scratch + VOLTAGE + coil] = constants[SUPPLY] * (2.0 * min(max(on, 0.0), 1.0) - 1.0)
+        bearing.voltage[coil] = amplifier.supply * (2.0 * min(max(on, 0.0), 1.0) - 1.0)
 
 
 @numba.njit(inline="always", error_model="numpy")
-def any_negative_current(work, scratch):
+def any_negative_current(bearing):
     """Whether a coil current of a bearing is negative."""
-    first = scratch + CURRENT
-    return work[first] < 0.0 or work[first + 1] < 0.0 or work[first + 2] < 0.0 or work[first + 3] < 0.0
+    current = bearing.current
+    return current[0] < 0.0 or current[1] < 0.0 or current[2] < 0.0 or current[3] < 0.0
 
 
 @numba.njit(cache=True, error_model="numpy")
-def block_negative_currents(matrices, work, scratch):
+def block_negative_currents(constants, bearing):
     """Diodes: where the current would be negative the coil voltage rises until it is zero (projected Gauss-Seidel)."""
     for coil in range(COILS):
-        work[scratch + APPLIED + coil] = work[scratch + VOLTAGE + coil]
+        bearing.applied_voltage[coil] = bearing.voltage[coil]
     for _ in range(20):
         largest = 0.0
         for coil in range(COILS):
-            column = SOLUTION + POLES + coil
-            own = matrices[column, POLES + coil]
+            own = constants.current_by_voltage[coil, coil]
             if own == 0.0:
                 continue  # no amplifier, no current
-            voltage = scratch + VOLTAGE + coil
-            wanted = work[voltage] - work[scratch + CURRENT + coil] / own
-            change = max(wanted, work[scratch + APPLIED + coil]) - work[voltage]
+            wanted = bearing.voltage[coil] - bearing.current[coil] / own
+            change = max(wanted, bearing.applied_voltage[coil]) - bearing.voltage[coil]
             if change != 0.0:
-                work[voltage] += change
-                for j in range(POLES + COILS):
-                    work[scratch + RATES + j] += matrices[column, j] * change
+                bearing.voltage[coil] += change
+                for j in range(bearing.rate.size):
+                    bearing.rate[j] += constants.rate_by_voltage[coil, j] * change
+                for other in range(COILS):
+                    bearing.current[other] += constants.current_by_voltage[coil, other] * change
                 largest = max(largest, abs(change))
         if largest < 1e-9:
             return

@@ -1,7 +1,7 @@
 """Field in the iron from its flux density, compiled: hysteresis after Jiles and Atherton, or a single-valued curve.
 
-The iron elements of a bearing lie side by side in the rows of one array, and the loops over them have no branches, so
-that they become vector instructions. Products and sums are fused where that is written (`_fma`, IEEE 754-2008): the
+The iron elements of a bearing lie side by side, and the loops over them have no branches, so that they become vector
+instructions. Products and sums are fused where that is written (`_fma`, IEEE 754-2008): the
 same bits come out on every machine.
 
 Hysteresis is the Jiles-Atherton model [1]_ in its inverse, flux-density driven form [2]_, [3]_. With the effective
@@ -32,33 +32,10 @@ import numba
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 from scipy.constants import mu_0
 
 from amb_core.plant.kernel.langevin import ASYMPTOTE_FROM, DENOMINATOR, NUMERATOR
-from amb_core.plant.kernel.pointers import data
-from amb_core.plant.network import POLES
-
-ELEMENTS = 3 * POLES
-"""Iron elements of a bearing: poles, back-iron segments, journal segments."""
-
-# Rows of the iron array, 24 columns
-TARGET = 0  # flux density to go to (T), written by the caller
-FLUX_DENSITY = 1  # (T)
-MAGNETISATION = 2  # (A/m)
-SLOPE = 3  # dM/dB of the last step (A/(m T))
-FIELD = 4  # (A/m)
-WORK = 5  # integral of H dB since the start (J/m^3), trapezoidal
-_MIDPOINT, _ARGUMENT, _NUMERATOR, _DENOMINATOR = range(6, 10)  # scratch
-ROWS = 10
-
-# Material vector
-SATURATION, SUSCEPTIBILITY, ARGUMENT_PER_B, ARGUMENT_PER_M, UNCOUPLED, PINNING, REVERSIBILITY, DAMPING = range(8)
-MATERIAL_SIZE = 8
-
-# Curve array, 4 columns: a row of intervals per tesla and number of intervals, then the coefficients of each interval
-# and of the straight line beyond, lowest power first
-CURVE_SCALE, CURVE_INTERVALS = 0, 1
+from amb_core.plant.kernel.records import CURVE_INTERVALS, ELEMENTS
 
 RELUCTIVITY = 1.0 / mu_0
 _FAR = ASYMPTOTE_FROM**2
@@ -75,8 +52,8 @@ def _fma(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def advance_hysteresis(iron: NDArray[np.float64], material: NDArray[np.float64]) -> None:
-    """Move all elements from their flux densities to TARGET along their hysteresis loops.
+def advance_hysteresis(iron, material):
+    """Move all elements from their flux densities to their targets along their hysteresis loops.
 
     One evaluation of the slope dM/dB in the middle of the step, where the last slope predicts the magnetisation, then
     one Newton step of the implicit midpoint rule with the stiff part of the Jacobian: second order between reversals,
@@ -85,39 +62,37 @@ def advance_hysteresis(iron: NDArray[np.float64], material: NDArray[np.float64])
 
     Parameters
     ----------
-    iron : ndarray, shape (ROWS or more, 24)
-        Iron array, changed in place.
-    material : ndarray, shape (8,)
+    iron : record IRON
+        The elements, changed in place.
+    material : record MATERIAL
         From `pack_material`.
     """
-    # Rows at distances known to the compiler: it need not check whether they overlap.
-    flat = numba.carray(data(iron), ROWS * ELEMENTS)
-    _predict(flat, material)
-    _evaluate_langevin(flat)
-    _correct(flat, material)
+    _predict(iron, material)
+    _evaluate_langevin(iron)
+    _correct(iron, material)
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _predict(iron: NDArray[np.float64], material: NDArray[np.float64]) -> None:
+def _predict(iron, material):
     """Magnetisation in the middle of the step, and the argument H_e / a of the Langevin function there."""
-    per_b = material[ARGUMENT_PER_B]
-    per_m = material[ARGUMENT_PER_M]
+    per_b = material.argument_per_b
+    per_m = material.argument_per_m
     for n in range(ELEMENTS):
-        step = 0.5 * (iron[TARGET * ELEMENTS + n] - iron[FLUX_DENSITY * ELEMENTS + n])
-        magnetisation = _fma(step, iron[SLOPE * ELEMENTS + n], iron[MAGNETISATION * ELEMENTS + n])
-        iron[_MIDPOINT * ELEMENTS + n] = magnetisation
-        iron[_ARGUMENT * ELEMENTS + n] = _fma(per_b, iron[FLUX_DENSITY * ELEMENTS + n] + step, -per_m * magnetisation)
+        step = 0.5 * (iron.target[n] - iron.flux_density[n])
+        magnetisation = _fma(step, iron.slope[n], iron.magnetisation[n])
+        iron.midpoint[n] = magnetisation
+        iron.argument[n] = _fma(per_b, iron.flux_density[n] + step, -per_m * magnetisation)
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _evaluate_langevin(iron: NDArray[np.float64]) -> None:
+def _evaluate_langevin(iron):
     """Numerator and denominator of L(x) / x; undivided, so that the whole step needs a single division."""
     for n in range(ELEMENTS):
-        x = iron[_ARGUMENT * ELEMENTS + n]
+        x = iron.argument[n]
         z = x * x
         far = z > _FAR
-        iron[_NUMERATOR * ELEMENTS + n] = abs(x) - 1.0 if far else _polynomial(NUMERATOR, z)
-        iron[_DENOMINATOR * ELEMENTS + n] = z if far else _polynomial(DENOMINATOR, z)
+        iron.numerator[n] = abs(x) - 1.0 if far else _polynomial(NUMERATOR, z)
+        iron.denominator[n] = z if far else _polynomial(DENOMINATOR, z)
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -131,25 +106,25 @@ def _polynomial(c: tuple[float, ...], z: float) -> float:
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _correct(iron: NDArray[np.float64], material: NDArray[np.float64]) -> None:
+def _correct(iron, material):
     """Slope over the whole step, and what follows from it.
 
     Up to the slope, all is multiplied by the square of the Langevin function's denominator, `one`.
     """
-    saturation = material[SATURATION]
-    susceptibility = material[SUSCEPTIBILITY]
-    uncoupled = material[UNCOUPLED]
-    pinning = material[PINNING]
-    reversibility = material[REVERSIBILITY]
-    damping = material[DAMPING]
+    saturation = material.saturation
+    susceptibility = material.susceptibility
+    uncoupled = material.uncoupled
+    pinning = material.pinning
+    reversibility = material.reversibility
+    damping = material.damping
     for n in range(ELEMENTS):
-        target = iron[TARGET * ELEMENTS + n]
-        step = target - iron[FLUX_DENSITY * ELEMENTS + n]
-        x = iron[_ARGUMENT * ELEMENTS + n]
-        numerator = iron[_NUMERATOR * ELEMENTS + n]
-        one = iron[_DENOMINATOR * ELEMENTS + n] * iron[_DENOMINATOR * ELEMENTS + n]
-        product = numerator * iron[_DENOMINATOR * ELEMENTS + n]
-        lag = _fma(saturation * x, product, -iron[_MIDPOINT * ELEMENTS + n] * one)  # M_an - M
+        target = iron.target[n]
+        step = target - iron.flux_density[n]
+        x = iron.argument[n]
+        numerator = iron.numerator[n]
+        one = iron.denominator[n] * iron.denominator[n]
+        product = numerator * iron.denominator[n]
+        lag = _fma(saturation * x, product, -iron.midpoint[n] * one)  # M_an - M
         irreversible = lag * copysign(pinning, step)
         moving = irreversible > 0.0
         irreversible = irreversible if moving else 0.0
@@ -158,43 +133,41 @@ def _correct(iron: NDArray[np.float64], material: NDArray[np.float64]) -> None:
         chi = _fma(reversibility, anhysteretic, irreversible)
         drag = _fma(uncoupled, chi, one)  # 1 + (1 - alpha) chi
         stiffness = damping * abs(step) * one * _fma(uncoupled, anhysteretic, one)  # of the pull of M towards M_an
-        old = iron[SLOPE * ELEMENTS + n]
+        old = iron.slope[n]
         change = drag * _fma(-old, drag, chi * RELUCTIVITY) / _fma(drag, drag, stiffness if moving else 0.0)
         slope = max(old + (change if step != 0.0 else 0.0), 0.0)
-        magnetisation = _fma(slope, step, iron[MAGNETISATION * ELEMENTS + n])
+        magnetisation = _fma(slope, step, iron.magnetisation[n])
         field = _fma(target, RELUCTIVITY, -magnetisation)
-        iron[WORK * ELEMENTS + n] = _fma(0.5 * step, iron[FIELD * ELEMENTS + n] + field, iron[WORK * ELEMENTS + n])
-        iron[FLUX_DENSITY * ELEMENTS + n] = target
-        iron[MAGNETISATION * ELEMENTS + n] = magnetisation
-        iron[SLOPE * ELEMENTS + n] = slope
-        iron[FIELD * ELEMENTS + n] = field
+        iron.work[n] = _fma(0.5 * step, iron.field[n] + field, iron.work[n])
+        iron.flux_density[n] = target
+        iron.magnetisation[n] = magnetisation
+        iron.slope[n] = slope
+        iron.field[n] = field
 
 
 @numba.njit(cache=True, error_model="numpy")
-def advance_saturation(iron: NDArray[np.float64], curve: NDArray[np.float64]) -> None:
-    """Move all elements from their flux densities to TARGET along a single-valued curve.
+def follow_curve(iron, curve):
+    """Move all elements from their flux densities to their targets along a single-valued curve.
 
     Parameters
     ----------
-    iron : ndarray, shape (ROWS or more, 24)
-        Iron array, changed in place.
-    curve : ndarray, shape (intervals + 2, 4)
+    iron : record IRON
+        The elements, changed in place.
+    curve : record CURVE
         From `pack_curve`.
     """
-    flat = numba.carray(data(iron), ROWS * ELEMENTS)
-    scale = curve[0, CURVE_SCALE]
-    intervals = curve[0, CURVE_INTERVALS]
+    scale = curve.scale
     for n in range(ELEMENTS):
-        target = flat[TARGET * ELEMENTS + n]
+        target = iron.target[n]
         place = abs(target) * scale
-        interval = np.intp(min(place, intervals))
+        interval = np.intp(min(place, float(CURVE_INTERVALS)))
         t = place - interval
-        row = interval + 1
-        a, b, c, d = curve[row, 0], curve[row, 1], curve[row, 2], curve[row, 3]
+        a, b = curve.coefficients[interval, 0], curve.coefficients[interval, 1]
+        c, d = curve.coefficients[interval, 2], curve.coefficients[interval, 3]
         field = copysign(_fma(t, _fma(t, _fma(t, d, c), b), a), target)
-        step = target - flat[FLUX_DENSITY * ELEMENTS + n]
-        flat[WORK * ELEMENTS + n] = _fma(0.5 * step, flat[FIELD * ELEMENTS + n] + field, flat[WORK * ELEMENTS + n])
-        flat[FLUX_DENSITY * ELEMENTS + n] = target
-        flat[MAGNETISATION * ELEMENTS + n] = _fma(target, RELUCTIVITY, -field)
-        flat[SLOPE * ELEMENTS + n] = RELUCTIVITY - scale * _fma(t, _fma(3.0 * t, d, 2.0 * c), b)
-        flat[FIELD * ELEMENTS + n] = field
+        step = target - iron.flux_density[n]
+        iron.work[n] = _fma(0.5 * step, iron.field[n] + field, iron.work[n])
+        iron.flux_density[n] = target
+        iron.magnetisation[n] = _fma(target, RELUCTIVITY, -field)
+        iron.slope[n] = RELUCTIVITY - scale * _fma(t, _fma(3.0 * t, d, 2.0 * c), b)
+        iron.field[n] = field

@@ -6,13 +6,14 @@ import numba
 
 
 @numba.njit(inline="always", error_model="numpy")
-def accumulate(matrices, row, rows, column, vector, start, result, target):
-    """Add four components of a matrix-vector product; four running sums become one vector register."""
-    a, b, c, d = result[target], result[target + 1], result[target + 2], result[target + 3]
-    for n in range(rows):
-        factor = vector[start + n]
-        a += matrices[row + n, column] * factor
-        b += matrices[row + n, column + 1] * factor
-        c += matrices[row + n, column + 2] * factor
-        d += matrices[row + n, column + 3] * factor
-    result[target], result[target + 1], result[target + 2], result[target + 3] = a, b, c, d
+def add_product(columns, vector, result):
+    """Add a matrix-vector product, the matrix by columns; four running sums at a time become one vector register."""
+    for first in range(0, columns.shape[1], 4):
+        a, b, c, d = result[first], result[first + 1], result[first + 2], result[first + 3]
+        for n in range(columns.shape[0]):
+            factor = vector[n]
+            a += columns[n, first] * factor
+            b += columns[n, first + 1] * factor
+            c += columns[n, first + 2] * factor
+            d += columns[n, first + 3] * factor
+        result[first], result[first + 1], result[first + 2], result[first + 3] = a, b, c, d

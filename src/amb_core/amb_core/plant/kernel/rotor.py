@@ -1,4 +1,13 @@
-"""Compiled parts of the integrator that move the rotor: point mass, modes, disturbances, backup bearings."""
+"""Compiled parts of the integrator that move the rotor: point mass, modes, disturbances, backup bearings, sensors.
+
+A point mass m in one bearing has m (x'', y'') = f_magnetic + f_contact + f_external + f_unbalance - (0, m g). A rotor
+with generalised coordinates q in two bearings has, solved for the accelerations,
+
+    q'' = w + K^T q + D^T q' + sum_axes b_axis f_axis + sum u f_unbalance,    journal positions = P q
+
+Velocities advance by the second-order Adams-Bashforth method, positions by the trapezoidal rule. All that concerns the
+coordinates lies in the rows of one array, a column per coordinate.
+"""
 
 from __future__ import annotations
 
@@ -6,159 +15,138 @@ import math
 
 import numba
 
-from amb_core.plant.kernel.layout import (
-    ACCELERATION,
-    BLOCK_SIZE,
-    CONTACT_DAMPING,
-    CONTACT_FORCE,
-    CONTACT_STIFFNESS,
-    FORCE_FREQUENCY,
-    FORCE_X,
-    FORCE_Y,
-    FREE_X,
-    FRICTION,
-    GRAVITY,
-    HEAD_SIZE,
-    JOURNAL_RADIUS,
-    MASS,
-    MODE_INPUTS,
-    MODE_POSITIONS,
-    MODE_SENSORS,
-    MODE_STIFFNESS,
-    MODE_UNBALANCE,
-    MODE_WEIGHT,
-    POSITION,
-    PULL,
-    RADIUS,
-    SENSED,
-    SENSOR_LAG,
-    SPEED,
-    STARTED,
-    STEP,
-    STEPS,
-    UNBALANCE,
-    VELOCITY,
-    WORK_SIZE,
-)
+# Rows of the array of modes. State: coordinates, rates, accelerations at the previous step and now.
+COORDINATE, RATE, PREVIOUS, ACCELERATION = range(4)
+INPUTS = 4  # acceleration per force b: in bearing A x, y and B x, y (4)
+UNBALANCE = 8  # acceleration per force u of the unbalance x, y (2)
+WEIGHT = 10  # acceleration w by gravity
+POSITIONS = 11  # displacement of the journals P: in bearing A x, y and B x, y (4)
+SENSORS = 15  # displacement at the sensors (4)
+STIFFNESS = 19  # columns of the acceleration per coordinate (n), then those per rate (n)
 
 _RUBBING_SPEED = 1e-3
 """Sliding speed (m/s) from which friction is fully there; below, it grows in proportion."""
 
 
 @numba.njit(cache=True, error_model="numpy")
-def set_disturbance(state, constants, force):
-    """External force (2) at bearing A and force of the unbalance (2) at the present time (N) into `force`."""
-    time = state[STEPS] * constants[STEP]
-    wave = math.cos(constants[FORCE_FREQUENCY] * time)
-    force[0] = constants[FORCE_X] * wave
-    force[1] = constants[FORCE_Y] * wave
-    turning = constants[UNBALANCE] * constants[SPEED] * constants[SPEED]
-    force[2] = turning * math.cos(constants[SPEED] * time)
-    force[3] = turning * math.sin(constants[SPEED] * time)
+def set_disturbance(constants, state):
+    """External force at bearing A and force of the unbalance at the present time (N)."""
+    rotor = constants.rotor
+    time = state.steps * constants.step
+    wave = math.cos(rotor.external_frequency * time)
+    state.external_force[0] = rotor.external_force[0] * wave
+    state.external_force[1] = rotor.external_force[1] * wave
+    turning = rotor.unbalance * rotor.speed * rotor.speed
+    state.unbalance_force[0] = turning * math.cos(rotor.speed * time)
+    state.unbalance_force[1] = turning * math.sin(rotor.speed * time)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def set_contact_force(state, constants, work, bearing):
+def set_contact_force(rotor, bearing):
     """Backup bearing: spring, damper that only pushes, and friction against the surface of the turning journal."""
-    x, y = state[POSITION + 2 * bearing], state[POSITION + 2 * bearing + 1]
-    target = bearing * WORK_SIZE + CONTACT_FORCE
-    work[target] = 0.0
-    work[target + 1] = 0.0
+    x, y = bearing.position[0], bearing.position[1]
+    bearing.contact_force[0] = 0.0
+    bearing.contact_force[1] = 0.0
     distance = math.sqrt(x * x + y * y)
-    depth = distance - constants[RADIUS]
+    depth = distance - rotor.backup_radius
     if depth <= 0.0:
         return
-    v_x, v_y = state[VELOCITY + 2 * bearing], state[VELOCITY + 2 * bearing + 1]
+    v_x, v_y = bearing.velocity[0], bearing.velocity[1]
     radial_x, radial_y = x / distance, y / distance
     approach = v_x * radial_x + v_y * radial_y
-    normal = max(constants[CONTACT_STIFFNESS] * depth + constants[CONTACT_DAMPING] * approach, 0.0)
-    sliding = v_y * radial_x - v_x * radial_y + constants[SPEED] * constants[JOURNAL_RADIUS]
-    tangential = -constants[FRICTION] * normal * min(max(sliding / _RUBBING_SPEED, -1.0), 1.0)
-    work[target] = -normal * radial_x - tangential * radial_y
-    work[target + 1] = -normal * radial_y + tangential * radial_x
+    normal = max(rotor.contact_stiffness * depth + rotor.contact_damping * approach, 0.0)
+    sliding = v_y * radial_x - v_x * radial_y + rotor.speed * rotor.journal_radius
+    tangential = -rotor.friction * normal * min(max(sliding / _RUBBING_SPEED, -1.0), 1.0)
+    bearing.contact_force[0] = -normal * radial_x - tangential * radial_y
+    bearing.contact_force[1] = -normal * radial_y + tangential * radial_x
 
 
 @numba.njit(inline="always", error_model="numpy")
-def move_point_mass(state, constants, work, force):
-    """Adams-Bashforth for the velocity, trapezoidal rule for the position; `force` (4) is that of the disturbances."""
-    h = constants[STEP]
+def move_point_mass(constants, state, bearing):
+    """Move a point mass by one step."""
+    h, rotor = constants.step, constants.rotor
     for axis in range(2):
-        acceleration = (work[PULL + axis] + work[CONTACT_FORCE + axis] + force[axis] + force[2 + axis]) / constants[
-            MASS
-        ]
+        force = bearing.pull[axis] + bearing.contact_force[axis]
+        acceleration = (force + state.external_force[axis] + state.unbalance_force[axis]) / rotor.mass
         if axis == 1:
-            acceleration -= constants[GRAVITY]
+            acceleration -= rotor.gravity
         else:
-            acceleration *= constants[FREE_X]
-        if state[STARTED] == 0.0:
-            state[ACCELERATION + axis] = acceleration
-        velocity = state[VELOCITY + axis]
-        state[VELOCITY + axis] += h * (1.5 * acceleration - 0.5 * state[ACCELERATION + axis])
-        state[POSITION + axis] += 0.5 * h * (velocity + state[VELOCITY + axis])
-        state[ACCELERATION + axis] = acceleration
+            acceleration *= rotor.free_x
+        if not state.started:
+            bearing.acceleration[axis] = acceleration
+        velocity = bearing.velocity[axis]
+        bearing.velocity[axis] += h * (1.5 * acceleration - 0.5 * bearing.acceleration[axis])
+        bearing.position[axis] += 0.5 * h * (velocity + bearing.velocity[axis])
+        bearing.acceleration[axis] = acceleration
 
 
 @numba.njit(cache=True, error_model="numpy")
-def move_modes(state, constants, modes, work, force, bearings):
-    """The same for a rotor with generalised coordinates, and what they make of the journals' positions."""
-    h = constants[STEP]
+def move_modes(constants, state, bearings, modes):
+    """Move a rotor with generalised coordinates by one step, and its journals with it."""
+    h = constants.step
+    _accelerate(state, bearings, modes)
+    if not state.started:
+        for n in range(modes.shape[1]):
+            modes[PREVIOUS, n] = modes[ACCELERATION, n]
+    for n in range(modes.shape[1]):
+        before = modes[RATE, n]
+        modes[RATE, n] += h * (1.5 * modes[ACCELERATION, n] - 0.5 * modes[PREVIOUS, n])
+        modes[COORDINATE, n] += 0.5 * h * (before + modes[RATE, n])
+        modes[PREVIOUS, n] = modes[ACCELERATION, n]
+    place_journals(bearings, modes)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _accelerate(state, bearings, modes):
+    """Accelerations of the coordinates."""
     size = modes.shape[1]
-    q = HEAD_SIZE + bearings * BLOCK_SIZE
-    rate, previous = q + size, q + 2 * size
-    acceleration = q + 3 * size
     for n in range(size):
-        state[acceleration + n] = modes[MODE_WEIGHT, n]
+        modes[ACCELERATION, n] = modes[WEIGHT, n]
     for m in range(size):
         for n in range(size):
-            state[acceleration + n] += modes[MODE_STIFFNESS + m, n] * state[q + m]
+            modes[ACCELERATION, n] += modes[STIFFNESS + m, n] * modes[COORDINATE, m]
     for m in range(size):
         for n in range(size):
-            state[acceleration + n] += modes[MODE_STIFFNESS + size + m, n] * state[rate + m]
-    for axis in range(4):
-        source = (axis // 2) * WORK_SIZE + axis % 2
-        pull = work[source + PULL] + work[source + CONTACT_FORCE]
-        if axis < 2:
-            pull += force[axis]
-        for n in range(size):
-            state[acceleration + n] += modes[MODE_INPUTS + axis, n] * pull
+            modes[ACCELERATION, n] += modes[STIFFNESS + size + m, n] * modes[RATE, m]
+    for number in range(bearings.shape[0]):
+        bearing = bearings[number]
+        for axis in range(2):
+            force = bearing.pull[axis] + bearing.contact_force[axis]
+            if number == 0:
+                force += state.external_force[axis]
+            for n in range(size):
+                modes[ACCELERATION, n] += modes[INPUTS + 2 * number + axis, n] * force
     for axis in range(2):
         for n in range(size):
-            state[acceleration + n] += modes[MODE_UNBALANCE + axis, n] * force[2 + axis]
-    if state[STARTED] == 0.0:
-        for n in range(size):
-            state[previous + n] = state[acceleration + n]
-    for n in range(size):
-        before = state[rate + n]
-        state[rate + n] += h * (1.5 * state[acceleration + n] - 0.5 * state[previous + n])
-        state[q + n] += 0.5 * h * (before + state[rate + n])
-        state[previous + n] = state[acceleration + n]
-    place_journals(state, modes, bearings)
+            modes[ACCELERATION, n] += modes[UNBALANCE + axis, n] * state.unbalance_force[axis]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def place_journals(state, modes, bearings):
+def place_journals(bearings, modes):
     """Positions and velocities of the journals from the coordinates."""
-    size = modes.shape[1]
-    q = HEAD_SIZE + bearings * BLOCK_SIZE
-    for axis in range(4):
-        position, velocity = 0.0, 0.0
-        for n in range(size):
-            position += modes[MODE_POSITIONS + axis, n] * state[q + n]
-            velocity += modes[MODE_POSITIONS + axis, n] * state[q + size + n]
-        state[POSITION + axis] = position
-        state[VELOCITY + axis] = velocity
+    for number in range(bearings.shape[0]):
+        bearing = bearings[number]
+        for axis in range(2):
+            row = POSITIONS + 2 * number + axis
+            position, velocity = 0.0, 0.0
+            for n in range(modes.shape[1]):
+                position += modes[row, n] * modes[COORDINATE, n]
+                velocity += modes[row, n] * modes[RATE, n]
+            bearing.position[axis] = position
+            bearing.velocity[axis] = velocity
 
 
 @numba.njit(cache=True, error_model="numpy")
-def sense(state, constants, modes, bearings):
+def sense(constants, state, bearings, modes):
     """What the sensors see, behind their low-pass; without one, exactly their displacement."""
-    lag = constants[SENSOR_LAG]
-    size = modes.shape[1]
-    q = HEAD_SIZE + bearings * BLOCK_SIZE
-    for axis in range(2 * bearings):
-        position = state[POSITION + axis]
-        if size > 0:
-            position = 0.0
-            for n in range(size):
-                position += modes[MODE_SENSORS + axis, n] * state[q + n]
-        state[SENSED + axis] = lag * position + (1.0 - lag) * state[SENSED + axis]
+    share = constants.sensor_share
+    for number in range(bearings.shape[0]):
+        bearing = bearings[number]
+        for axis in range(2):
+            place = 2 * number + axis
+            position = bearing.position[axis]
+            if modes.shape[1] > 0:
+                position = 0.0
+                for n in range(modes.shape[1]):
+                    position += modes[SENSORS + place, n] * modes[COORDINATE, n]
+            state.sensed[place] = share * position + (1.0 - share) * state.sensed[place]

@@ -15,152 +15,94 @@ from __future__ import annotations
 
 import numba
 
-from amb_core.plant.kernel.iron import ELEMENTS, RELUCTIVITY, SLOPE
-from amb_core.plant.kernel.iron_paths import (
-    BACK_AREA,
-    BACK_LENGTH,
-    CIRCULATING,
-    CIRCULATING_LOSS,
-    CIRCULATING_RATE,
-    CIRCULATION,
-    DIFFUSING,
-    POLE_AREA,
-    POLE_LENGTH,
-    RATES_BEFORE,
-    RINGS,
-    SCALARS,
-    SEGMENTS,
-    SYSTEM,
-)
-from amb_core.plant.kernel.layout import (
-    COSINE,
-    DIFFUSING_WEIGHT,
-    GAP,
-    GAP_RELUCTANCE,
-    RATES,
-    RELUCTANCE,
-    SINE,
-    SOLUTION,
-    STARTED,
-    STEP,
-    STIFF_SLOPE,
-)
+from amb_core.plant.kernel.iron import RELUCTIVITY
+from amb_core.plant.kernel.linear_systems import solve_general
+from amb_core.plant.kernel.records import ELEMENTS, FLUXES, RINGS
 from amb_core.plant.network import POLES
 
 _GAMMA = 9.0 / 16.0
-_RING_COUNT = 2
-_SIZE = POLES + _RING_COUNT
 
 
 @numba.njit(inline="always", error_model="numpy")
-def finish_iron_step(state, position, constants, matrices, iron, paths, work, scratch):
-    """Make the rates safe, remember them, and move the circulating fluxes.
-
-    Parameters
-    ----------
-    state, constants, matrices, work, paths, iron : ndarray
-        As in `amb_core.plant.kernel.layout` and `iron_paths`; the bearing's iron.
-    position, scratch : int
-        Where the bearing's position and its scratch begin.
-    """
+def finish_iron_step(constants, bearing, started):
+    """Make the rates safe, remember them, and move the circulating fluxes."""
+    paths, ring = constants.paths, bearing.ring
     stiff = False
     for element in range(ELEMENTS):
-        stiff |= iron[SLOPE, element] < constants[STIFF_SLOPE]
-    if stiff and state[STARTED] != 0.0:
-        _slow_down(state, position, constants, matrices, iron, paths, work, scratch)
+        stiff |= bearing.iron.slope[element] < paths.stiff_slope
+    if stiff and started:
+        _slow_down(constants, bearing)
     for j in range(POLES):
-        iron[RATES_BEFORE, j] = work[scratch + RATES + j]
-    for ring in range(_RING_COUNT):
-        rate = iron[RINGS, CIRCULATING_RATE + ring]
-        iron[RATES_BEFORE, POLES + ring] = rate
-        iron[RINGS, CIRCULATING + ring] += constants[STEP] * rate
-        if paths[SCALARS, CIRCULATION] != 0.0:
-            volume = POLES * paths[SCALARS, BACK_LENGTH + ring] * paths[SCALARS, BACK_AREA + ring]
-            density_rate = rate / paths[SCALARS, BACK_AREA + ring]
-            iron[RINGS, CIRCULATING_LOSS] += constants[STEP] * volume * density_rate**2 / paths[SCALARS, CIRCULATION]
+        bearing.previous_rate[j] = bearing.rate[j]
+    for n in range(RINGS):
+        rate = ring.rate[n]
+        bearing.previous_rate[POLES + n] = rate
+        ring.flux[n] += constants.step * rate
+        if paths.circulation != 0.0:
+            volume = POLES * paths.length[n + 1] * paths.area[n + 1]
+            density_rate = rate / paths.area[n + 1]
+            ring.loss += constants.step * volume * density_rate**2 / paths.circulation
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _slow_down(state, position, constants, matrices, iron, paths, work, scratch):
-    _set_reluctances(state, position, constants, matrices, iron, paths)
-    _set_system(constants, matrices, iron, paths)
+def _slow_down(constants, bearing):
+    """Solve for the rates."""
+    _set_stiffness(constants, bearing)
+    _set_system(constants, bearing)
+    before, unknown = bearing.previous_rate, bearing.unknown
     for j in range(POLES):
-        iron[SYSTEM + j, _SIZE] = work[scratch + RATES + j] - iron[RATES_BEFORE, j]
-    for ring in range(_RING_COUNT):
-        row = POLES + ring
-        iron[SYSTEM + row, _SIZE] = iron[RINGS, CIRCULATING_RATE + ring] - iron[RATES_BEFORE, row]
-    _solve(iron)
+        unknown[j] = bearing.rate[j] - before[j]
+    for ring in range(RINGS):
+        unknown[POLES + ring] = bearing.ring.rate[ring] - before[POLES + ring]
+    solve_general(bearing.system, unknown, FLUXES)
     for j in range(POLES):
-        work[scratch + RATES + j] = iron[RATES_BEFORE, j] + iron[SYSTEM + j, _SIZE]
-    for ring in range(_RING_COUNT):
-        row = POLES + ring
-        iron[RINGS, CIRCULATING_RATE + ring] = iron[RATES_BEFORE, row] + iron[SYSTEM + row, _SIZE]
+        bearing.rate[j] = before[j] + unknown[j]
+    for ring in range(RINGS):
+        bearing.ring.rate[ring] = before[POLES + ring] + unknown[POLES + ring]
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _set_reluctances(state, position, constants, matrices, iron, paths):
-    """Derivatives of the drops by the fluxes, into the columns after those of the system."""
+def _set_stiffness(constants, bearing):
+    """Derivatives of the drops, and of the rings' mean fields, by the fluxes."""
+    paths, journal, stiffness, slope = constants.paths, constants.journal, bearing.stiffness, bearing.iron.slope
+    x, y = bearing.position[0], bearing.position[1]
     for j in range(POLES):
-        for m in range(_SIZE):
+        for m in range(FLUXES):
             linear = 0.0
             if m < POLES:
-                linear = matrices[RELUCTANCE + m, j] + constants[DIFFUSING_WEIGHT] * paths[DIFFUSING + m, j]
-            iron[SYSTEM + j, _SIZE + 1 + m] = linear
-        gap = constants[GAP] - state[position] * matrices[COSINE, j] - state[position + 1] * matrices[SINE, j]
-        along_pole = (RELUCTIVITY - iron[SLOPE, j]) * paths[SCALARS, POLE_LENGTH] / paths[SCALARS, POLE_AREA]
-        iron[SYSTEM + j, _SIZE + 1 + j] += gap * constants[GAP_RELUCTANCE] + along_pole
-    for ring in range(_RING_COUNT):
-        row = SYSTEM + POLES + ring
-        for m in range(_SIZE):
-            iron[row, _SIZE + 1 + m] = 0.0
-        area, length = paths[SCALARS, BACK_AREA + ring], paths[SCALARS, BACK_LENGTH + ring]
+                linear = constants.reluctance[m, j] + journal.weight * journal.reluctance[m, j]
+            stiffness[j, m] = linear
+        gap = constants.gap - x * constants.cosine[j] - y * constants.sine[j]
+        along_pole = (RELUCTIVITY - slope[j]) * paths.length[0] / paths.area[0]
+        stiffness[j, j] += gap * constants.gap_reluctance + along_pole
+    for ring in range(RINGS):
+        row = POLES + ring
+        for m in range(FLUXES):
+            stiffness[row, m] = 0.0
+        area, length = paths.area[ring + 1], paths.length[ring + 1]
         for segment in range(POLES):
-            stiffness = (RELUCTIVITY - iron[SLOPE, (ring + 1) * POLES + segment]) / area
+            reluctivity = (RELUCTIVITY - slope[(ring + 1) * POLES + segment]) / area
             for m in range(POLES):
-                share = paths[SEGMENTS + m, segment]
+                share = paths.to_segments[m, segment]
                 for j in range(POLES):
-                    iron[SYSTEM + j, _SIZE + 1 + m] += length * stiffness * share * paths[SEGMENTS + j, segment]
-                iron[SYSTEM + m, _SIZE + 1 + POLES + ring] += length * stiffness * share
-                iron[row, _SIZE + 1 + m] += stiffness * share
-            iron[row, _SIZE + 1 + POLES + ring] += stiffness
+                    stiffness[j, m] += length * reluctivity * share * paths.to_segments[j, segment]
+                stiffness[m, row] += length * reluctivity * share
+                stiffness[row, m] += reluctivity * share
+            stiffness[row, row] += reluctivity
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _set_system(constants, matrices, iron, paths):
+def _set_system(constants, bearing):
     """1 - gamma h J; the rates of the poles come from the network's solution, those of the rings from mean fields."""
-    weight = _GAMMA * constants[STEP]
-    for row in range(_SIZE):
-        for column in range(_SIZE):
+    paths, stiffness = constants.paths, bearing.stiffness
+    weight = _GAMMA * constants.step
+    for row in range(FLUXES):
+        for column in range(FLUXES):
             rate = 0.0
             if row < POLES:
                 for j in range(POLES):
-                    rate += matrices[SOLUTION + j, row] * iron[SYSTEM + j, _SIZE + 1 + column]
+                    rate += constants.rate_by_drop[j, row] * stiffness[j, column]
             else:
-                area = paths[SCALARS, BACK_AREA + row - POLES]
-                rate = -paths[SCALARS, CIRCULATION] * area / POLES * iron[SYSTEM + row, _SIZE + 1 + column]
-            iron[SYSTEM + row, column] = (1.0 if row == column else 0.0) - weight * rate
-
-
-@numba.njit(inline="always", error_model="numpy")
-def _solve(iron):
-    """Gauss elimination of the system in place, its right-hand side in column 10; pivots by column."""
-    for column in range(_SIZE):
-        pivot = column
-        for row in range(column + 1, _SIZE):
-            if abs(iron[SYSTEM + row, column]) > abs(iron[SYSTEM + pivot, column]):
-                pivot = row
-        if pivot != column:
-            for n in range(column, _SIZE + 1):
-                kept = iron[SYSTEM + column, n]
-                iron[SYSTEM + column, n] = iron[SYSTEM + pivot, n]
-                iron[SYSTEM + pivot, n] = kept
-        for row in range(column + 1, _SIZE):
-            factor = iron[SYSTEM + row, column] / iron[SYSTEM + column, column]
-            for n in range(column + 1, _SIZE + 1):
-                iron[SYSTEM + row, n] -= factor * iron[SYSTEM + column, n]
-    for back in range(_SIZE):
-        row = _SIZE - 1 - back
-        total = iron[SYSTEM + row, _SIZE]
-        for n in range(row + 1, _SIZE):
-            total -= iron[SYSTEM + row, n] * iron[SYSTEM + n, _SIZE]
-        iron[SYSTEM + row, _SIZE] = total / iron[SYSTEM + row, row]
+                area = paths.area[row - POLES + 1]
+                rate = -paths.circulation * area / POLES * stiffness[row, column]
+            bearing.system[row, column] = (1.0 if row == column else 0.0) - weight * rate
