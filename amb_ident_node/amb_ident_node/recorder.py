@@ -53,7 +53,7 @@ from amb_ros.subscriptions import create_subscription
 DISCOVERY_TIMEOUT = 2.0  # s
 DISCOVERY_QUIET = 1.0  # s without a new publisher after which all are taken to be known
 DISCOVERY_END = 10.0  # s after the start of the node, from which all are
-READING_ATTEMPTS = 3  # to read the parameters of a node, before the last one at the end of the bag
+LONGEST_PAUSE = 30.0  # s, between attempts to read the parameters of a node; it doubles from one to the next
 DEFAULT_STOP_TIMEOUT = 10.0  # s
 LONGEST_STOP_TIMEOUT = 3600.0  # s
 
@@ -89,6 +89,7 @@ class RecorderNode(Node):
         self._remote_parameters = RemoteParameters(self)
         self._described: set[str] = set()  # nodes whose parameters are in this bag
         self._attempts: Counter[str] = Counter()  # in vain, to read those of a node
+        self._next_attempt: dict[str, float] = {}  # in the steady clock (s)
         self._definitions = {topic.type_name: message_definition(topic.type_name) for topic in RECORDED}
         # One worker: a start and a stop never run at the same time.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="recorder")
@@ -155,7 +156,8 @@ class RecorderNode(Node):
         if self._recording is not None:
             self._recording.flush()
             self._note_published()
-            late = [name for name in self._undescribed_nodes() if self._attempts[name] < READING_ATTEMPTS]
+            now = time.monotonic()
+            late = [name for name in self._undescribed_nodes() if now >= self._next_attempt.get(name, now)]
             if late:
                 self._worker.submit(self._describe, late, self._settings.parameter_timeout)
 
@@ -214,6 +216,7 @@ class RecorderNode(Node):
         self._wait_for_publishers()
         self._described.clear()
         self._attempts.clear()
+        self._next_attempt.clear()
         parameters = self._read_parameters(self._undescribed_nodes(), self._settings.parameter_timeout)
         recording = self._open(folder)
         with self._switching:
@@ -357,6 +360,7 @@ class RecorderNode(Node):
                 self._described.add(name)
             except ParameterError as problem:
                 self._attempts[name] += 1
+                self._next_attempt[name] = time.monotonic() + min(2.0 ** self._attempts[name], LONGEST_PAUSE)
                 self.get_logger().warning(f"{problem} The bag lacks them.")
         return parameters
 

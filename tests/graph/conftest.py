@@ -17,6 +17,8 @@ import pytest
 import rclpy
 import yaml
 from domain_coordinator import domain_id
+from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException
@@ -133,6 +135,29 @@ class Graph:
         future = client.call_async(service_type.Request(**fields))
         self.wait_until(future.done, what=f"an answer of {name}")
         return future.result()
+
+    def send_goal(self, action: ActionClient, goal: Any, on_feedback: Callable[[Any], None]) -> ClientGoalHandle:
+        """Send a goal to an action once it is there, and return its handle when it is accepted or rejected."""
+        self.wait_until(action.server_is_ready, what="the action")
+        sent = self._in_executor(action.send_goal_async, goal, on_feedback)
+        self.wait_until(sent.done, what="the goal's acceptance")
+        return sent.result()
+
+    def result_of(self, handle: ClientGoalHandle) -> tuple[int, Any]:
+        """Status and result of a goal."""
+        ended = self._in_executor(handle.get_result_async)
+        self.wait_until(ended.done, what="the result")
+        return ended.result().status, ended.result().result
+
+    def cancel(self, handle: ClientGoalHandle) -> None:
+        """Ask for the end of a goal."""
+        self._in_executor(handle.cancel_goal_async)
+
+    def _in_executor(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a function in the thread that spins: an action client loses an answer that comes while it asks."""
+        called = self._executor.create_task(function, *arguments)
+        self.wait_until(called.done, what=function.__name__)
+        return called.result()
 
     def wait_until(
         self, condition: Callable[[], object], what: str = "the condition", timeout: float = TIMEOUT

@@ -60,17 +60,9 @@ class MapBuilder:
     def send(self, **goal: Any) -> tuple[Any, list[Any]]:
         """Send a goal; its handle, and the feedback as it comes."""
         feedback: list[Any] = []
-        sent = self.action.send_goal_async(
-            BuildMap.Goal(**{"parameter_file": str(self.parameter_file)} | goal),
-            feedback_callback=lambda message: feedback.append(message.feedback),
-        )
-        self.graph.wait_until(sent.done, "the goal's acceptance")
-        return sent.result(), feedback
-
-    def result(self, handle: Any) -> tuple[int, Any]:
-        ended = handle.get_result_async()
-        self.graph.wait_until(ended.done, "the result")
-        return ended.result().status, ended.result().result
+        wanted = BuildMap.Goal(**{"parameter_file": str(self.parameter_file)} | goal)
+        handle = self.graph.send_goal(self.action, wanted, lambda message: feedback.append(message.feedback))
+        return handle, feedback
 
     def preview(self, **request: Any) -> Any:
         return self.graph.call(PreviewExcitation, "/amb/excitation_generator/preview", **request)
@@ -91,7 +83,7 @@ def test_without_a_map_the_preview_names_who_builds_one(graph: Graph) -> None:
 def test_a_map_is_built_with_feedback_and_serves_the_preview(builder: MapBuilder) -> None:
     file = builder.graph.folder / "map.json"
     handle, feedback = builder.send(path=str(file), **SMALL_MAP)
-    status, result = builder.result(handle)
+    status, result = builder.graph.result_of(handle)
     assert (status, result.success) == (SUCCEEDED, True), result.message
     assert result.path == str(file)
     assert result.message.startswith("3 sweeps, boundaries ")
@@ -133,8 +125,8 @@ def test_the_preview_takes_the_phases_of_a_multisine(builder: MapBuilder) -> Non
 def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
     handle, feedback = builder.send(**SMALL_MAP | {"amplitude_low": 30e-6, "initial_sweeps": 40, "max_sweeps": 40})
     builder.graph.wait_until(lambda: feedback and feedback[-1].done, "the first sweep")
-    handle.cancel_goal_async()
-    status, result = builder.result(handle)
+    builder.graph.cancel(handle)
+    status, result = builder.graph.result_of(handle)
     assert (status, result.success) == (CANCELED, False)
     assert "cancelled after" in result.message
     kept = len(result.map.amplitude)
@@ -191,7 +183,7 @@ def test_a_bad_goal_is_rejected_and_the_client_knows_why(
 def test_a_goal_that_does_not_fit_the_loop_is_aborted_with_the_reason(
     builder: MapBuilder, goal: dict[str, Any], reason: str
 ) -> None:
-    status, result = builder.result(builder.send(**goal)[0])
+    status, result = builder.graph.result_of(builder.send(**goal)[0])
     assert (status, result.success) == (ABORTED, False)
     assert reason in result.message
     assert "internal error" not in result.message
@@ -199,7 +191,7 @@ def test_a_goal_that_does_not_fit_the_loop_is_aborted_with_the_reason(
 
 def test_a_map_of_a_loop_that_does_not_run_is_refused(builder: MapBuilder) -> None:
     builder.parameter_file, file = "", builder.parameter_file
-    status, result = builder.result(builder.send()[0])
+    status, result = builder.graph.result_of(builder.send()[0])
     builder.parameter_file = file
     assert status == ABORTED
     assert "node /amb/simulator did not report its parameters within 0.1 s; is it running?" in result.message

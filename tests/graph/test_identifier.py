@@ -123,18 +123,9 @@ class Loop:
     def send(self, controller: str = PAPER, **goal: Any) -> tuple[Any, list[Any]]:
         """Send a goal; its handle, and the feedback as it comes."""
         feedback: list[Any] = []
-        self.graph.wait_until(self.action.server_is_ready, "the action")
-        sent = self.action.send_goal_async(
-            IdentifyAction.Goal(controller=controller, **goal),
-            feedback_callback=lambda message: feedback.append(message.feedback),
-        )
-        self.graph.wait_until(sent.done, "the goal's acceptance")
-        return sent.result(), feedback
-
-    def result(self, handle: Any) -> tuple[int, Any]:
-        ended = handle.get_result_async()
-        self.graph.wait_until(ended.done, "the result")
-        return ended.result().status, ended.result().result
+        wanted = IdentifyAction.Goal(controller=controller, **goal)
+        handle = self.graph.send_goal(self.action, wanted, lambda message: feedback.append(message.feedback))
+        return handle, feedback
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
@@ -370,8 +361,8 @@ def test_the_action_tells_how_far_it_is_and_other_services_are_answered_meanwhil
     assert costs == sorted(costs, reverse=True)
     assert all(told.done <= told.total for told in feedback)
 
-    handle.cancel_goal_async()
-    status, result = loop.result(handle)
+    loop.graph.cancel(handle)
+    status, result = loop.graph.result_of(handle)
     assert (status, result.success) == (CANCELED, False)
     assert "identification cancelled in pem" in result.message
     assert loop.get_model().model == long, "what is cancelled leaves the last model"
