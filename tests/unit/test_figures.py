@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.figures import orbit_figure, response_figure
+from amb_core.errors import AmbError
+from amb_core.figures import orbit_chart, plot, response_chart
 from amb_core.loop.records import LoopRecord
 
 
@@ -20,7 +21,7 @@ def measured() -> LoopRecord:
 
 
 def test_the_orbit_is_in_um_with_plant_model_and_backup_bearing(measured: LoopRecord) -> None:
-    figure = orbit_figure(measured, replace(measured, position=1.01 * measured.position), 250e-6)
+    figure = orbit_chart(measured, replace(measured, position=1.01 * measured.position), 250e-6).figure()
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (µm)", "y (µm)")
     assert figure.get_suptitle()
@@ -31,7 +32,7 @@ def test_the_orbit_is_in_um_with_plant_model_and_backup_bearing(measured: LoopRe
 
 
 def test_the_response_is_in_um_over_s_with_the_fit_of_each_axis(measured: LoopRecord) -> None:
-    figure = response_figure(measured, replace(measured, position=1.01 * measured.position))
+    figure = response_chart(measured, replace(measured, position=1.01 * measured.position)).figure()
     upper, lower = figure.axes
     assert (upper.get_ylabel(), lower.get_ylabel(), lower.get_xlabel()) == ("x (µm)", "y (µm)", "time (s)")
     for axis, axes in enumerate(figure.axes):
@@ -44,12 +45,22 @@ def test_the_response_is_in_um_over_s_with_the_fit_of_each_axis(measured: LoopRe
 
 
 def test_the_plant_is_drawn_alone_where_there_is_no_model(measured: LoopRecord) -> None:
-    assert len(orbit_figure(measured).axes[0].get_lines()) == 1
-    assert len(response_figure(measured).axes[0].get_lines()) == 2
+    assert len(orbit_chart(measured).figure().axes[0].get_lines()) == 1
+    assert len(response_chart(measured).figure().axes[0].get_lines()) == 2
 
 
 def test_figures_are_saved_as_png(measured: LoopRecord, tmp_path: Path) -> None:
-    response_figure(measured, measured).savefig(tmp_path / "response.png")
-    orbit_figure(measured, measured).savefig(tmp_path / "orbit.png")
+    response_chart(measured, measured).figure().savefig(tmp_path / "response.png")
+    orbit_chart(measured, measured).figure().savefig(tmp_path / "orbit.png")
     assert (tmp_path / "response.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "orbit.png").stat().st_size > 5_000
+
+
+def test_plot_is_the_chart_that_shows_a_result_best(measured: LoopRecord) -> None:
+    chart = plot(measured)
+    assert (chart.title, chart.alt) == (response_chart(measured).title, response_chart(measured).alt)
+
+
+def test_plot_of_something_else_names_what_has_a_chart() -> None:
+    with pytest.raises(AmbError, match=r"there is no chart of a int; allowed: FrequencyResponse, .*LoopRecord"):
+        plot(3)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from amb_core.errors import IdentificationError
-from amb_core.figures import bode_figure, bode_page
 from amb_core.figures.bode import bode_chart
-from amb_core.figures.chart import Band, Curve, Panel
+from amb_core.figures.drawing import Band, Curve, Panel
 from amb_core.identification import FrequencyResponse
 
 FREQUENCY = np.concatenate([[0.0], np.geomspace(1.0, 1_000.0, 50)])
@@ -78,7 +77,7 @@ def test_a_response_of_zero_is_drawn(responses) -> None:
     limits = bode_chart([nothing]).panels[0].y.limits
     assert limits is not None
     assert 0.0 < limits[0] < limits[1]
-    bode_figure([nothing])
+    bode_chart([nothing]).figure()
 
 
 def test_alt_text_and_table_tell_the_main_numbers(responses) -> None:
@@ -92,7 +91,7 @@ def test_alt_text_and_table_tell_the_main_numbers(responses) -> None:
 
 
 def test_figure_and_page_show_the_same(responses) -> None:
-    figure, page = bode_figure(responses), bode_page(responses)
+    figure, page = bode_chart(responses).figure(), bode_chart(responses).page()
     assert len(figure.axes) == 10
     legend = {text.get_text() for text in figure.legends[0].get_texts()}
     assert legend == {"measured", "model", "model: 99 % band"}

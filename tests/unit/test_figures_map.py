@@ -9,8 +9,7 @@ import pytest
 
 from amb_core.excitation_design import AxisCheck, ExcitationCheck
 from amb_core.excitation_design.load import Load
-from amb_core.figures import map_grid_figure, map_grid_page, map_page, overlay_page, spectrum_page, surface_page
-from amb_core.figures.chart import Band, Curve, Heat, HoverGrid, Note, Points
+from amb_core.figures.drawing import Band, Curve, Heat, HoverGrid, Note, Points
 from amb_core.figures.overlay import overlay_chart
 from amb_core.figures.region_map import map_chart, map_grid_chart
 from amb_core.figures.spectrum import spectrum_chart
@@ -77,7 +76,7 @@ def test_lines_and_beats_are_drawn(region_map) -> None:
 
 def test_every_place_of_the_page_tells_amplitude_frequency_and_region(region_map) -> None:
     (grid,) = items(map_chart(region_map), HoverGrid)
-    layers = [trace for trace in map_page(region_map).data if trace.type == "heatmap"]
+    layers = [trace for trace in map_chart(region_map).page().data if trace.type == "heatmap"]
     assert len(layers) == 4
     covered = sum(np.isfinite(np.asarray(layer.z, dtype=float)) for layer in layers)
     assert covered.shape == (len(grid.y), len(grid.x))
@@ -86,7 +85,7 @@ def test_every_place_of_the_page_tells_amplitude_frequency_and_region(region_map
 
 
 def test_axes_are_logarithmic_with_plain_numbers(region_map) -> None:
-    layout = map_page(region_map).layout
+    layout = map_chart(region_map).page().layout
     assert (layout.xaxis.type, layout.yaxis.type) == ("log", "log")
     assert layout.xaxis.range == pytest.approx((1.0, 2.0))
     assert "500" in layout.yaxis.ticktext
@@ -110,8 +109,8 @@ def test_a_grid_has_a_panel_for_each_design_and_says_where_there_is_no_map(regio
     assert (len(chart.panels), chart.columns, chart.rows) == (6, 3, 2)
     assert chart.panels[4].title == "gravity 9.81, derivative_gain 38"
     assert [note.text for panel in (chart.panels[2], chart.panels[5]) for note in panel.items] == ["no map"] * 2
-    assert len(map_grid_figure(cells).axes) == 6
-    assert map_grid_page(cells).layout.meta["columns"] == 3
+    assert len(map_grid_chart(cells).figure().axes) == 6
+    assert map_grid_chart(cells).page().layout.meta["columns"] == 3
 
 
 def axis_check(axis: str) -> AxisCheck:
@@ -136,7 +135,7 @@ def test_the_sines_of_an_excitation_lie_on_the_map(region_map) -> None:
     assert inside.filled and not outside.filled
     assert inside.hover[0] == "60 µm, 15 Hz: 70 % of the power, A linear"
     assert "Verdict: region C." in chart.alt
-    assert len(overlay_page(check, region_map).layout.annotations) == 2
+    assert len(overlay_chart(check, region_map).page().layout.annotations) == 2
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +159,7 @@ def test_tones_and_their_difference_are_named_in_the_spectrum(spectrum) -> None:
     assert points["product of the loop"].x == pytest.approx([100.0])
     assert {note.text for note in items(chart, Note)} == {"f1", "f2", "f2 - f1"}
     assert "f2 - f1 at 100 Hz has 0.5 µm" in chart.alt
-    assert spectrum_page({"as asked": spectrum, "shifted": spectrum}).layout.yaxis2.type == "log"
+    assert spectrum_chart({"as asked": spectrum, "shifted": spectrum}).page().layout.yaxis2.type == "log"
 
 
 def test_a_surface_shows_sizes_where_there_are_any() -> None:
@@ -186,4 +185,4 @@ def test_a_surface_shows_sizes_where_there_are_any() -> None:
     }
     assert "50 % of the responses are steady" in chart.alt
     assert "product f2 - f1 is largest, 2 µm, at 10 µm and 1000 Hz" in chart.alt
-    assert surface_page(surface).layout.coloraxis.cmax == pytest.approx(np.log10(2.0))
+    assert surface_chart(surface).page().layout.coloraxis.cmax == pytest.approx(np.log10(2.0))

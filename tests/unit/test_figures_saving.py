@@ -10,10 +10,9 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from amb_core.errors import AmbError
-from amb_core.figures import page_fragment, response_figure, response_page, save_figure
-from amb_core.figures.chart import Axis, Chart, Curve, Panel, Table
-from amb_core.figures.matplotlib_figure import draw_figure
-from amb_core.figures.plotly_page import draw_page
+from amb_core.figures import page_fragment, response_chart
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Panel, Table
 from amb_core.figures.style import BLUE, REGIONS, Stroke
 from amb_core.loop.records import LoopRecord
 
@@ -26,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("figures") / "new"
     noise = np.random.default_rng(1).normal(scale=1e-5, size=(600_000, 2))
     record = LoopRecord(0, 1e-4, np.zeros_like(noise), noise, np.zeros_like(noise))
-    save_figure(folder, "response", response_figure(record, title=TITLE), response_page(record, title=TITLE))
+    response_chart(record, title=TITLE).save(folder, "response")
     return folder
 
 
@@ -39,7 +38,7 @@ def test_the_script_is_beside_the_pages_once(folder: Path) -> None:
     assert sorted(path.name for path in folder.iterdir()) == ["plotly.min.js", "response.html", "response.png"]
     script = folder / "plotly.min.js"
     before = script.stat().st_mtime_ns
-    save_figure(folder, "empty", draw_figure(EMPTY), draw_page(EMPTY))
+    EMPTY.save(folder, "empty")
     assert script.stat().st_mtime_ns == before
     (folder / "empty.html").unlink()
     (folder / "empty.png").unlink()
@@ -71,7 +70,7 @@ EMPTY = Chart(
 
 
 def test_the_numbers_of_a_chart_are_a_table() -> None:
-    fragment = page_fragment(draw_page(EMPTY))
+    fragment = page_fragment(EMPTY.page())
     assert '<th scope="col">a &lt; b</th>' in fragment
     assert "<td>1</td><td>&lt;2&gt;</td>" in fragment
     assert 'aria-label="alt &#34;quoted&#34;"' in fragment
@@ -80,7 +79,7 @@ def test_the_numbers_of_a_chart_are_a_table() -> None:
 def test_what_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(AmbError, match=r"figure a in .*file: cannot be written"):
-        save_figure(tmp_path / "file", "a", draw_figure(EMPTY), draw_page(EMPTY))
+        EMPTY.save(tmp_path / "file", "a")
 
 
 def test_regions_differ_by_more_than_colour() -> None:

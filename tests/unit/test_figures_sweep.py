@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from amb_core.errors import RegionError
-from amb_core.figures.chart import Curve, Panel, Rule, Span
-from amb_core.figures.sweep import sweep_chart, sweep_figure, sweep_page
+from amb_core.figures.drawing import Curve, Panel, Rule, Span
+from amb_core.figures.sweep import sweep_chart
 from amb_core.figures.thinning import extremes, thinned_path
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import AxisState, Classification, Onset, Region, RegionState
@@ -121,8 +121,8 @@ def test_alt_text_and_table_name_the_onsets(record, classification) -> None:
 
 
 def test_figure_and_page_show_the_same(record, classification) -> None:
-    figure = sweep_figure(record, classification, axes="xy")
-    page = sweep_page(record, classification, axes="xy")
+    figure = sweep_chart(record, classification, axes="xy").figure()
+    page = sweep_chart(record, classification, axes="xy").page()
     assert len(figure.axes) == 2
     assert (page.layout.yaxis.title.text, page.layout.yaxis2.title.text) == ("x (µm)", "y (µm)")
     legend = {text.get_text() for text in figure.legends[0].get_texts()}

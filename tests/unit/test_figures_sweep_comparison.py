@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from amb_core.errors import RegionError
-from amb_core.figures.chart import Curve, Rule, Span
+from amb_core.figures.drawing import Curve, Rule, Span
 from amb_core.figures.sweep_comparison import SweepCase, onset_summary, sweep_comparison_chart
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import AxisState, Classification, Onset, Region, RegionState

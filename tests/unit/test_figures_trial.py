@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from amb_core.excitation_design import Trial
-from amb_core.figures.chart import Curve, Panel
+from amb_core.figures.drawing import Curve, Panel
 from amb_core.figures.trial import SETTLED, trial_chart
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region

@@ -14,7 +14,8 @@ from amb_bringup.paper.page import paper_report
 from amb_bringup.paper.studies import OPENING, STUDIES, studies_named
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyError, StudyResult, Workplace
 from amb_core.errors import RegionError
-from amb_core.figures.chart import Axis, Chart, Curve, Panel
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Panel
 from amb_core.figures.style import PLANT
 from amb_core.tasks.provenance import code_version
 

@@ -15,7 +15,7 @@ from amb_bringup.paper.studies.force_equations import (
     rearrangement_claim,
     unrelated_signals,
 )
-from amb_core.figures.chart import Points
+from amb_core.figures.drawing import Points
 from amb_core.figures.force import force_chart, force_speed_chart
 from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters
 from amb_core.plant.closed_forms import force_constant

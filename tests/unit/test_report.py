@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from amb_core.errors import AmbError
-from amb_core.figures import response_figure, response_page
+from amb_core.figures import response_chart
 from amb_core.loop.records import LoopRecord
 from amb_core.report import FigureBlock, Listing, Picture, Prose, Report, Section, TableBlock, Verdict, write_report
 
@@ -44,16 +44,16 @@ class Page(HTMLParser):
 def chart() -> FigureBlock:
     steps = np.arange(200.0)[:, np.newaxis] * np.ones(2)
     return FigureBlock(
-        response_page(LoopRecord(0, 1e-4, 0.0 * steps, 1e-6 * np.sin(steps), 0.0 * steps), None), "Response"
+        response_chart(LoopRecord(0, 1e-4, 0.0 * steps, 1e-6 * np.sin(steps), 0.0 * steps), None).page(), "Response"
     )
 
 
 @pytest.fixture
 def report(chart: FigureBlock, tmp_path: Path) -> Report:
     image = tmp_path / "image.png"
-    response_figure(
+    response_chart(
         LoopRecord(0, 1e-4, np.zeros((50, 2)), np.outer(np.arange(50.0), [1e-6, 1e-6]), np.zeros((50, 2))), None
-    ).savefig(image)
+    ).figure().savefig(image)
     evidence = Section(
         "Fig. 2: a sweep",
         [Prose("Below <100> Hz & more."), chart, Verdict("a < b", "a = b", "does not agree", "iron & more")],

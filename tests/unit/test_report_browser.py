@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.figures import map_page, response_page
+from amb_core.figures import map_chart, response_chart
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
@@ -46,9 +46,9 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> Path:
     report = Report(
         "Shaken too fast",
         "What a bearing does then.",
-        [FigureBlock(map_page(region_map))],
+        [FigureBlock(map_chart(region_map).page())],
         [
-            Section("Fig. 14: response", [Prose("A sine."), FigureBlock(response_page(record), "Response")]),
+            Section("Fig. 14: response", [Prose("A sine."), FigureBlock(response_chart(record).page(), "Response")]),
             Section("Claims", [Verdict("It moves.", "It does.", "agrees"), TABLE]),
         ],
     )

@@ -25,7 +25,7 @@ from amb_core.excitation_design import (
 )
 from amb_core.excitation_design.notes import made_with
 from amb_core.excitation_design.summary import check_summary, design_summary, trial_summary
-from amb_core.figures import overlay_figure, overlay_page, save_figure
+from amb_core.figures import overlay_chart
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
@@ -193,5 +193,5 @@ def _design_table(designed: DesignedExcitation) -> Table:
 def _write(out: Path, summary: dict[str, Any], found: ExcitationCheck, region_map: RegionMap, console: Console) -> None:
     """Summary and figure."""
     write_json(out / "summary.json", summary)
-    save_figure(out, "overlay", overlay_figure(found, region_map), overlay_page(found, region_map))
+    overlay_chart(found, region_map).save(out, "overlay")
     console.print(f"summary.json, overlay.png, overlay.html: {out}")

@@ -242,11 +242,11 @@ def _save_figures(folder: Path, result: Identification) -> list[str]:
     highest = 0.5 / model.sample_time
     frequencies = np.geomspace(highest / 5_000.0, 0.99 * highest, 400)
     source = response_of(model, frequencies) if result.uncertainty is None else result.uncertainty.response(frequencies)
-    figures.save_figure(folder, "bode", figures.bode_figure([source]), figures.bode_page([source]))
-    figures.save_figure(folder, "poles", figures.poles_figure(result), figures.poles_page(result))
+    figures.bode_chart([source]).save(folder, "bode")
+    figures.poles_chart(result).save(folder, "poles")
     names += ["bode", "poles"]
     if result.order_selection is not None:
         selection = result.order_selection
-        figures.save_figure(folder, "order", figures.order_figure(selection), figures.order_page(selection))
+        figures.order_chart(selection).save(folder, "order")
         names.append("order")
     return names

@@ -17,7 +17,7 @@ from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.exit_codes import INTERRUPTED
 from amb_core.errors import AmbError, ParameterError, RegionError
-from amb_core.figures import map_figure, map_grid_figure, map_grid_page, map_page, save_figure
+from amb_core.figures import map_chart, map_grid_chart
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
@@ -154,7 +154,7 @@ def _write_map(
     lines = analytic_lines(plant, controller, found.settings.axes)
     comparisons = compare(found, lines)
     write_json(out / "summary.json", _summary(found, comparisons))
-    save_figure(out, "map", map_figure(found, lines), map_page(found, lines))
+    map_chart(found, lines).save(out, "map")
     console.print(_boundary_table(found))
     console.print(_line_table(comparisons))
     if not found.complete:
@@ -187,7 +187,7 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
     write_json(out / "summary.json", summaries)
     files = "summary.json, a folder with map.json for each"
     if any(cell.map is not None for cell in cells):
-        save_figure(out, "grid", map_grid_figure(cells), map_grid_page(cells))
+        map_grid_chart(cells).save(out, "grid")
         files += ", grid.png, grid.html"
     console.print(table)
     for problem in problems:

@@ -14,7 +14,7 @@ from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, write_json
 from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
 from amb_core.errors import ParameterError
-from amb_core.figures import save_figure, sweep_figure, sweep_page
+from amb_core.figures import sweep_chart
 from amb_core.figures.sweep import rises
 from amb_core.loop.telemetry import describe_gaps
 from amb_core.recording import Recording
@@ -140,5 +140,5 @@ def _write(out: Path, found: RecordedRegions, summary: dict[str, Any], axes: str
     response = (found.record, found.classification, found.frequency)
     over = "frequency" if rises(found.frequency) else "time"
     drawn: dict[str, Any] = {"over": over, "axes": axes, "title": f"Regions of run {found.run}"}
-    save_figure(out, "sweep", sweep_figure(*response, **drawn), sweep_page(*response, **drawn))
+    sweep_chart(*response, **drawn).save(out, "sweep")
     write_json(out / "summary.json", summary)

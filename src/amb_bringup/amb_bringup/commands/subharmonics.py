@@ -17,7 +17,7 @@ from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
 from amb_core.errors import ParameterError, SpectrumError
-from amb_core.figures import save_figure, spectrum_figure, spectrum_page, surface_figure, surface_page
+from amb_core.figures import spectrum_chart, surface_chart
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import part_of
 from amb_core.plant import PlantParameters
@@ -189,7 +189,7 @@ def _write_spectra(out: Path, results: dict[str, dict[str, SubharmonicSpectrum]]
     """Summary, and the figure of the spectra of the loop as given."""
     _write_summary(out, results, {})
     given = next(iter(results.values()))
-    save_figure(out, "spectrum", spectrum_figure(given), spectrum_page(given))
+    spectrum_chart(given).save(out, "spectrum")
 
 
 def _write_surfaces(
@@ -198,7 +198,7 @@ def _write_surfaces(
     """Summary with the surfaces, and their figures."""
     _write_summary(out, results, surfaces)
     for name, found in surfaces.items():
-        save_figure(out, name, surface_figure(found), surface_page(found))
+        surface_chart(found).save(out, name)
 
 
 def _write_summary(

@@ -14,8 +14,6 @@ from typing import Any, ClassVar
 from amb_bringup.packages import share_folder
 from amb_core.errors import AmbError
 from amb_core.figures.chart import Chart
-from amb_core.figures.matplotlib_figure import draw_figure
-from amb_core.figures.plotly_page import draw_page
 from amb_core.report import Answer
 from amb_core.tasks import Task, cache_folder
 from amb_core.tasks.provenance import code_version
@@ -68,15 +66,14 @@ class DrawnFigure:
     @classmethod
     def of(cls, name: str, chart: Chart) -> DrawnFigure:
         """Draw a chart both ways."""
-        page = draw_page(chart)
         image = io.BytesIO()
-        draw_figure(chart).savefig(
+        chart.figure().savefig(
             image,
             format="png",
             metadata={"Title": chart.title, "Description": chart.alt},
             pil_kwargs={"optimize": True},
         )
-        return cls(name, chart.title, image.getvalue(), page.to_json())
+        return cls(name, chart.title, image.getvalue(), chart.page().to_json())
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
-from amb_core.figures.chart import Axis, Band, Chart, Curve, Item, Panel, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Band, Curve, Item, Panel, Table
 from amb_core.figures.style import MODELS, PLANT, Stroke
 from amb_core.figures.thinning import extremes
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, normal_quantile
@@ -69,9 +69,6 @@ def bode_chart(
         size=(5.0 * columns + 0.5, 1.2 + 2.0 * rows),
         table=diagram.table(),
     )
-
-
-bode_figure, bode_page = renderers(bode_chart)
 
 
 def _check(responses: Sequence[FrequencyResponse]) -> None:

@@ -1,187 +1,53 @@
-"""What a figure shows, told once: panels with axes, and the lines, points and areas in them.
-
-The modules of the subjects (loop, sweep, region_map ...) turn results into a chart; `draw_figure` makes a matplotlib
-figure of it and `draw_page` an interactive one with plotly, so that both show the same.
-"""
+"""A figure that draws itself: `figure()` with matplotlib, `page()` with plotly, `save()` both to files."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from numpy.typing import NDArray
+from amb_core.figures.drawing import Drawing
+from amb_core.figures.matplotlib_figure import draw_figure
+from amb_core.figures.plotly_page import draw_page
+from amb_core.figures.saving import write_image, write_page
 
-from amb_core.figures.style import Hatch, Marker, Stroke
-
-Values = NDArray[Any]
-
-WIDE = 3000.0  # ratio of the ends of a logarithmic axis from which on it is numbered by powers of ten alone
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A line through points; NaN interrupts it. Without a label it is not in the legend; `hover` is as for points."""
-
-    x: Values
-    y: Values
-    label: str
-    stroke: Stroke
-    hover: tuple[str, ...] = ()
+if TYPE_CHECKING:
+    import plotly.graph_objects as go  # type: ignore[import-untyped]
+    from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
-class Points:
-    """Points on their own; `hover` has a text per point for the page."""
+class Chart(Drawing):
+    """A drawing as a figure and as an interactive page, which show the same.
 
-    x: Values
-    y: Values
-    label: str
-    colour: str
-    marker: Marker
-    filled: bool = True
-    hover: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Band:
-    """The area between two curves over the same x."""
-
-    x: Values
-    low: Values
-    high: Values
-    label: str
-    colour: str
-    hatch: Hatch = ""
-
-
-@dataclass(frozen=True)
-class Span:
-    """All of a panel between two values of x, with a letter at the top where it is wide enough."""
-
-    start: float
-    stop: float
-    label: str
-    colour: str
-    hatch: Hatch = ""
-    letter: str = ""
-
-
-@dataclass(frozen=True)
-class Rule:
-    """A vertical line through a panel."""
-
-    x: float
-    label: str
-    stroke: Stroke
-
-
-@dataclass(frozen=True)
-class Note:
-    """A short text in a panel, centred at a point."""
-
-    x: float
-    y: float
-    text: str
-
-
-@dataclass(frozen=True)
-class Heat:
-    """Positive values on a grid as colours on a logarithmic scale; NaN is left blank.
-
-    `values` has a row for each y; `limits` are the ends of the scale, which all panels of a chart share; `label` and
-    `unit` tell what the colours mean.
+    The `..._chart` functions of `amb_core.figures` make charts of results, `plot` that of any result which has one.
     """
 
-    x: Values
-    y: Values
-    values: Values
-    limits: tuple[float, float]
-    label: str
-    unit: str
+    def figure(self) -> Figure:
+        """The chart as a matplotlib figure, made without pyplot: it needs no display and leaves no state behind."""
+        return draw_figure(self)
 
+    def page(self) -> go.Figure:
+        """The chart as a plotly figure: to zoom in, and to read values by pointing at them."""
+        return draw_page(self)
 
-@dataclass(frozen=True)
-class HoverGrid:
-    """What the page tells about the places of a grid when pointed at: x, y and a name. Figures omit it.
+    def save(self, folder: str | Path, name: str) -> tuple[Path, Path]:
+        """Write the figure as name.png and the page as name.html; the PNG's metadata have title and alt text.
 
-    `number` has a row for each y, and the place of each name in `names`; `units` are those of x and y.
-    """
+        Parameters
+        ----------
+        folder : path
+            Made if it does not exist.
+        name : str
+            Name of both files, without their endings.
 
-    x: Values
-    y: Values
-    number: Values
-    names: tuple[str, ...]
-    units: tuple[str, str]
+        Returns
+        -------
+        tuple of Path
+            The PNG and the page.
 
-
-Item = Curve | Points | Band | Span | Rule | Note | Heat | HoverGrid
-
-
-@dataclass(frozen=True)
-class Axis:
-    """An axis: its label with the unit, whether it is logarithmic, and its ends (None: from the data)."""
-
-    label: str
-    log: bool = False
-    limits: tuple[float, float] | None = None
-
-    @property
-    def factors(self) -> tuple[int, ...]:
-        """Numbers that a logarithmic axis has in each power of ten: 1, 2 and 5, or 1 alone where they are many."""
-        narrow = self.limits is not None and self.limits[1] / self.limits[0] < WIDE
-        return (1, 2, 5) if narrow else (1,)
-
-
-@dataclass(frozen=True)
-class Panel:
-    """Two axes and what is drawn over them, the first item lowest. `equal`: one scale for both axes."""
-
-    x: Axis
-    y: Axis
-    items: tuple[Item, ...]
-    title: str = ""
-    equal: bool = False
-
-
-@dataclass(frozen=True)
-class Table:
-    """The numbers of a chart for those who cannot see it, or want them."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-@dataclass(frozen=True)
-class Chart:
-    """A figure before it is drawn.
-
-    Attributes
-    ----------
-    title : str
-        Heading.
-    alt : str
-        What the figure shows, in a sentence or two, for those who cannot see it.
-    panels : tuple of Panel
-        Row by row.
-    columns : int
-        Panels in a row.
-    shared_x : bool
-        Whether the panels of a column have one x axis, labelled at the bottom.
-    size : tuple of float
-        Width and height of the figure (inch); the page keeps the height and fits the width to the window.
-    table : Table, optional
-        Its main numbers.
-    """
-
-    title: str
-    alt: str
-    panels: tuple[Panel, ...]
-    columns: int = 1
-    shared_x: bool = False
-    size: tuple[float, float] = (8.0, 4.8)
-    table: Table | None = None
-
-    @property
-    def rows(self) -> int:
-        """Number of rows of panels."""
-        return -(-len(self.panels) // self.columns)
+        Raises
+        ------
+        AmbError
+            If a file cannot be written.
+        """
+        image = write_image(Path(folder), name, self.figure(), self.title, self.alt)
+        return image, write_page(Path(folder), name, self.page())

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from amb_core.figures.bode import bode_figure, bode_page
-from amb_core.figures.chart import Axis, Chart, Curve, Panel
-from amb_core.figures.prediction import prediction_figure, prediction_page
-from amb_core.figures.renderers import renderers
-from amb_core.figures.residuals import residuals_figure, residuals_page
-from amb_core.figures.saving import save_figure
+from amb_core.figures.bode import bode_chart
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Panel
+from amb_core.figures.prediction import prediction_chart
+from amb_core.figures.residuals import residuals_chart
 from amb_core.figures.style import MODELS, PLANT, REFERENCE, Stroke
 from amb_core.figures.thinning import extremes
 from amb_core.identification.frequency_response import FrequencyResponse
@@ -73,9 +72,6 @@ def comparison_chart(
     return Chart(title, alt, tuple(panels), shared_x=True, size=(9.0, 9.0))
 
 
-comparison_figure, comparison_page = renderers(comparison_chart)
-
-
 def save_validation_figures(folder: str | Path, validations: Mapping[str, Validation]) -> list[str]:
     """Write response, prediction, Bode diagram and residuals of one or more models, judged by the same data.
 
@@ -101,18 +97,18 @@ def save_validation_figures(folder: str | Path, validations: Mapping[str, Valida
     names = ["prediction", "bode"]
     predictions = {label: item.prediction for label, item in validations.items()}
     drawn = (predictions, one.data.sample_time, one.model.output_names)
-    save_figure(folder, "prediction", prediction_figure(*drawn), prediction_page(*drawn))
+    prediction_chart(*drawn).save(folder, "prediction")
     responses = _responses(validations)
-    save_figure(folder, "bode", bode_figure(responses), bode_page(responses))
+    bode_chart(responses).save(folder, "bode")
     measured, simulated = _closed_loops(validations)
     if measured is not None and simulated:
         response = (measured, simulated, TITLE, MODELS, (DEVIATIONS,))
-        save_figure(folder, "response", comparison_figure(*response), comparison_page(*response))
+        comparison_chart(*response).save(folder, "response")
         names.insert(0, "response")
     for number, (label, item) in enumerate(validations.items(), start=1):
         name = "residuals" if len(validations) == 1 else f"residuals_{number}"
         tests = (item.residuals, item.model.input_names, item.model.output_names, f"Residuals of {label}")
-        save_figure(folder, name, residuals_figure(*tests), residuals_page(*tests))
+        residuals_chart(*tests).save(folder, name)
         names.append(name)
     return names
 

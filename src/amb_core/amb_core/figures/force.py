@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from amb_core.figures.chart import Axis, Chart, Curve, Panel, Points, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Panel, Points, Table
 from amb_core.figures.style import GREY, MODEL, PLANT, REGIONS, Stroke, region_label
 from amb_core.plant.force_law import ForceTrajectory
 from amb_core.regions import Region
@@ -44,9 +44,6 @@ def force_chart(trajectories: Mapping[Region, ForceTrajectory], title: str = "Fo
     return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 1.4 + 1.9 * len(panels)), table=table)
 
 
-force_figure, force_page = renderers(force_chart)
-
-
 def force_speed_chart(
     trajectories: Mapping[Region, ForceTrajectory], title: str = "Force over the speed of the rotor"
 ) -> Chart:
@@ -81,6 +78,3 @@ def force_speed_chart(
     vertical = Axis("force (N)", log=True, limits=(0.8 * float(forces.min()), 1.25 * float(forces.max())))
     panel = Panel(Axis("speed of the gap (mm/s)", log=True), vertical, tuple(items))
     return Chart(title, alt, (panel,), size=(8.0, 5.4), table=table)
-
-
-force_speed_figure, force_speed_page = renderers(force_speed_chart)

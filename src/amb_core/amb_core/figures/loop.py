@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from amb_core.figures.chart import Axis, Chart, Curve, Panel
-from amb_core.figures.renderers import renderers
-from amb_core.figures.saving import save_figure
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Panel
 from amb_core.figures.style import MODEL, PLANT, REFERENCE, Stroke
 from amb_core.figures.thinning import extremes, thinned_path
 from amb_core.identification.validation import nrmse_fit
@@ -58,9 +57,6 @@ def _path(record: LoopRecord, label: str, stroke: Stroke) -> Curve:
     return Curve(path[:, 0], path[:, 1], label, stroke)
 
 
-orbit_figure, orbit_page = renderers(orbit_chart)
-
-
 def response_chart(
     measured: LoopRecord, modelled: LoopRecord | None = None, title: str = "Response of the rotor to the reference"
 ) -> Chart:
@@ -92,9 +88,6 @@ def response_chart(
     return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 6.0))
 
 
-response_figure, response_page = renderers(response_chart)
-
-
 def save_loop_figures(folder: str | Path, measured: LoopRecord, modelled: LoopRecord | None = None) -> None:
     """Write orbit and response as PNG and as page.
 
@@ -110,5 +103,5 @@ def save_loop_figures(folder: str | Path, measured: LoopRecord, modelled: LoopRe
     AmbError
         If a file cannot be written.
     """
-    for name, figure, page in (("orbit", orbit_figure, orbit_page), ("response", response_figure, response_page)):
-        save_figure(folder, name, figure(measured, modelled), page(measured, modelled))
+    orbit_chart(measured, modelled).save(folder, "orbit")
+    response_chart(measured, modelled).save(folder, "response")

@@ -11,7 +11,7 @@ from matplotlib.axis import Axis as DrawnAxis
 from matplotlib.colors import LogNorm, to_rgba
 from matplotlib.figure import Figure
 
-from amb_core.figures.chart import Axis, Band, Chart, Curve, Heat, HoverGrid, Note, Panel, Points, Rule, Span
+from amb_core.figures.drawing import Axis, Band, Curve, Drawing, Heat, HoverGrid, Note, Panel, Points, Rule, Span
 from amb_core.figures.style import OPACITY, Stroke
 
 NARROW = 0.04  # share of a panel in which a letter has no room
@@ -20,8 +20,8 @@ DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle": "^", "cross": "x"}
 
 
-def draw_figure(chart: Chart) -> Figure:
-    """Draw a chart; save the figure with `savefig`, or together with its page by `save_figure`."""
+def draw_figure(chart: Drawing) -> Figure:
+    """Draw a chart; save the figure with `savefig`."""
     figure = Figure(figsize=chart.size, layout="constrained", dpi=150)
     grid = figure.subplots(chart.rows, chart.columns, sharex="col" if chart.shared_x else "none", squeeze=False)
     entries: dict[str, Any] = {}

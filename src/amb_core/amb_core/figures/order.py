@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Points, Rule, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Item, Panel, Points, Rule, Table
 from amb_core.figures.style import BLUE, GREEN, VERMILION, Marker, Stroke
 from amb_core.identification.estimate.order_selection import OrderSelection
 
@@ -63,9 +63,6 @@ def order_chart(selection: OrderSelection, title: str = "Order of the model") ->
     )
     table = Table((ORDER, "BIC less its least", "AIC less its least", "cross-validation error (%)"), rows)
     return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 9.0), table=table)
-
-
-order_figure, order_page = renderers(order_chart)
 
 
 def _line(selection: OrderSelection, values: np.ndarray, label: str, colour: str, marker: Marker) -> tuple[Item, Item]:

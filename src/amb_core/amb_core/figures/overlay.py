@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Points, Table
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Item, Panel, Points, Table
 from amb_core.figures.region_map import AMPLITUDE, FREQUENCY, map_axes, region_items
-from amb_core.figures.renderers import renderers
 from amb_core.figures.style import BLUE, Stroke, region_label
 from amb_core.regions import Region
 from amb_core.units import UM
@@ -49,9 +49,6 @@ def overlay_chart(check: ExcitationCheck, region_map: RegionMap, title: str = ""
     size = (8.0, 6.0) if columns == 1 else (11.5, 6.0)
     table = Table(("axis", "region", "share of the power"), tuple(rows))
     return Chart(heading, alt, tuple(panels), columns, size=size, table=table)
-
-
-overlay_figure, overlay_page = renderers(overlay_chart)
 
 
 def _panel(axis: AxisCheck, region_map: RegionMap) -> Panel:

@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go  # type: ignore[import-untyped]
 from plotly.subplots import make_subplots  # type: ignore[import-untyped]
 
-from amb_core.figures.chart import Axis, Band, Chart, Curve, Heat, HoverGrid, Note, Points, Rule, Span, Values
+from amb_core.figures.drawing import Axis, Band, Curve, Drawing, Heat, HoverGrid, Note, Points, Rule, Span, Values
 from amb_core.figures.style import OPACITY, Stroke
 
 PIXELS_PER_INCH = 100
@@ -21,11 +21,11 @@ TEXT = "#767676"  # readable on white and on black alike, where no style sheet g
 GRID = "rgba(128, 128, 128, 0.25)"
 
 
-def draw_page(chart: Chart) -> go.Figure:
+def draw_page(chart: Drawing) -> go.Figure:
     """Draw a chart as a plotly figure.
 
     Its `layout.meta` has `alt`, the text for those who cannot see it, `table`, its main numbers, and the number of
-    `columns`: `save_figure` and `page_fragment` put them into the HTML.
+    `columns`: `page_fragment` puts them into the HTML.
     """
     page = make_subplots(
         rows=chart.rows,
@@ -69,7 +69,7 @@ def draw_page(chart: Chart) -> go.Figure:
     return page
 
 
-def _gap(chart: Chart) -> float:
+def _gap(chart: Drawing) -> float:
     """Space between rows of panels, for a title and the axis above, as a share of the height."""
     title = TITLE_HEIGHT if any(panel.title for panel in chart.panels) else 0
     axis = TICKS_HEIGHT if chart.shared_x else AXIS_HEIGHT

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Points, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Item, Panel, Points, Table
 from amb_core.figures.style import BLUE, GREEN, REFERENCE, VERMILION, Stroke
 
 if TYPE_CHECKING:
@@ -66,9 +66,6 @@ def poles_chart(result: Identification, title: str = "Poles of plant and closed 
     rows += [("closed loop", *_numbers(pole, model.sample_time)) for pole in _loop_poles(result)]
     table = Table(("of", "pole z", "magnitude", "frequency (Hz)"), tuple(rows))
     return Chart(title, alt, panels, columns=2, size=(11.0, 5.6), table=table)
-
-
-poles_figure, poles_page = renderers(poles_chart)
 
 
 def _regions(result: Identification) -> list[Item]:

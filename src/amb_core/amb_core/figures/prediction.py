@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from amb_core.figures.chart import Axis, Chart, Curve, Panel, Points, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Panel, Points, Table
 from amb_core.figures.style import MODELS, Marker
 from amb_core.identification.validation import Prediction
 
@@ -66,6 +66,3 @@ def prediction_chart(
     alt = f"Fit of predictions over the horizon. {'; '.join(sentences)}."
     columns = len(output_names)
     return Chart(title, alt, tuple(panels), columns, size=(4.6 * max(columns, 2), 4.6), table=table)
-
-
-prediction_figure, prediction_page = renderers(prediction_chart)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.figures.chart import Axis, Band, Chart, Curve, HoverGrid, Item, Note, Panel, Points, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Band, Curve, HoverGrid, Item, Note, Panel, Points, Table
 from amb_core.figures.style import BLUE, GREEN, GREY, REGIONS, Stroke, region_label
 from amb_core.regions import Region
 from amb_core.regions.region_map import BOUNDARIES, RegionMap
@@ -50,9 +50,6 @@ def map_chart(region_map: RegionMap, lines: Sequence[AnalyticLine] = (), title: 
     return Chart(title, _alt(region_map), (panel,), size=(8.0, 6.2), table=_table(region_map))
 
 
-map_figure, map_page = renderers(map_chart)
-
-
 def map_grid_chart(cells: Sequence[GridCell], title: str = "Region maps over parameters of the design") -> Chart:
     """Small multiples: the maps of a grid, all with the same axes; the last parameter varies from left to right.
 
@@ -80,9 +77,6 @@ def map_grid_chart(cells: Sequence[GridCell], title: str = "Region maps over par
     size = (1.2 + 3.2 * columns, 1.2 + 2.8 * rows)
     alt = f"Regions over amplitude and input frequency, for {len(cells)} designs. {' '.join(parts)}"
     return Chart(title, alt, tuple(panels), columns, shared_x=True, size=size)
-
-
-map_grid_figure, map_grid_page = renderers(map_grid_chart)
 
 
 def map_axes(region_map: RegionMap) -> tuple[Axis, Axis]:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.figures.chart import Axis, Band, Chart, Curve, Item, Panel, Points, Span, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Band, Curve, Item, Panel, Points, Span, Table
 from amb_core.figures.style import BLUE, GREY, SKY, VERMILION, Stroke
 from amb_core.identification.validation import ChiSquareTest, ResidualTests
 
@@ -59,9 +59,6 @@ def residuals_chart(
     columns = len(output_names)
     size = (4.8 * max(columns, 2), 1.2 + 2.4 * (1 + len(input_names)))
     return Chart(title, alt, tuple(panels), columns, size=size, table=table)
-
-
-residuals_figure, residuals_page = renderers(residuals_chart)
 
 
 def _items(

@@ -36,37 +36,20 @@ _TEMPLATES = Environment(
 )
 
 
-def save_figure(folder: str | Path, name: str, figure: Figure, page: go.Figure) -> tuple[Path, Path]:
-    """Write a figure as name.png and its page as name.html; the PNG's metadata have title and alt text.
-
-    Parameters
-    ----------
-    folder : path
-        Made if it does not exist.
-    name : str
-        Name of both files, without their endings.
-    figure, page : matplotlib Figure, plotly Figure
-        The pair that a subject makes: `sweep_figure` and `sweep_page`, for example.
-
-    Raises
-    ------
-    AmbError
-        If a file cannot be written.
-    """
-    folder = Path(folder)
-    image, document = folder / f"{name}.png", folder / f"{name}.html"
-    title, alt = page.layout.title.text, page.layout.meta["alt"]
+def write_image(folder: Path, name: str, figure: Figure, title: str, alt: str) -> Path:
+    """Write a figure as name.png, title and alt text in its metadata; AmbError if it cannot be written."""
+    image = folder / f"{name}.png"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         figure.savefig(image, metadata={"Title": title, "Description": alt}, pil_kwargs={"optimize": True})
     except OSError as problem:
         raise AmbError(f"figure {name} in {folder}: cannot be written: {problem.strerror}") from None
-    write_page(folder, name, page)
-    return image, document
+    return image
 
 
-def write_page(folder: Path, name: str, page: go.Figure) -> None:
+def write_page(folder: Path, name: str, page: go.Figure) -> Path:
     """Write a page as name.html to a folder that exists; AmbError if it cannot be written."""
+    path = folder / f"{name}.html"
     document = _TEMPLATES.get_template("page.html.j2").render(
         title=page.layout.title.text,
         style=Markup(STYLE),
@@ -75,10 +58,11 @@ def write_page(folder: Path, name: str, page: go.Figure) -> None:
         touch=Markup(TOUCH),
     )
     try:
-        (folder / f"{name}.html").write_text(document, encoding="utf-8")
+        path.write_text(document, encoding="utf-8")
         write_script(folder)
     except OSError as problem:
         raise AmbError(f"page {name} in {folder}: cannot be written: {problem.strerror}") from None
+    return path
 
 
 def page_from_json(text: str) -> go.Figure:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from amb_core.figures.chart import Axis, Chart, Curve, Item, Note, Panel, Points, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Item, Note, Panel, Points, Table
 from amb_core.figures.style import BLUE, GREEN, ORANGE, VERMILION, Marker, Stroke
 from amb_core.figures.thinning import extremes
 from amb_core.units import UM
@@ -51,9 +51,6 @@ def spectrum_chart(
     table = Table(("test", "frequency (Hz)", "amplitude (µm)", "product", "kind"), tuple(rows))
     size = (8.0, 2.0 + 2.9 * len(panels))
     return Chart(title, " ".join(sentences), tuple(panels), shared_x=True, size=size, table=table)
-
-
-spectrum_figure, spectrum_page = renderers(spectrum_chart)
 
 
 def _panel(name: str, spectrum: SubharmonicSpectrum) -> Panel:

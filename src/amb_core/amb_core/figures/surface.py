@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.figures.chart import Axis, Chart, Heat, Item, Panel, Points, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Heat, Item, Panel, Points, Table
 from amb_core.figures.style import ORANGE, VERMILION, Marker
 from amb_core.units import UM
 
@@ -59,9 +59,6 @@ def surface_chart(surface: SubharmonicSurface, title: str = "Components that the
         + " ".join(sentences)
     )
     return Chart(title, alt, panels, shared_x=True, size=(8.0, 7.6), table=_table(surface))
-
-
-surface_figure, surface_page = renderers(surface_chart)
 
 
 def _sentence(name: str, part: NDArray[np.float64], surface: SubharmonicSurface) -> str:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import RegionError
-from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Rule, Span, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Item, Panel, Rule, Span, Table
 from amb_core.figures.style import GREY, MEAN, MODEL, PLANT, REGIONS, Stroke, region_label
 from amb_core.figures.thinning import extremes
 from amb_core.loop.records import LoopRecord
@@ -89,9 +89,6 @@ def sweep_chart(
     size = (8.0, 4.8 if len(panels) == 1 else 6.8)
     alt = _alt(record, classification, model is not None, "".join(axes or _excited(record)))
     return Chart(title, alt, tuple(panels), shared_x=True, size=size, table=_onset_table(classification))
-
-
-sweep_figure, sweep_page = renderers(sweep_chart)
 
 
 def rises(frequency: NDArray[np.float64] | None) -> bool:

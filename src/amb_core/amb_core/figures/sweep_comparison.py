@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import RegionError
-from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Rule, Span, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Item, Panel, Rule, Span, Table
 from amb_core.figures.style import PLANT, REGIONS, region_label
 from amb_core.figures.sweep import rises
 from amb_core.figures.thinning import extremes
@@ -76,9 +76,6 @@ def sweep_comparison_chart(cases: Sequence[SweepCase], axis: str = "y", title: s
     panels = [Panel(horizontal, vertical, _items(case, number), case.name) for case in cases]
     height = MARGINS + PANEL_HEIGHT * len(cases)
     return Chart(title, _alt(cases), tuple(panels), shared_x=True, size=(8.0, height), table=_table(cases))
-
-
-sweep_comparison_figure, sweep_comparison_page = renderers(sweep_comparison_chart)
 
 
 def onset_summary(case: SweepCase) -> str:

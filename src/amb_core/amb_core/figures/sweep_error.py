@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from amb_core.figures.chart import Axis, Chart, Curve, Panel, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Panel, Table
 from amb_core.figures.style import BLUE, VERMILION, Stroke
 from amb_core.identification.focus.sweep_error import SweepError
 from amb_core.units import UM
@@ -53,6 +53,3 @@ def sweep_error_chart(errors: SweepError, title: str = "Error of the model over 
         Panel(frequency, Axis("mean error (µm)"), tuple(bias)),
     )
     return Chart(title, alt, panels, shared_x=True, size=(8.0, 6.0), table=Table(header, rows))
-
-
-sweep_error_figure, sweep_error_page = renderers(sweep_error_chart)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.figures.chart import Axis, Chart, Curve, Panel, Table
-from amb_core.figures.renderers import renderers
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Panel, Table
 from amb_core.figures.style import MEAN, PLANT, region_label
 from amb_core.figures.thinning import extremes
 from amb_core.loop.records import LoopRecord
@@ -58,9 +58,6 @@ def trial_chart(trials: Mapping[str, Trial], axis: str = "y", title: str = "Exci
     return Chart(
         title, alt, panels, shared_x=True, size=size, table=Table(("trial", "region", "shift of the bias (µm)"), rows)
     )
-
-
-trial_figure, trial_page = renderers(trial_chart)
 
 
 def _settled(trial: Trial) -> LoopRecord:

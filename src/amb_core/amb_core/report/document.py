@@ -23,7 +23,7 @@ class Prose:
 
 @dataclass(frozen=True)
 class FigureBlock:
-    """An interactive figure with its caption; what a `..._page` function of `amb_core.figures` makes.
+    """An interactive figure with its caption; the page of a chart of `amb_core.figures`.
 
     Its title is left out: the heading of the section, or `title`, says what it shows.
     """

@@ -10,10 +10,10 @@ import numpy as np
 
 from amb_core.analysis import recorded_data
 from amb_core.errors import IdentificationError
-from amb_core.figures.bode import bode_page
-from amb_core.figures.comparison import comparison_page
-from amb_core.figures.order import order_page
-from amb_core.figures.residuals import residuals_page
+from amb_core.figures.bode import bode_chart
+from amb_core.figures.comparison import comparison_chart
+from amb_core.figures.order import order_chart
+from amb_core.figures.residuals import residuals_chart
 from amb_core.identification import Identification, identify
 from amb_core.identification.controller_choice import PAPER, needs_controller
 from amb_core.identification.validation import Validation, validate
@@ -59,13 +59,13 @@ def _model(result: Identification, validation: Validation) -> Section:
         blocks.append(Prose(f"{result.uncertainty.summary}."))
     blocks.append(_poles(result))
     if result.order_selection is not None:
-        blocks.append(FigureBlock(order_page(result.order_selection), "Choice of the order"))
+        blocks.append(FigureBlock(order_chart(result.order_selection).page(), "Choice of the order"))
     loop = validation.closed_loop
     if loop is not None:
         longest = int(np.argmax([record.steps for record in loop.measured]))
         simulated = loop.simulated[longest]
         if simulated is not None:
-            page = comparison_page(loop.measured[longest], {"model": simulated})
+            page = comparison_chart(loop.measured[longest], {"model": simulated}).page()
             blocks.append(FigureBlock(page, "Response of plant and model"))
     return Section("Identified model", blocks)
 
@@ -98,7 +98,7 @@ def _responses(validation: Validation) -> Section:
         "Frequency response",
         [
             Prose("From control currents to positions. Bands hold the response with a confidence of 99 %."),
-            FigureBlock(bode_page(validation.frequency.responses)),
+            FigureBlock(bode_chart(validation.frequency.responses).page()),
         ],
     )
 
@@ -110,6 +110,6 @@ def _validation(validation: Validation) -> Section:
         [
             Prose("By the same data from which the model was identified; data of another experiment say more."),
             Listing(validation.report(), "All tests"),
-            FigureBlock(residuals_page(*tests), "Residuals"),
+            FigureBlock(residuals_chart(*tests).page(), "Residuals"),
         ],
     )

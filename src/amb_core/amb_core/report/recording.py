@@ -9,9 +9,9 @@ import numpy as np
 
 from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
 from amb_core.errors import AmbError
-from amb_core.figures.loop import orbit_page
+from amb_core.figures.loop import orbit_chart
 from amb_core.figures.style import region_label
-from amb_core.figures.sweep import onset_text, rises, sweep_page
+from amb_core.figures.sweep import onset_text, rises, sweep_chart
 from amb_core.loop.telemetry import describe_gaps
 from amb_core.regions.stretches import shares, stretches
 from amb_core.report.document import Block, FigureBlock, Prose, Report, Section, TableBlock
@@ -87,7 +87,9 @@ def _lead(found: RecordedRegions) -> str:
 
 def _sweep(found: RecordedRegions):  # type: ignore[no-untyped-def]  # plotly has no types
     over: Literal["time", "frequency"] = "frequency" if rises(found.frequency) else "time"
-    return sweep_page(found.record, found.classification, found.frequency, over=over, title="Regions of the run")
+    return sweep_chart(
+        found.record, found.classification, found.frequency, over=over, title="Regions of the run"
+    ).page()
 
 
 def _experiment(recording: Recording, found: RecordedRegions) -> TableBlock:
@@ -144,7 +146,7 @@ def _motion(record: LoopRecord) -> Section:
                 [(name, f"{mean[axis]:z.1f} µm", f"{reach[axis]:.1f} µm") for axis, name in enumerate("xy")],
                 "Rotor position",
             ),
-            FigureBlock(orbit_page(record), "Orbit"),
+            FigureBlock(orbit_chart(record).page(), "Orbit"),
         ],
     )
 

@@ -10,7 +10,8 @@ import numpy as np
 from amb_bringup.paper.graph_experiment import SETTLING
 from amb_bringup.paper.square_waves import EXPERIMENT, ORDER
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult
-from amb_core.figures.chart import Axis, Chart, Curve, Item, Panel, Points, Table
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Item, Panel, Points, Table
 from amb_core.figures.style import BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION, Marker, Stroke
 from amb_core.figures.thinning import extremes
 from amb_core.identification import StateSpaceModel, identify, simulate_closed_loop

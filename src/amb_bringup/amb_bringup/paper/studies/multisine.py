@@ -10,7 +10,8 @@ from amb_bringup.paper.model_trials import DataSet, ModelTask, ModelTrial, run_t
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
 from amb_core.excitation import Multisine, Sweep, generate
 from amb_core.excitation_design import Trial
-from amb_core.figures.chart import Axis, Chart, Item, Panel, Points, Table
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Item, Panel, Points, Table
 from amb_core.figures.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, Marker
 from amb_core.identification import METHODS
 from amb_core.loop.control import ControllerParameters

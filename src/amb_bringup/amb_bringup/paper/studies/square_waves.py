@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from amb_bringup.paper.graph_experiment import SETTLING, equality_claim
 from amb_bringup.paper.square_waves import EXPERIMENT, model_from_squares
 from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
-from amb_core.figures.chart import Chart, Curve
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Curve
 from amb_core.figures.loop import orbit_chart, response_chart
 from amb_core.figures.thinning import extremes, thinned_path
 from amb_core.identification import Identification, StateSpaceModel, nrmse_fit, simulate_closed_loop
