@@ -13,10 +13,10 @@ from typing import Any
 
 from amb_core.errors import BagError
 from amb_core.recording.messages.loop_samples import block_from_message
+from amb_core.recording.messages.time_stamp import stamped_time
 from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount, TelemetryAccount
 from amb_ros import topics
 
-SECOND = 1_000_000_000  # ns
 KEPT_CLOCKS = 10_000
 COUNTED = {
     topics.REGION: "sequence",
@@ -187,7 +187,7 @@ class Ledger:
         """Note a clock, which does not carry its run: where time goes back, that of a run not heard of yet."""
         if self.state is None or not self.state.sample_time > 0.0:
             return
-        steps = (message.clock.sec * SECOND + message.clock.nanosec) / SECOND / self.state.sample_time
+        steps = stamped_time(message.clock) / self.state.sample_time
         if not math.isfinite(steps):
             return
         run, step = self.state.run, round(steps)

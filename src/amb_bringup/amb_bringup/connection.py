@@ -12,6 +12,7 @@ import rclpy
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
+from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
@@ -187,6 +188,6 @@ class GraphConnection:
         return str(heard.reason(goal))
 
 
-def _leave(executor: EventsExecutor, node: Node, context: Context) -> None:
+def _leave(executor: Executor, node: Node, context: Context) -> None:
     with interruptions.held_back():
         leave_graph(context, executor, [node])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
@@ -37,9 +37,9 @@ def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | No
     ParameterError
         One line naming the node, the parameter, its value and what is allowed.
     """
-    given = {
-        name: parameter.value for name, parameter in node.get_parameters_by_prefix("").items() if not of_rclpy(name)
-    }
+    # rclpy's annotation names values, what it returns are parameters.
+    known = cast(Mapping[str, Parameter], node.get_parameters_by_prefix(""))
+    given = {name: parameter.value for name, parameter in known.items() if not of_rclpy(name)}
     try:
         values = validate(parameters, given)
     except ParameterError as problem:

@@ -6,7 +6,7 @@ import contextlib
 import traceback
 from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import Any
+from typing import Any, cast
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
@@ -54,7 +54,10 @@ def create_service(
 
     # EventsExecutor of Jazzy neither runs coroutines as service callbacks nor has a second thread. So the callback only
     # hands over the request, and the executor's `send_response` leaves the sending to the worker.
-    service = node.create_service(service_type, name, lambda request, response: (request, response))
+    def hand_over(request: Any, response: Any) -> Any:
+        return request, response
+
+    service: Any = node.create_service(service_type, name, hand_over)
     send = service.send_response
 
     def work(call: tuple[Any, Any], header: Any) -> None:
@@ -64,4 +67,4 @@ def create_service(
                 send(response, header)
 
     service.send_response = lambda call, header: worker.submit(work, call, header)
-    return service
+    return cast(Service, service)

@@ -9,6 +9,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
+from amb_core.loop.bearing import backup_bearing_radius
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import Parameters, choice, fixed, quantity, switch
 
@@ -147,8 +148,8 @@ class RotorParameters(Parameters):
     external_force_frequency: float = quantity(
         0.0, "Hz", "frequency of the external force, a cosine from the reset on; 0 for a constant force", 0.0, 1e5
     )
-    backup_bearing_radius: float = quantity(
-        250e-6, "m", "radial rotor displacement at which it touches the backup bearing", 1e-6, 1e-2
+    backup_bearing_radius: float = backup_bearing_radius(
+        "radial rotor displacement at which it touches the backup bearing"
     )
     initial_x: float = quantity(0.0, "m", "rotor position at reset, x axis", -1e-2, 1e-2)
     initial_y: float = quantity(0.0, "m", "rotor position at reset, y axis", -1e-2, 1e-2)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from pydantic import model_validator
 
+from amb_core.loop.bearing import backup_bearing_radius
 from amb_core.parameters import Parameters, quantity
 
 
 class RegionParameters(Parameters):
     """Parameters of the region classifier; the defaults suit a bearing whose loop has its poles near 60 Hz."""
 
-    backup_bearing_radius: float = quantity(
-        250e-6, "m", "radial position from which on the rotor counts as delevitated (region D)", 1e-6, 1e-2
+    backup_bearing_radius: float = backup_bearing_radius(
+        "radial position from which on the rotor counts as delevitated (region D)"
     )
     update_interval: float = quantity(0.01, "s", "time from one classification to the next", 0.002, 0.1)
     settling_time: float = quantity(

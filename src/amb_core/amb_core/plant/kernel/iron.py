@@ -25,8 +25,9 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import copysign
-from typing import Any
+from typing import Any, cast
 
 import numba
 import numpy as np
@@ -41,14 +42,16 @@ RELUCTIVITY = 1.0 / mu_0
 _FAR = ASYMPTOTE_FROM**2
 
 
-@intrinsic
-def _fma(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
+def _typed_fma(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
     """X y + z, rounded once."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.fma(*arguments)
 
     return types.float64(types.float64, types.float64, types.float64), generate
+
+
+_fma = cast(Callable[[Any, Any, Any], Any], intrinsic(_typed_fma))
 
 
 @numba.njit(cache=True, error_model="numpy")
