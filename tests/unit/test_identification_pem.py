@@ -12,6 +12,7 @@ from amb_core.errors import IdentificationError
 from amb_core.identification import StateSpaceModel, identify, pem, ssarx
 from amb_core.identification.estimate.filter_bank import Modes, fit_gains
 from amb_core.identification.estimate.predictor import innovations
+from amb_core.identification.progress import SearchEnd
 
 if TYPE_CHECKING:
     from conftest import LinearBearing
@@ -72,6 +73,26 @@ def test_every_step_lowers_the_cost_and_the_search_converges(bearing: LinearBear
     assert np.all(np.diff(costs) < 0.0)
     size = np.linalg.slogdet(model.innovation_covariance / np.outer(*[record.position.std(axis=0)] * 2))[1]
     assert costs[-1] == pytest.approx(0.5 * size, abs=1e-6)
+
+
+def test_the_end_of_the_search_says_whether_it_converged(bearing: LinearBearing) -> None:
+    record, ends = bearing.experiment(**BASE_NOISE), list[SearchEnd]()
+    for most in (2, 100):
+        pem(record.current, record.position, start_of(bearing), most_iterations=most, ended=ends.append)
+    short, whole = ends
+    assert (short.iterations, short.converged) == (2, False)
+    assert whole.converged
+    assert whole.left < 1e-5 < short.left
+
+
+def test_a_summary_says_that_the_search_has_not_converged(bearing: LinearBearing) -> None:
+    found = identify(bearing.experiment(**BASE_NOISE), 10, "pem")
+    assert found.search is not None
+    unfinished = replace(found, search=SearchEnd(22, 0.031, converged=False))
+    assert unfinished.summary.endswith(
+        "the search stopped after 22 steps and had not converged, a further step promises 3.1 % less squared error"
+    )
+    assert "converged" not in replace(found, search=SearchEnd(9, 1e-6, converged=True)).summary
 
 
 def test_starting_from_its_own_result_changes_next_to_nothing(bearing: LinearBearing) -> None:

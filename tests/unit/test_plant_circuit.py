@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.constants import mu_0
 
+from amb_core.errors import PlantError
 from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters
 from amb_core.plant.closed_forms import current_gain, force_constant, inductance, negative_stiffness
 from amb_core.plant.network import build_network, flux_constraints
@@ -104,3 +105,9 @@ def test_ring_drops_take_energy_from_the_poles_only():
     network = build_network(PlantParameters())
     np.testing.assert_allclose(network.iron_reluctance, network.iron_reluctance.T)
     assert np.linalg.eigvalsh(network.iron_reluctance).min() > 0
+
+
+@pytest.mark.parametrize(("current", "x"), [(np.nan, 0.0), (3.0, np.nan), (3.0, 0.6e-3), (np.inf, 0.0)])
+def test_fluxes_are_those_of_finite_currents_around_a_rotor_within_the_gap(current, x):
+    with pytest.raises(PlantError, match=r"are not finite|is not inside the air gap; allowed: less than 0.0006 m"):
+        Plant().static_flux(np.full(4, current), x, 0.0)

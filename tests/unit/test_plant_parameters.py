@@ -59,6 +59,7 @@ def test_unknown_parameter_is_refused_and_the_nearest_name_offered():
     ("values", "reason"),
     [
         ({"magnetic_circuit.pole_radius": 0.07}, "pole_radius = 0.07 m must be smaller than back_iron_inner_radius"),
+        ({"magnetic_circuit.pole_width": 0.028}, "lets neighbouring poles overlap; allowed: less than 0.02725 m"),
         ({"rotor.backup_bearing_radius": 700e-6}, "must be smaller than the air gap"),
         ({"rotor.initial_y": -300e-6}, "inside the backup bearing"),
         ({"integration.internal_step": 0.3e-6}, "whole number of internal steps"),

@@ -19,7 +19,7 @@ from amb_core.identification.estimate.order_selection import OrderSelection, sel
 from amb_core.identification.estimate.scaled_data import check_order
 from amb_core.identification.experiment_simulation import simulate_experiment
 from amb_core.identification.focus.focus import focus_simulation
-from amb_core.identification.progress import Cancelled, Progress, Watch
+from amb_core.identification.progress import Cancelled, Progress, SearchEnd, Watch
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import nrmse_fit
 from amb_core.loop.control import ControllerParameters
@@ -52,6 +52,8 @@ class Identification:
     closed_loop_poles : ndarray or None
         Poles in the z plane of model and controller, largest magnitude first; None for data of something else than
         the bearing's loop.
+    search : SearchEnd or None
+        How the search of `pem` ended, and whether it converged; None for other methods.
     """
 
     model: StateSpaceModel
@@ -61,6 +63,7 @@ class Identification:
     uncertainty: ModelUncertainty | None
     simulations: tuple[LoopRecord | None, ...]
     closed_loop_poles: NDArray[np.complex128] | None
+    search: SearchEnd | None = None
 
     @property
     def stable(self) -> bool:
@@ -85,6 +88,11 @@ class Identification:
         if self.closed_loop_poles is not None:
             within = " while the control currents are within their limit" if diverges else ""
             parts.append(f"closed loop stable{within}" if self.stable else "closed loop unstable")
+        if self.search is not None and not self.search.converged:
+            parts.append(
+                f"the search stopped after {self.search.iterations} steps and had not converged, a further step "
+                f"promises {100.0 * self.search.left:.2g} % less squared error"
+            )
         return "; ".join(parts)
 
 
@@ -157,7 +165,7 @@ def identify(
         model = focus_simulation(best.model, data, controller, progress, cancelled)
         best = _validate(model, data, controller, report, selection)
     elif method == "pem":
-        best = replace(best, uncertainty=_uncertainty(best.model, data))
+        best = replace(best, uncertainty=_uncertainty(best.model, data), search=watch.search)
     watch.tell("validation", 1, 1)
     return best
 

@@ -29,6 +29,25 @@ class IdentificationProgress:
     cost: float | None = None
 
 
+@dataclass(frozen=True)
+class SearchEnd:
+    """How an iterative search ended.
+
+    Attributes
+    ----------
+    iterations : int
+        Steps tried, taken or not.
+    left : float
+        Relative decrease of the squared errors that a further step promises.
+    converged : bool
+        Whether that is so little that the search ended by itself, and not at its limit of steps.
+    """
+
+    iterations: int
+    left: float
+    converged: bool
+
+
 Progress = Callable[[IdentificationProgress], None]
 Cancelled = Callable[[], bool]
 
@@ -42,10 +61,20 @@ class Watch:
         Called with every `IdentificationProgress`.
     cancelled : callable, optional
         Whether the computation has been called off.
+
+    Attributes
+    ----------
+    search : SearchEnd or None
+        How the search of the method ended; None if it has none.
     """
 
     def __init__(self, progress: Progress | None = None, cancelled: Cancelled | None = None) -> None:
         self._progress, self._cancelled = progress, cancelled
+        self.search: SearchEnd | None = None
+
+    def note_end(self, search: SearchEnd) -> None:
+        """Keep how the search of the method ended."""
+        self.search = search
 
     def tell(self, stage: str, done: int, total: int, cost: float | None = None) -> None:
         """Tell how far a stage is.

@@ -128,7 +128,7 @@ def static_force(
     plant: Plant, coil_currents: NDArray[np.float64], position: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Magnetic force (N), shape (2,), of constant coil currents (A), shape (4,), on a journal held in place (m)."""
-    return plant.magnetostatics.force(plant.static_flux(coil_currents, *position))
+    return plant.magnetostatics.force(plant.magnetostatics.solve(coil_currents, *position).flux)
 
 
 def _coordinates(plant: Plant, journals: NDArray[np.float64]) -> NDArray[np.float64]:

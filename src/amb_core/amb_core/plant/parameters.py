@@ -5,6 +5,7 @@ What the table leaves open is marked "assumed" in its description. Effects beyon
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from pydantic import model_validator
@@ -46,6 +47,12 @@ class MagneticCircuitParameters(Parameters):
                     f"{smaller} = {getattr(self, smaller):g} m must be smaller than "
                     f"{larger} = {getattr(self, larger):g} m"
                 )
+        room = 2.0 * self.pole_radius * math.sin(math.pi / 8.0)
+        if self.pole_width >= room:
+            raise ValueError(
+                f"pole_width = {self.pole_width:g} m lets neighbouring poles overlap; allowed: less than {room:.4g} m, "
+                f"the distance of eight poles at pole_radius = {self.pole_radius:g} m"
+            )
         return self
 
 

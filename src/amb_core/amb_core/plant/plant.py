@@ -219,7 +219,18 @@ class Plant:
         return bearings["iron"]["flux_density"].copy(), bearings["iron"]["field"].copy()
 
     def static_flux(self, coil_currents: NDArray[np.float64], x: float, y: float) -> NDArray[np.float64]:
-        """Pole fluxes (Wb), shape (8,), of constant coil currents (A), shape (4,), at a rotor position (m)."""
+        """Pole fluxes (Wb), shape (8,), of constant coil currents (A), shape (4,), at a rotor position (m).
+
+        Raises
+        ------
+        PlantError
+            If a current is not finite, or the position is not finite or not inside the air gap.
+        """
+        gap = self.parameters.magnetic_circuit.air_gap
+        if not np.isfinite(coil_currents).all():
+            raise PlantError(f"coil currents {np.asarray(coil_currents).tolist()} A are not finite")
+        if not x**2 + y**2 < gap**2:
+            raise PlantError(f"rotor position {x} m, {y} m is not inside the air gap; allowed: less than {gap:g} m")
         return self.magnetostatics.solve(coil_currents, x, y).flux
 
     @property

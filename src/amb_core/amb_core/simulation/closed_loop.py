@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.errors import ExcitationError, ParameterError
 from amb_core.loop.control import PdController, require_one_rate
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
@@ -46,9 +47,15 @@ def simulate(
     Raises
     ------
     ParameterError
-        If the sample rates of plant and controller differ.
+        If the sample rates of plant and controller differ, or `steps` is negative.
+    ExcitationError
+        If the excitation has another shape, holds a value that is not finite, or begins outside the run.
     """
     require_one_rate(controller.parameters, 1.0 / plant.sample_time)
+    if steps < 0:
+        raise ParameterError(f"steps = {steps} is not allowed; allowed: 0 or more")
+    if excitation is not None:
+        _check_excitation(excitation, excitation_step, steps)
     plant.reset()
     controller.reset()
     nominal = controller.parameters
@@ -72,3 +79,15 @@ def simulate(
         if progress is not None and (step + 1) % 1000 == 0:
             progress(step + 1)
     return LoopRecord(0, plant.sample_time, reference[:done], position[:done], current[:done])
+
+
+def _check_excitation(excitation: NDArray[np.float64], first: int, steps: int) -> None:
+    if np.ndim(excitation) != 2 or np.shape(excitation)[1] != 2:
+        raise ExcitationError(
+            f"the excitation has shape {np.shape(excitation)}; allowed: (n, 2), axes x and y, zeros on an axis at rest"
+        )
+    if not np.isfinite(excitation).all():
+        step, axis = np.argwhere(~np.isfinite(excitation))[0]
+        raise ExcitationError(f"the excitation on {'xy'[axis]} is {excitation[step, axis]} at its sample {step}")
+    if not 0 <= first <= steps:
+        raise ExcitationError(f"excitation_step = {first} is outside the run of {steps} steps; allowed: 0 to {steps}")

@@ -36,7 +36,11 @@ def _subspace(
 
 def _pem(inputs: Samples, outputs: Samples, sample_time: float, order: int, watch: Watch) -> list[StateSpaceModel]:
     (start,) = _subspace(ssarx, inputs, outputs, sample_time, order, watch)
-    return [pem(inputs, outputs, start, lambda iteration, cost: watch.tell("pem", iteration, MOST_ITERATIONS, cost))]
+
+    def tell(iteration: int, cost: float) -> None:
+        watch.tell("pem", iteration, MOST_ITERATIONS, cost)
+
+    return [pem(inputs, outputs, start, tell, ended=watch.note_end)]
 
 
 def _horizons(

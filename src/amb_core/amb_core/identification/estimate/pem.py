@@ -25,6 +25,7 @@ from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.estimate.levenberg_marquardt import Damping, damped_step
 from amb_core.identification.estimate.scaled_data import Samples, ScaledData
 from amb_core.identification.numerics import LARGEST_RADIUS, small_matrices
+from amb_core.identification.progress import SearchEnd
 from amb_core.model.state_space import StateSpaceModel
 
 MOST_ITERATIONS = 22
@@ -39,6 +40,7 @@ def pem(
     progress: Callable[[int, float], None] | None = None,
     most_iterations: int = MOST_ITERATIONS,
     source: str = "",
+    ended: Callable[[SearchEnd], None] | None = None,
 ) -> StateSpaceModel:
     """Improve a model until its one-step prediction errors on the data are as small as they get.
 
@@ -57,6 +59,8 @@ def pem(
         Steps tried, taken or not, after which the search ends, converged or not.
     source : str
         Where the data come from, kept in the model.
+    ended : callable, optional
+        Called with the end of the search: steps tried, what a further step promises, whether it converged.
 
     Raises
     ------
@@ -87,7 +91,7 @@ def pem(
         def best(trial: Modes, weight: NDArray[np.float64]) -> Fit:
             return fit_gains(trial, data.inputs, data.outputs, weight, data.lengths)
 
-        fit = fit_modes(modes, best, data.outputs.shape[1], progress, most_iterations)
+        fit = fit_modes(modes, best, data.outputs.shape[1], progress, most_iterations, ended=ended)
         a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
         return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source)
 
@@ -99,6 +103,7 @@ def fit_modes(
     progress: Callable[[int, float], None] | None = None,
     most_iterations: int = MOST_ITERATIONS,
     least_gain: float = _LEAST_GAIN,
+    ended: Callable[[SearchEnd], None] | None = None,
 ) -> Fit:
     """The fit of the least determinant of the covariance of the errors that is found from `modes` on.
 
@@ -110,7 +115,7 @@ def fit_modes(
         Called as best(modes, weight) for the best fit with these modes, its errors weighted.
     outputs : int
         Number of outputs p.
-    progress, most_iterations : see `pem`
+    progress, most_iterations, ended : see `pem`
     least_gain : float
         Relative decrease of the squared errors, as far as it can be foreseen, at which the search ends.
 
@@ -136,6 +141,9 @@ def fit_modes(
         fit, cost = trial, cost_of(trial)
         if progress is not None:
             progress(iteration, cost)
+    if ended is not None:
+        left = damped_step(fit.sensitivity, fit.errors, damping.value)[2]
+        ended(SearchEnd(iteration, left, left < least_gain))
     return fit
 
 
