@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from amb_core.errors import IdentificationError
 from amb_core.figures.order import order_chart
-from amb_core.identification import IdentificationData, OrderSelection, select_order
+from amb_core.identification import IdentificationData, OrderSelection, identify, select_order
 from amb_core.identification.estimate.filter_bank import Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory, halves
 from amb_core.identification.estimate.scaled_data import ScaledData
@@ -32,6 +33,24 @@ def selection(data: IdentificationData) -> OrderSelection:
 def test_the_criterion_of_schwarz_finds_the_order_of_the_bearing(selection: OrderSelection) -> None:
     assert selection.chosen == 6 and not selection.at_the_end
     assert selection.orders == (4, 5, 6, 7)
+
+
+def test_orders_that_the_inputs_do_not_excite_are_not_offered() -> None:
+    """Three sines on each input are persistently exciting of order 5 to 6, which determines models of order 4."""
+    time, random = np.arange(6_000) * 1e-3, np.random.default_rng(1)
+    inputs = np.column_stack(
+        [
+            sum(np.sin(2.0 * np.pi * frequency * time + n) for n, frequency in enumerate(frequencies))
+            for frequencies in ((3.0, 17.0, 41.0), (5.0, 23.0, 61.0))
+        ]
+    )
+    mixed = inputs @ np.array([[1.0, 0.2], [0.1, 1.0]])
+    outputs = lfilter(*butter(4, 0.2), mixed, axis=0) + 1e-4 * random.normal(size=mixed.shape)
+    data = IdentificationData.from_arrays(inputs, outputs, 1e-3)
+    assert select_order(data).orders == (1, 2, 3, 4)
+    assert identify(data, "auto", orders=range(3, 15)).model.order <= 4
+    with pytest.raises(IdentificationError, match=r"order 10 needs 10 to 20; .*, or ask for order 4$"):
+        identify(data, "auto", orders=[10])
 
 
 def test_the_criterion_of_akaike_takes_no_fewer_states(selection: OrderSelection) -> None:

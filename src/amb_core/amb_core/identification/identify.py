@@ -126,7 +126,7 @@ def identify(
     source : str
         Where the data come from, kept in the model; by default the sources of the experiments.
     orders : sequence of int, optional
-        The orders that "auto" tries.
+        The orders that "auto" tries; see `select_order`.
     focus : str
         `prediction`, or `simulation` to lower the errors of the closed-loop simulation in the end.
     progress : callable, optional

@@ -25,6 +25,7 @@ from scipy import linalg
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData
+from amb_core.identification.data.checks import highest_excited_order
 from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
 from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory, halves
@@ -111,7 +112,8 @@ def select_order(
     data : IdentificationData
         Data of the plant, in open or closed loop.
     orders : sequence of int, optional
-        The orders to try; by default all from 1 to `HIGHEST` that the data suffice for.
+        The orders to try; by default all from 1 to `HIGHEST` that the samples suffice for. Those for which the inputs
+        excite too little are left out, unless that is all of them.
     progress, cancelled : callable, optional
         See `identify`; the stage is `order`.
 
@@ -126,6 +128,8 @@ def select_order(
         raise IdentificationError("there are no orders to choose from")
     for order in tried:
         check_order(order)
+    highest = highest_excited_order(data, tried[-1])
+    tried = tuple(order for order in tried if order <= highest) or tried
     watch.tell("order", 0, _total(tried))
     scaled = ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
     with small_matrices(f"no order can be chosen from {data.samples} samples"):

@@ -2,7 +2,12 @@
 
 from amb_core.identification.data.checks.all_checks import check_data
 from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
-from amb_core.identification.data.checks.excitation import check_amount, check_excitation, check_inputs
+from amb_core.identification.data.checks.excitation import (
+    check_amount,
+    check_excitation,
+    check_inputs,
+    highest_excited_order,
+)
 from amb_core.identification.data.checks.region import check_region
 from amb_core.identification.data.checks.report import DataReport, Finding, Severity
 from amb_core.identification.data.checks.samples import (
@@ -29,4 +34,5 @@ __all__ = [
     "check_offsets",
     "check_region",
     "check_sample_time",
+    "highest_excited_order",
 ]

@@ -120,26 +120,49 @@ def check_excitation(data: IdentificationData, order: int) -> Finding:
     """
     p = len(data.output_names)
     wanted, least = 2 * order, 2 * math.ceil(order / p)
-    m = len(data.input_names)
-    usable = min(wanted, max(item.steps for item in data.experiments) // (2 * m))
+    usable = _usable(data, wanted)
     if usable < least:
         return Finding("excitation", Severity.INFO, "not judged: too few samples")
-    factor, _ = triangle_of(rows_of(u, range(usable)) for u, _ in pieces(data, usable - 1))
-    reached = usable
-    while reached and _weakest(factor[: m * reached, : m * reached]) < _EXCITED:
-        reached -= 1
+    reached = _persistence(data, usable)
     if reached >= wanted:
         return Finding("excitation", Severity.INFO, f"persistently exciting of order {reached} or more")
     what = f"persistently exciting of order {reached} only; order {order} needs {least} to {wanted}"
     if reached >= usable:
         return Finding("excitation", Severity.INFO, f"persistently exciting of order {reached} or more")
+    refused = reached < least
+    lower = p * (reached // 2) if refused else reached // 2
     return Finding(
         "excitation",
-        Severity.ERROR if reached < least else Severity.WARNING,
+        Severity.ERROR if refused else Severity.WARNING,
         what,
         ", ".join(data.input_names),
-        f"excite a wider band (squares, PRBS, multisine), or ask for order {max(1, reached // 2)}",
+        f"excite a wider band (squares, PRBS, multisine), or ask for order {max(1, lower)}",
     )
+
+
+def highest_excited_order(data: IdentificationData, order: int) -> int:
+    """The highest order, up to a given one, that `check_excitation` does not refuse; 0 if it refuses all."""
+    p = len(data.output_names)
+    usable = _usable(data, 2 * order)
+    reached = _persistence(data, usable)
+    return order if reached >= usable else min(order, p * (reached // 2))
+
+
+def _usable(data: IdentificationData, wanted: int) -> int:
+    """Order of persistent excitation up to which the samples of the longest experiment can show it."""
+    return min(wanted, max(item.steps for item in data.experiments) // (2 * len(data.input_names)))
+
+
+def _persistence(data: IdentificationData, most: int) -> int:
+    """Order of persistent excitation of the inputs, as far as `most`."""
+    if most == 0:
+        return 0
+    m = len(data.input_names)
+    factor, _ = triangle_of(rows_of(u, range(most)) for u, _ in pieces(data, most - 1))
+    reached = most
+    while reached and _weakest(factor[: m * reached, : m * reached]) < _EXCITED:
+        reached -= 1
+    return reached
 
 
 def _weakest(factor: np.ndarray) -> float:
