@@ -79,6 +79,8 @@ class Identification:
             fit = "the simulated closed loop diverges"
         elif len(self.model.fit):
             fit = f"closed-loop fit {', '.join(f'{name} {value:.2f} %' for name, value in fits)}"
+        elif self.closed_loop_poles is None:
+            fit = "closed loop not simulated: the data are not in the units A and m of the bearing's loop"
         else:
             fit = "no reference to simulate the closed loop with"
         parts = [
