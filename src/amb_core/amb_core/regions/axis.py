@@ -28,9 +28,9 @@ from amb_core.regions.state import Onset
 from amb_core.regions.trend import TrendTest
 
 MOTION = 1e-6  # m: a decimated reference that moves more shows the static gain of the loop
-HIGHEST_HARMONIC = 0.45  # of the decimated rate: harmonics above are gone with decimation
-ALIAS_MARGIN = 1.3  # of the slow band: a beat is followed from a little outside of it
-LOWEST_BIN = 4  # periods per window: fewer cannot be told from jumps of the bias
+HIGHEST_HARMONIC = 0.45  # of the decimated rate: decimation removes the harmonics above
+ALIAS_MARGIN = 1.3  # of the slow band: a beat is followed from slightly outside the band
+LOWEST_BIN = 4  # periods per window: fewer cannot be distinguished from jumps of the bias
 
 
 @dataclass
@@ -68,7 +68,7 @@ class AxisClassifier:
     features : Features
         What the latest windows show.
     drift, oscillation : Onset or None
-        Where regions B and C begin that the axis is in now.
+        Onsets of regions B and C while the axis is in them.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class AxisClassifier:
         self._evidence = 0
 
     def update(self, step: int) -> None:
-        """Judge the windows whose latest decimated sample lies at a step."""
+        """Evaluate the windows; their latest decimated sample is at `step`."""
         front_end, axis = self._front_end, self._axis
         source = front_end.sources[axis]
         self._source = front_end.inputs[source]
@@ -131,12 +131,12 @@ class AxisClassifier:
         self._judge_oscillation(step)
 
     def _take_out_static_response(self, reference: NDArray[np.float64], gain: float) -> None:
-        """Between the edges of a slow square, only the static gain tells what of the position is no bias."""
+        """Between the edges of a slow square wave, only the static gain separates the response from the bias."""
         middle = len(self._unexplained) // PER_INTERVAL // 2 * PER_INTERVAL
         past = reference[middle - 1 : middle + PER_INTERVAL + TAPS - 1]
         if np.ptp(past) > MOTION:
             if self._static_gain == 0.0:
-                self._trend.reset()  # bias points so far hold the response to a constant reference
+                self._trend.reset()  # bias points so far contain the response to a constant reference
             self._static_gain = gain
         elif np.ptp(past) <= INAUDIBLE:
             part = slice(middle, middle + PER_INTERVAL)
@@ -144,12 +144,12 @@ class AxisClassifier:
             self._unexplained[part] = position - self._static_gain * reference[middle + TAPS - 1]
 
     def conclude(self, step: int) -> None:
-        """The rotor delevitated: take in the bias of the later half of the window too, for a drift that led there."""
+        """The rotor delevitated: also add the bias of the later half of the window, to find a drift that led to it."""
         for part in range(len(self._unexplained) // PER_INTERVAL // 2 + 1, len(self._unexplained) // PER_INTERVAL):
             self._judge_bias(step, part)
 
     def _judge_bias(self, step: int, part: int) -> None:
-        """Region B: take in the bias of one interval of the window."""
+        """Region B: add the bias of one interval of the window."""
         parameters, features = self._parameters, self.features
         bias_step = step - len(self._unexplained) * self._interval // PER_INTERVAL + part * self._interval
         features.bias = float(np.mean(self._unexplained[part * PER_INTERVAL : (part + 1) * PER_INTERVAL]))
@@ -170,10 +170,10 @@ class AxisClassifier:
             self.drift = None
 
     def _judge_oscillation(self, step: int) -> None:
-        """Region C: look for a line in the slow band that is no beating.
+        """Region C: look for a line in the slow band that is not a beat.
 
-        Where beating explains a part of it, but less than `beat_share` - the loop may answer a beat in its own way -
-        the window counts neither for nor against an oscillation: one that is real outlasts the beat.
+        Beating may explain a part of the line, but less than `beat_share`, because the loop may respond to a beat in
+        its own way. Such a window counts neither for nor against an oscillation: a real one outlasts the beat.
         """
         parameters, features = self._parameters, self.features
         features.oscillation_amplitude = features.oscillation_frequency = 0.0
@@ -201,7 +201,7 @@ class AxisClassifier:
         self._note_oscillation(step, found, residual)
 
     def _note_oscillation(self, step: int, found: bool, residual: NDArray[np.float64]) -> None:
-        """A line must last longer than the window: a jump of the bias stays in the window no longer than that."""
+        """A line must last longer than the window: a jump of the bias stays in the window only that long."""
         if found:
             self._oscillation_rest = 0
             self._evidence += 1
@@ -233,9 +233,9 @@ class AxisClassifier:
         return amplitude >= self._parameters.oscillation_threshold and share >= critical
 
     def _repeats_with_input(self, line: float) -> bool:
-        """Whether a line, in periods per window, is a multiple of how often an input that is no sine repeats itself.
+        """Whether a line (periods per window) is a harmonic of a periodic input that is not a sine.
 
-        Squares have odd harmonics only; a bearing under a static load answers with even ones too.
+        Square waves have odd harmonics only; a bearing under a static load also responds with even ones.
         """
         period = repetition(self._front_end.reference[self._front_end.sources[self._axis]])
         if self._source.kind != InputKind.OTHER or period == 0:
@@ -245,7 +245,7 @@ class AxisClassifier:
         return multiple > 0 and abs(line - multiple * fundamental) <= 1.0
 
     def _beating_orders(self) -> NDArray[np.int64]:
-        """Harmonics of a sine beyond the Nyquist frequency that fold into the slow band somewhere in the window."""
+        """Harmonics of a sine above the Nyquist frequency that fold into the slow band somewhere in the window."""
         if self._source.kind != InputKind.SINE:
             return np.empty(0, np.int64)
         rate = 1.0 / self._sample_time

@@ -20,9 +20,9 @@ from amb_core.regions.state import AxisState, Onset, Region, RegionState
 
 
 class RegionClassifier:
-    """Classifies telemetry as it comes, in blocks of any size: the states depend on the samples alone.
+    """Classifies streamed telemetry in blocks of any size: the states depend on the samples alone.
 
-    A state is told at every multiple of the update interval, and besides at the step at which the rotor delevitates.
+    It returns a state at every multiple of the update interval, and also at the step at which the rotor delevitates.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class RegionClassifier:
         Raises
         ------
         RegionError
-            If a sample is not finite (none of the block is then taken in) or the sample time is another.
+            If a sample is not finite (the whole block is then ignored) or the sample time differs.
         """
         self._check(block)
         if block.steps == 0:
@@ -98,7 +98,7 @@ class RegionClassifier:
         return states
 
     def delevitate(self) -> RegionState:
-        """Take in that the rotor delevitated at the next step, whose sample will not come."""
+        """Register that the rotor delevitated at the next step, for which there is no sample."""
         if self._delevitation is None:
             self._begin_delevitation(0 if self._next is None else self._next)
         return self._state()
@@ -127,7 +127,7 @@ class RegionClassifier:
             AxisClassifier(axis, parameters, self._front_end, self._history, self.sample_time, self._interval)
             for axis in range(2)
         ]
-        # an interval of which the start is missing is left out
+        # an interval without its start is left out
         self._first_whole = math.ceil(step / self._interval) * self._interval
         self._delevitation: Onset | None = None
         self._clear = 0
@@ -138,7 +138,7 @@ class RegionClassifier:
         self._settle()
 
     def _settle(self) -> None:
-        """Judge nothing until the transient is over and the windows hold none of it."""
+        """Classify nothing until the transient is over and has left the windows."""
         self._unsettled = self._settling + (self._samples + TAPS) // PER_INTERVAL + 1
         for axis in self._axes:
             axis.reset()
@@ -172,13 +172,13 @@ class RegionClassifier:
             self._settle()
 
     def _onset(self, step: int) -> Onset:
-        """An onset of the rotor: told with the input of the axis that responds most, y where both are alike."""
+        """An onset of the rotor, with the input of the axis that responds most; y if both are alike."""
         onsets = [self._history.onset(step, axis) for axis in (1, 0)]
         onset = max(onsets, key=lambda onset: (onset.resonance, not math.isnan(onset.input_frequency)))
         return replace(onset, resonance=onset.resonance or any(self._follows(axis) for axis in range(2)))
 
     def _follows(self, axis: int) -> bool:
-        """Whether an axis moves with an input that is no sine (yet), as at the slow start of a sweep."""
+        """Whether an axis moves with an input that is not (yet) a sine, as at the slow start of a sweep."""
         front_end = self._front_end
         if front_end.input_of(axis).kind != InputKind.OTHER:
             return False
@@ -186,7 +186,7 @@ class RegionClassifier:
         return bool(moved >= self.parameters.resonance_gain * asked > 0.0)
 
     def _update(self) -> None:
-        """Judge a complete interval."""
+        """Evaluate a complete interval."""
         assert self._next is not None
         if self._next - self._interval < self._first_whole:
             return
@@ -205,7 +205,7 @@ class RegionClassifier:
                 self._linear[axis] = self._history.onset(self._next - 1, axis)
 
     def _note_inputs(self) -> None:
-        """Keep the inputs for the onsets, and settle where the excitation became another."""
+        """Store the inputs for the onsets, and settle again if the excitation changed."""
         assert self._next is not None
         steps, frequencies, gains = [], [], []
         changed = False
@@ -224,7 +224,7 @@ class RegionClassifier:
             self._settle()
 
     def _state(self, step: int | None = None) -> RegionState:
-        """The state at a step, by default the last one taken in."""
+        """The state at a step, by default the latest one."""
         axes = [self._axis_state(axis) for axis in range(2)]
         region = max(axis.region for axis in axes)
         onsets = sorted((axis.since for axis in axes if axis.region == region), key=lambda onset: onset.step)
@@ -266,9 +266,9 @@ class Classification:
     Attributes
     ----------
     states : list of RegionState
-        One an update.
+        One per update.
     onsets : dict of Region to Onset
-        First onset of B, C and D of the rotor; what did not occur, or only after a higher region, is missing.
+        First onset of B, C and D of the rotor; regions that did not occur, or only after a higher one, are missing.
     axis_onsets : tuple of two dicts
         The same for the axes x and y.
     """
@@ -296,8 +296,8 @@ def classify(
     delevitated : bool, optional
         Whether the record ends because the rotor delevitated in its last step (its position there is not recorded).
     frequency : ndarray, shape (steps,), optional
-        Frequency of the input at each sample (Hz), where it is known; else the onsets have the one told from the
-        reference, which a sweep has from some 25 Hz on.
+        Frequency of the input at each sample (Hz), if it is known. Otherwise it is estimated from the reference, which
+        works for a sweep from about 25 Hz onwards.
 
     Raises
     ------
@@ -333,7 +333,7 @@ def _first_onsets(states: list[AxisState]) -> dict[Region, Onset]:
 
 
 def _in_order(onsets: dict[Region, Onset]) -> dict[Region, Onset]:
-    """Without onsets that come after the one of a higher region."""
+    """The onsets without those that come after the onset of a higher region."""
     return {
         region: onset
         for region, onset in sorted(onsets.items())

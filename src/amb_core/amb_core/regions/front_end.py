@@ -76,7 +76,7 @@ class FrontEnd:
     inputs : list of InputFeatures
         Inputs on the axes x and y.
     sources : list of int
-        For each axis the axis whose input it answers.
+        For each axis, the axis whose input it responds to.
     response : list of float
         Amplitudes (m) of the position of both axes at the frequency of their input; 0 where this is no sine.
     """
@@ -107,7 +107,7 @@ class FrontEnd:
         return 4 * self._factor
 
     def take(self, reference: NDArray[np.float64], position: NDArray[np.float64]) -> bool:
-        """Take in an interval of reference and position (m), shape (interval, 2) each; true with enough past."""
+        """Add an interval of reference and position (m), shape (interval, 2) each; returns true with enough past."""
         steps = self._interval
         self._raw[:-steps] = self._raw[steps:].copy()
         self._raw[-steps:, :2] = reference
@@ -128,7 +128,7 @@ class FrontEnd:
         return True
 
     def input_of(self, axis: int) -> InputFeatures:
-        """The input that an axis answers: its own, or that of the other axis where it has none."""
+        """The input that an axis responds to: its own, or that of the other axis if it has none."""
         return self.inputs[self.sources[axis]]
 
     def _follow_sines(self, first: int) -> None:
@@ -155,6 +155,6 @@ class FrontEnd:
 
 
 def _shift(window: NDArray[np.float64], values: NDArray[np.float64]) -> None:
-    """Drop the oldest samples of a window for new ones."""
+    """Replace the oldest samples of a window by new ones."""
     window[: -len(values)] = window[len(values) :].copy()
     window[-len(values) :] = values

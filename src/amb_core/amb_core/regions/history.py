@@ -1,4 +1,4 @@
-"""The inputs of the past: an onset found afterwards is told with the input frequency that reigned at its step."""
+"""The inputs of the past: they give an onset that is found afterwards the input frequency at its step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class InputHistory:
     sample_time : float
         Controller sample time (s).
     resonance_gain : float
-        Response per input from which on the loop is at its resonance.
+        Response per input at or above which the loop is at its resonance.
     """
 
     def __init__(self, sample_time: float, resonance_gain: float) -> None:
@@ -31,7 +31,7 @@ class InputHistory:
         self._count = 0
 
     def add(self, steps: list[int], frequency: list[float], gain: list[float]) -> None:
-        """Note an update: for both axes the step at which frequency (Hz, NaN if none) and gain hold."""
+        """Store an update: for both axes the step at which frequency (Hz, NaN if none) and gain hold."""
         if self._count == CAPACITY:
             half = CAPACITY // 2
             for values in (self._steps, self._frequency, self._gain):

@@ -1,8 +1,8 @@
-"""What the input is: frequency, amplitude and phase of a sine, told from the reference itself, sample by sample.
+"""Frequency, amplitude and phase of a sine input, determined from the reference itself, sample by sample.
 
-Differences of the reference know nothing of its nominal value. With the first difference e and the second difference h
+Differences of the reference do not depend on its nominal value. With the first difference e and the second difference h
 of e, a sine of angular frequency w (per sample) obeys h = -q e, q = 4 sin^2(w/2), and only a sine does: q is fitted
-over one period or more, and one minus the squared correlation of h and e says how far the input is from a sine. The
+over one period or more, and one minus the squared correlation of h and e shows how far the input is from a sine. The
 phase follows from the central differences d1 = 2 A sin(w) cos(phase) and d2 = -q A sin(phase).
 """
 
@@ -16,12 +16,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-SPANS = (1, 2, 4, 8, 16)  # update intervals over which a frequency is fitted; the shortest that holds a period is taken
-NOT_A_SINE = 0.05  # one minus squared correlation: white noise has 0.1, a sweep of 250 Hz/s less from some 25 Hz on
+SPANS = (1, 2, 4, 8, 16)  # update intervals over which a frequency is fitted; the shortest with a full period is used
+NOT_A_SINE = 0.05  # one minus squared correlation: white noise has 0.1, a sweep of 250 Hz/s less above about 25 Hz
 MEMORY = 2.0  # s for which an input is remembered after its last change: squares rest between their edges
 KIND_UPDATES = 5  # updates for which another kind of input must last to count as another excitation
 AMPLITUDE_STEP = 1.25  # ratio of amplitudes of a sine from one update to the next that counts as another excitation
-HIGHEST = 0.98  # of the Nyquist frequency: above, the samples of a sine no longer tell its phase
+HIGHEST = 0.98  # of the Nyquist frequency: above, the samples of a sine no longer determine its phase
 
 
 class InputKind(IntEnum):
@@ -124,7 +124,7 @@ class InputTracker:
         self._from_start = True
 
     def update(self, reference: NDArray[np.float64]) -> InputFeatures:
-        """Take in an interval of the reference (m) with the three samples before it, shape (interval + 3,)."""
+        """Add an interval of the reference (m) with the three samples before it, shape (interval + 3,)."""
         if math.isnan(self._base):
             self._base = self.origin = float(reference[0])
         self._moments[:-1] = self._moments[1:].copy()
@@ -148,7 +148,7 @@ class InputTracker:
         return self._other(sums)
 
     def _sine(self, sums: NDArray[np.float64], span: int) -> InputFeatures | None:
-        """A sine, if these sums are those of one and hold a period of it."""
+        """The sine, if these sums are those of a sine and cover a period of it."""
         product, first, second = sums[:3]
         if not (product < 0.0 and 1.0 - product**2 / (first * second) < NOT_A_SINE):
             return None
@@ -171,9 +171,9 @@ class InputTracker:
 
 
 class ExcitationChange:
-    """Tells when an axis gets another excitation, by its kind or by the amplitude of a sine.
+    """Detects that the excitation of an axis changes, in its kind or in the amplitude of a sine.
 
-    Mixed tones and noise look like a sine now and then: what changes again within `MEMORY` is one excitation.
+    Mixed tones and noise sometimes look like a sine: changes within `MEMORY` of each other are one excitation.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ class ExcitationChange:
         self._age = self._memory
 
     def update(self, features: InputFeatures) -> bool:
-        """Take in the input at an update; whether it is another excitation than before."""
+        """Add the input at an update; returns whether the excitation changed."""
         self._age += 1
         before, self._amplitude = self._amplitude, features.amplitude
         if features.kind != self._kind:

@@ -51,7 +51,7 @@ def bias_limit(
 ) -> NDArray[np.float64]:
     """Amplitude at which the control current reaches the bias current, i_0 / |G| (m).
 
-    Beyond, the reference of a coil current becomes negative, which a unipolar amplifier cannot follow.
+    Beyond it, the reference of a coil current becomes negative, which a unipolar amplifier cannot follow.
 
     Parameters
     ----------
@@ -93,14 +93,14 @@ def slew_limit(
 
 
 def dithered_saturation(limit: ArrayLike, dither: ArrayLike, offset: float = 0.0) -> NDArray[np.float64]:
-    """Gain that a saturation of slope 1 has left for a small slow signal under a fast sine (dither).
+    """Remaining gain of a saturation of slope 1 for a small slow signal under a fast sine (dither).
 
-    The share of time that the sine spends between the limits: (2/pi) asin(limit / dither) without offset.
+    It is the share of time that the sine spends between the limits: (2/pi) asin(limit / dither) without offset.
 
     Parameters
     ----------
     limit, dither : array_like
-        Magnitude at which the saturation cuts, and amplitude of the sine, in the same unit.
+        Magnitude at which the signal saturates, and amplitude of the sine, in the same unit.
     offset : float, optional
         Constant part of the signal (a static load, say), in that unit.
     """
@@ -121,7 +121,7 @@ def gain_loss_limit(
     """Amplitude at which the saturated loop no longer outweighs the negative stiffness (m).
 
     The dithered saturation leaves N k_i K_P of the stiffness; N k_i K_P = k_s at the dither limit / sin(pi k_s /
-    (2 k_i K_P)), without static load. Beyond, the centre is no longer stable: the rotor drifts away or falls.
+    (2 k_i K_P)), without static load. Beyond it, the centre is no longer stable: the rotor drifts away or falls.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def gain_loss_limit(
 
 
 def slow_oscillation_lag(controller: ControllerParameters, current_gain: float, negative_stiffness: float) -> float:
-    """Lag of the current loop from which on the loop oscillates slowly, k_i K_D / (k_i K_P - k_s) (s).
+    """Lag of the current loop above which the loop oscillates slowly, k_i K_D / (k_i K_P - k_s) (s).
 
     Routh's condition of m tau s^3 + m s^2 + k_i K_D s + k_i K_P - k_s: the lag tau is taken to delay the whole
     restoring force. The negative stiffness acts without lag, which makes the limit stricter, see `undamped_lag`.
@@ -167,7 +167,7 @@ def slow_oscillation_lag(controller: ControllerParameters, current_gain: float, 
     Raises
     ------
     RegionError
-        If k_i K_P <= k_s: there is no stable loop to begin with.
+        If k_i K_P <= k_s: the loop is not stable even without lag.
     """
     stiffness = _stiffness(current_gain, controller) - float(_positive("negative_stiffness", negative_stiffness))
     if stiffness <= 0.0:

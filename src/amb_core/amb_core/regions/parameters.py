@@ -12,7 +12,7 @@ class RegionParameters(Parameters):
     """Parameters of the region classifier; the defaults suit a bearing whose loop has its poles near 60 Hz."""
 
     backup_bearing_radius: float = backup_bearing_radius(
-        "radial position from which on the rotor counts as delevitated (region D)"
+        "radial position at or above which the rotor counts as delevitated (region D)"
     )
     update_interval: float = quantity(0.01, "s", "time from one classification to the next", 0.002, 0.1)
     settling_time: float = quantity(
@@ -38,30 +38,32 @@ class RegionParameters(Parameters):
     resonance_gain: float = quantity(
         0.7,
         "-",
-        "response per input from which on a changing bias is put down to the resonance of the loop, not to drift; "
-        "0.7 is the edge of the loop's bandwidth",
+        "response per input at or above which a changing bias is attributed to the resonance of the loop, not to "
+        "drift; 0.7 is the edge of the loop's bandwidth",
         0.1,
         100.0,
     )
     oscillation_threshold: float = quantity(
         1e-6, "m", "smallest amplitude of a slow oscillation that counts (region C)", 1e-9, 1e-3
     )
-    oscillation_window: float = quantity(0.2, "s", "time over which a slow oscillation is sought", 0.05, 5.0)
+    oscillation_window: float = quantity(
+        0.2, "s", "length of the window that is searched for a slow oscillation", 0.05, 5.0
+    )
     period_ratio: float = quantity(
-        3.0, "-", "how many times longer than the input's the period of a slow oscillation must be", 1.5, 100.0
+        3.0, "-", "smallest ratio of the period of a slow oscillation to the period of the input", 1.5, 100.0
     )
     slow_frequency: float = quantity(
         150.0,
         "Hz",
-        "highest frequency of a slow oscillation; some twice the natural frequency of the closed loop",
+        "highest frequency of a slow oscillation; about twice the natural frequency of the closed loop",
         5.0,
         5000.0,
     )
     beat_order: int = quantity(
-        17, "-", "highest harmonic of the input whose beating with the sample rate is sought", 2, 40
+        17, "-", "highest harmonic of the input that is checked for beating with the sample rate", 2, 40
     )
     beat_share: float = quantity(
-        0.5, "-", "share of the power of a slow oscillation that beating must explain to be blamed for it", 0.0, 1.0
+        0.5, "-", "share of the power of a slow oscillation that beating must explain to count as its cause", 0.0, 1.0
     )
     hold_time: float = quantity(0.2, "s", "time without evidence after which a region is left", 0.0, 10.0)
 
@@ -76,7 +78,7 @@ class RegionParameters(Parameters):
         if self.slow_frequency < lowest:
             raise ValueError(
                 f"slow_frequency = {self.slow_frequency:g} Hz must be at least "
-                f"6 / oscillation_window = {lowest:g} Hz, or nothing slow is resolved"
+                f"6 / oscillation_window = {lowest:g} Hz, or slow oscillations are not resolved"
             )
         for name, updates in (("trend_window", 12), ("oscillation_window", 10)):
             if getattr(self, name) < (updates - 1e-9) * self.update_interval:

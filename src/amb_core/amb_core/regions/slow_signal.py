@@ -1,6 +1,6 @@
-"""The slow part of the position: what is left below some hundred hertz when the linear response is taken out.
+"""The slow part of the position: what remains below some hundred hertz when the linear response is removed.
 
-All signals are decimated to ten samples an update interval by a linear-phase filter. Over a window, the position is
+All signals are decimated to ten samples per update interval by a linear-phase filter. Over a window, the position is
 fitted by least squares with
 
 - 1, t, t^2: the bias,
@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin
 
-PER_INTERVAL = 10  # decimated samples of an update interval
+PER_INTERVAL = 10  # decimated samples per update interval
 TAPS = 16  # decimated samples of the past that the linear response reaches back
-HARMONICS = 3  # highest harmonic taken out of the position; the first is part of the linear response
+HARMONICS = 3  # highest harmonic removed from the position; the first is part of the linear response
 BEATS = 3  # harmonics that may beat at the same time
 ENVELOPE = 4  # coefficients of the polynomial that a beat's amplitude and phase follow over the window
-INAUDIBLE = 1e-8  # m: a decimated reference that moves less is not heard of in the position
-RIDGE = 1e-9  # of the power of a regressor that may be like another
-PERIODIC = 0.9  # correlation with its own past from which on an input repeats itself
+INAUDIBLE = 1e-8  # m: a decimated reference that moves less has no visible effect on the position
+RIDGE = 1e-9  # relative to the power of a regressor that may resemble another
+PERIODIC = 0.9  # correlation with its own past at or above which an input repeats itself
 
 
 def decimation_filter(factor: int) -> NDArray[np.float64]:
@@ -37,7 +37,7 @@ def decimation_filter(factor: int) -> NDArray[np.float64]:
 def decimate(
     signal: NDArray[np.float64], coefficients: NDArray[np.float64], factor: int, decimated: NDArray[np.float64]
 ) -> None:
-    """Filter the columns of a signal; row i of the result takes in rows from i factor on."""
+    """Filter the columns of a signal; row i of the result uses rows from i factor onwards."""
     for i in range(len(decimated)):
         for axis in range(decimated.shape[1]):
             total = 0.0
@@ -50,7 +50,7 @@ def decimate(
 def least_squares(
     columns: NDArray[np.float64], values: NDArray[np.float64], ridge: NDArray[np.float64], solution: NDArray[np.float64]
 ) -> None:
-    """Least squares by Cholesky; `columns` has one regressor a row, `ridge` is added to the squares of each."""
+    """Least squares by Cholesky; `columns` has one regressor per row, `ridge` is added to the squares of each."""
     count, samples = columns.shape
     normal = np.empty((count, count))
     for i in range(count):
@@ -91,20 +91,20 @@ def fit_window(
     unexplained: NDArray[np.float64],
     residual: NDArray[np.float64],
 ) -> float:
-    """Take the linear response and the harmonics out of a window of n decimated samples; returns the static gain.
+    """Remove the linear response and the harmonics from a window of n decimated samples; returns the static gain.
 
     Parameters
     ----------
     position : ndarray, shape (n,)
         Decimated position (m).
     reference : ndarray, shape (n + TAPS - 1,)
-        Decimated reference less its origin (m), from TAPS - 1 samples earlier on.
+        Decimated reference minus its origin (m), starting TAPS - 1 samples earlier.
     phase : ndarray, shape (n,)
         Phase of the input sine (rad).
     harmonics : int
-        Highest harmonic of the sine to take out; 1 for none.
+        Highest harmonic of the sine to remove; 1 for none.
     linear : bool
-        Whether the decimated reference moves enough to be heard of in the position.
+        Whether the decimated reference moves enough to have a visible effect on the position.
     unexplained : ndarray, shape (n,)
         Receives the position without linear response and harmonics: bias and slow oscillation (m).
     residual : ndarray, shape (n,)
@@ -125,8 +125,8 @@ def fit_window(
             columns[row + 2, k], columns[row + 3, k] = columns[row, k] * time, columns[row + 1, k] * time
     solution = np.empty(count)
     ridge = np.full(count, RIDGE * samples)
-    ridge[:3] = 0.0  # what might be bias or response to a constant reference is bias
-    # a sine leaves most coefficients of the filter undetermined: they are kept small
+    ridge[:3] = 0.0  # what may be bias or response to a constant reference counts as bias
+    # a sine leaves most coefficients of the filter undetermined: the ridge keeps them small
     ridge[3 : 3 + taps] = samples * INAUDIBLE**2
     least_squares(columns, position, ridge, solution)
     for k in range(samples):
@@ -155,7 +155,7 @@ def slow_line(
     residual : ndarray, shape (n,)
         Residual of a window (m).
     lowest, highest : int
-        Bins, counted in periods per window; lines half a bin apart are looked at.
+        Bins, counted in periods per window; the lines are half a bin apart.
     table : ndarray, shape (2, n, lines)
         From `line_table`.
 
@@ -184,7 +184,7 @@ def slow_line(
 
 @numba.njit(cache=True, error_model="numpy")
 def repetition(reference: NDArray[np.float64]) -> int:
-    """Samples after which a reference (m) repeats itself, by its correlation; 0 if it does not within half of them."""
+    """Samples after which a reference (m) repeats itself, by its correlation; 0 if not within half of its length."""
     samples = len(reference)
     centred = reference - np.mean(reference)
     best, best_lag, apart = PERIODIC, 0, False
@@ -196,7 +196,7 @@ def repetition(reference: NDArray[np.float64]) -> int:
         if apart and correlation > best:
             best, best_lag = correlation, lag
         elif best_lag > 0 and correlation < 0.5:
-            break  # the shortest period will do
+            break  # the shortest period is sufficient
     return best_lag
 
 
@@ -204,7 +204,7 @@ def repetition(reference: NDArray[np.float64]) -> int:
 def remove_beats(
     residual: NDArray[np.float64], phase: NDArray[np.float64], orders: NDArray[np.int64], cleaned: NDArray[np.float64]
 ) -> None:
-    """Take out of a residual what harmonics of the input explain that beat with the sample rate, best first.
+    """Remove from a residual the beats of input harmonics with the sample rate, the one that explains most first.
 
     Parameters
     ----------

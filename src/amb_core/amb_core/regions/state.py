@@ -1,4 +1,4 @@
-"""What the classifier tells: a region per axis and for the rotor, with the features that led to it."""
+"""Output of the classifier: a region per axis and for the rotor, with the features that led to it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Onset:
     Attributes
     ----------
     step : int
-        Controller step; for B and C estimated afterwards, so before the step at which it was noticed.
+        Controller step; for B and C it is estimated afterwards, so it lies before the step of detection.
     time : float
         Time of that step from step 0 of the run (s).
     input_frequency : float
@@ -57,9 +57,9 @@ class AxisState:
     trend : float
         Slope of the bias over the span of the most significant trend test (m/s).
     trend_significance : float
-        Its t statistic divided by the critical value of the test: significant from 1 on.
+        Its t statistic divided by the critical value of the test: significant if 1 or more.
     oscillation_amplitude, oscillation_frequency : float
-        Largest line of the slow band that is no beating (m, Hz).
+        Largest line of the slow band that is not a beat (m, Hz).
     input_frequency : float
         Instantaneous frequency of a sine, else the root mean square frequency of the input (Hz); 0 without input.
     input_amplitude : float
@@ -67,7 +67,7 @@ class AxisState:
     response_amplitude : float
         Peak amplitude of the position at the frequency of a sine (m); 0 for other inputs.
     sampling_beat : bool
-        Whether there is a slow oscillation that a harmonic of the input, folded at the sample rate, explains.
+        Whether a harmonic of the input, folded at the sample rate, explains a slow oscillation.
     """
 
     region: Region
@@ -90,7 +90,7 @@ class RegionState:
     Attributes
     ----------
     step : int
-        Last controller step that was taken in.
+        Last controller step that was processed.
     x, y : AxisState
         The axes.
     region : Region
@@ -100,7 +100,7 @@ class RegionState:
     radius : float
         Largest radial position since the last update (m).
     settled : bool
-        Whether B and C were judged; false in the settling time after a start, a gap or a change of the excitation.
+        Whether B and C were classified; false in the settling time after a start, a gap or a change of the excitation.
     """
 
     step: int

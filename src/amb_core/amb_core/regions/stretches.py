@@ -1,4 +1,4 @@
-"""What a whole run says about regions: stretches of one region, shares of the time, spans of beating."""
+"""Regions over a whole run: stretches of one region, shares of the time, spans of beating."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Stretch:
 
 
 def stretches(states: Sequence[RegionState]) -> list[Stretch]:
-    """The stretches that the states of a run tell of, in order; between them, gaps in the telemetry.
+    """The stretches in the states of a run, in order; between them are gaps in the telemetry.
 
-    A stretch begins at the estimated onset of its region, which is earlier than the state that first told of it. What
-    comes before B and C are judged for the first time counts as A if it turns out to be, and is left out if it is never
-    judged.
+    A stretch begins at the estimated onset of its region, which is earlier than the state that first reports it. The
+    time before B and C are first classified counts as A if it turns out to be A. It is left out if they are never
+    classified.
     """
     found: list[Stretch] = []
     for state in states:
@@ -32,7 +32,7 @@ def stretches(states: Sequence[RegionState]) -> list[Stretch]:
             continue
         first, stop = state.since.step, state.step + 1
         while found and found[-1].region != state.region and found[-1].first_step >= first:
-            found.pop()  # all of it is taken back: the new region began even earlier
+            found.pop()  # remove all of it: the new region began even earlier
         if found and found[-1].region == state.region and found[-1].stop >= first:
             found[-1] = Stretch(state.region, found[-1].first_step, stop)
             continue
@@ -43,7 +43,7 @@ def stretches(states: Sequence[RegionState]) -> list[Stretch]:
 
 
 def shares(found: Sequence[Stretch]) -> dict[Region, float]:
-    """Share of the time in each region, from 0 to 1; all zero where nothing was judged."""
+    """Share of the time in each region, from 0 to 1; all zero if nothing was classified."""
     steps = dict.fromkeys(Region, 0)
     for stretch in found:
         steps[stretch.region] += stretch.stop - stretch.first_step

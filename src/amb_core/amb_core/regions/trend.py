@@ -1,16 +1,16 @@
 """Region B: a test for a trend of the bias with a stated rate of false alarms, and the step at which the trend begins.
 
-Bias points (one an update interval) are averaged in pairs, pairs of pairs, and so on. On each of these `LEVELS`, the
+Bias points (one per update interval) are averaged in pairs, pairs of pairs, and so on. On each of these `LEVELS`, the
 means of the first and of the last third of the latest points are compared. With n points in a third, m_1 and m_3 the
-means, s^2 the variance about a straight line through each third and rho the lag-one autocorrelation of what is left,
+means, s^2 the variance about a straight line through each third and rho the lag-one autocorrelation of the residuals,
 
     t = (m_3 - m_1) / (s sqrt(2 f / n)),  f = (1 + rho) / (1 - rho),    degrees of freedom = 2 (n - 2) / f >= 4,
 
 is tested two-sided at the level at which all tests together raise `false_alarm_rate` false alarms at most (union
-bound). Slow drift shows on a long level, a jump of the bias on a short one; lines of their own keep the thirds from
-taking the trend for noise. White noise raises a tenth to a fifth of the stated alarms. The correction f holds in the
-mean and not far out in the tail: with a correlation of 0.3 from one update interval to the next there are 0.6 of the
-stated alarms at one a second, 1.6 times as many at one a minute, 2.8 times at six an hour.
+bound). Slow drift shows on a long level, a jump of the bias on a short one. Each third has its own line, so the
+trend does not count as noise. White noise raises a tenth to a fifth of the stated alarms. The correction f is right on
+average but not far out in the tail. With a correlation of 0.3 from one update interval to the next there are 0.6 times
+the stated alarms at one per second, 1.6 times at one per minute, 2.8 times at six per hour.
 
 Source of the correction f: von Storch, Zwiers, "Statistical Analysis in Climate Research", Cambridge 1999, section 6.6.
 """
@@ -95,7 +95,7 @@ def kink(points: NDArray[np.float64]) -> int:
     determinant = samples * xx_sum - x_sum * x_sum
     best, best_index = -1.0, 0
     tail_z, ramp_z = 0.0, 0.0
-    # the ramp of index s is max(0, k - s); what of it no straight line explains is fitted to the points
+    # the ramp of index s is max(0, k - s); its part that no straight line explains is fitted to the points
     for s in range(samples - 2, 0, -1):
         tail_z += points[s + 1] - points[0]
         ramp_z += tail_z
@@ -115,7 +115,7 @@ def kink(points: NDArray[np.float64]) -> int:
 
 @numba.njit(cache=True, error_model="numpy")
 def push(levels: NDArray[np.float64], counts: NDArray[np.int64], pending: NDArray[np.float64], point: float) -> int:
-    """Add a point to the first level, and means of pairs to the next ones; the number of levels that got one.
+    """Add a point to the first level, and means of pairs to the next ones; returns the number of levels that got one.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def push(levels: NDArray[np.float64], counts: NDArray[np.int64], pending: NDArra
     counts : ndarray, shape (LEVELS,)
         Points that each level has got so far.
     pending : ndarray, shape (LEVELS,)
-        Points that wait for the other of their pair; NaN for none.
+        Points that wait for the second point of their pair; NaN for none.
     point : float
         The point (m).
     """
@@ -156,7 +156,7 @@ class TrendTest:
     def __init__(self, points: int, interval: float, false_alarm_rate: float) -> None:
         self._points = points
         self._interval = interval
-        level = false_alarm_rate * interval / 2.0  # at most two tests an interval
+        level = false_alarm_rate * interval / 2.0  # at most two tests per interval
         self._critical = student.isf(level / 2.0, np.arange(1, 2 * (points // 3) - 3))
         self._history = np.empty(2 * points << (LEVELS - 1))
         self.reset()
@@ -170,7 +170,7 @@ class TrendTest:
         self._latest = [NO_TREND] * LEVELS
 
     def add(self, point: float) -> Trend:
-        """Take in a bias point (m); returns the most significant of the latest tests of all levels."""
+        """Add a bias point (m); returns the most significant of the latest tests of all levels."""
         self._history[:-1] = self._history[1:].copy()
         self._history[-1] = point
         self._count = min(self._count + 1, len(self._history))
@@ -196,8 +196,8 @@ class TrendTest:
     def _test(self, level: int) -> Trend:
         difference, deviation, correlation = compare_thirds(self._levels[level])
         third = self._points // 3
-        # what is left about a line is less correlated than the noise (first-order correction), and few points tell the
-        # correlation badly (one standard error to be safe)
+        # residuals about a line are less correlated than the noise (first-order correction), and few points determine
+        # the correlation badly (one standard error to be safe)
         correlation += (3.0 + 3.0 * correlation) / third + 1.0 / math.sqrt(2 * third)
         correlation = min(max(correlation, 0.0), 0.9)
         inflation = (1.0 + correlation) / (1.0 - correlation)

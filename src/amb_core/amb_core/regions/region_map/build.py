@@ -1,4 +1,4 @@
-"""Builds region maps: sweeps as tasks on a cluster, finished ones from disk, amplitudes as the results ask for."""
+"""Builds region maps: sweeps run as tasks on a cluster or come from disk; their results determine more amplitudes."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from amb_core.tasks import Request, ResultCache, cache_folder, run
 
 @dataclass(frozen=True)
 class MapProgress:
-    """How far a map, or a grid of maps, is.
+    """Progress of a map, or of a grid of maps.
 
     Attributes
     ----------
     done : int
         Sweeps with a result.
     total : int
-        Sweeps that the results so far ask for; it grows as boundaries turn out to need more.
+        Sweeps that the results so far require; it grows when boundaries need more.
     reused : int
-        Of those done, how many were finished earlier and only read.
+        Number of these `done` that were finished earlier and only read.
     map : RegionMap or None
         The sweeps so far of the map that the last finished sweep belongs to; None before the first.
     """
@@ -55,8 +55,8 @@ def build_map(
 ) -> RegionMap:
     """Build a region map.
 
-    The map depends on the settings and the parameters alone, not on the number of workers or their speed. May be
-    called from any thread.
+    The map depends on the settings and the parameters alone, not on the number of workers or their speed. The function
+    may be called from any thread.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def build_map(
     progress : callable, optional
         Called in the calling thread at the start and whenever a sweep has finished.
     cancelled : callable, optional
-        Asked ten times a second; once it is true, the map ends with the sweeps that have finished.
+        Called ten times per second; once it returns true, the map ends with the sweeps that have finished.
 
     Returns
     -------
@@ -87,10 +87,10 @@ def build_map(
     Raises
     ------
     RegionError
-        If the settings do not fit the loop, a sweep fails, such as where the loop does not hold the rotor, or the map
+        If the settings do not fit the loop, a sweep fails (the loop does not hold the rotor, for example), or the map
         is cancelled before the first sweep has finished.
     TaskError
-        If the scheduler does not answer, or our own processes do not come up.
+        If the scheduler does not answer, or the local processes do not start.
     PlantError
         If the plant cannot be built.
     """
@@ -104,7 +104,7 @@ def build_map(
 
 
 class MapJob:
-    """One map: what is asked for, and the sweeps so far.
+    """One map: its settings, and the sweeps so far.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class MapJob:
     Attributes
     ----------
     refinement : Refinement
-        Amplitudes asked for, and the sweeps so far.
+        Requested amplitudes, and the sweeps so far.
     problem : RegionError or None
         Why there is no map; its remaining sweeps are then not run.
 
@@ -148,11 +148,11 @@ class MapJob:
 
     @property
     def total(self) -> int:
-        """Number of sweeps that the results so far ask for."""
+        """Number of sweeps that the results so far require."""
         return min(len(self.refinement.amplitudes) + len(self.refinement.open), self._settings.max_sweeps)
 
     def map(self) -> RegionMap:
-        """The map of the sweeps so far, of which there must be one."""
+        """The map of the sweeps so far; there must be at least one."""
         described = self.task(self._settings.amplitude_low).describe()
         provenance = {name: described[name] for name in ("plant", "controller", "regions", "files", "code")}
         return RegionMap(self._settings, self.refinement.sweeps, provenance, self.refinement.resolved)
@@ -166,9 +166,9 @@ def run_jobs(
     progress: Callable[[MapProgress], None] | None,
     cancelled: Callable[[], bool] | None,
 ) -> None:
-    """Run maps together on one cluster, those that come first with priority; parameters as for `build_map`.
+    """Run maps together on one cluster, earlier maps with priority; parameters as for `build_map`.
 
-    A map with a sweep that fails has this as its `problem`; the others go on.
+    If a sweep fails, the error is the `problem` of its map; the other maps continue.
     """
     sweeps = _Sweeps(jobs, progress or (lambda _: None))
     sweeps.report(None)
@@ -196,7 +196,7 @@ class _Sweeps:
         ]
 
     def report(self, job: MapJob | None) -> None:
-        """Report how far all maps are; with that of the job that has got further."""
+        """Report the progress of all maps, with the map of the job that has a new sweep."""
         jobs = [one for one in self._jobs if one.problem is None]
         self._progress(
             MapProgress(
@@ -208,7 +208,7 @@ class _Sweeps:
         )
 
     def _take(self, job: MapJob, amplitude: float, sweep: MapSweep | TaskError, kept: bool) -> list[Request[MapSweep]]:
-        """Take in a sweep; what the boundaries need next."""
+        """Add a sweep; returns the sweeps that the boundaries need next."""
         if isinstance(sweep, TaskError):
             job.problem = RegionError(f"sweep of {amplitude:g} m: {sweep}")
             return []
@@ -237,7 +237,7 @@ def _check(settings: MapSettings, plant: PlantParameters, controller: Controller
     if settings.amplitude_high >= allowed:
         both = ", at 45 degrees with both axes" if settings.axes == "both" else ""
         raise RegionError(
-            f"amplitude_high = {settings.amplitude_high:g} m reaches beyond the clearance of {clearance:g} m to the "
+            f"amplitude_high = {settings.amplitude_high:g} m exceeds the clearance of {clearance:g} m to the "
             f"backup bearing{both}; allowed: below {allowed:.6g} m"
         )
-    Plant(plant)  # refuses what it cannot be built of here, not on every worker
+    Plant(plant)  # rejects wrong parameters here, not on every worker

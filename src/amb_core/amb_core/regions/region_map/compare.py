@@ -14,7 +14,7 @@ from amb_core.plant import PlantParameters, describe
 from amb_core.regions import Region, lines
 from amb_core.regions.region_map.region_map import BOUNDARIES, RegionMap
 
-POINTS = 2000  # of a line; between them its logarithm runs straight, to within 1e-6
+POINTS = 2000  # of a line; between them its logarithm is linear, to within 1e-6
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class AnalyticLine:
 
 @dataclass(frozen=True)
 class Comparison:
-    """An analytic line against a simulated boundary, at the sweeps that have both.
+    """An analytic line compared with a simulated boundary, at the sweeps that have both.
 
     Attributes
     ----------
@@ -93,8 +93,8 @@ def analytic_lines(
     """The lines of a bearing, from its derived constants.
 
     A limit that the loop does not have (of an unlimited duty cycle, or of a gain too small to lose any) has no line.
-    The static-load limit is the bias limit with what the weight of the rotor leaves of the current: beyond it the peaks
-    are cut on one side only, so that the mean force falls and the rotor sinks.
+    The static-load limit is the bias limit for the current that remains after the weight of the rotor is carried.
+    Beyond it the peaks are cut on one side only: the mean force falls and the rotor sinks.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def analytic_lines(
     Raises
     ------
     PlantError
-        If the plant cannot be built, or the controller holds the rotor nowhere.
+        If the plant cannot be built, or the controller cannot hold the rotor.
     """
     constants = describe(plant, controller)
     frequency = np.geomspace(lowest_frequency, 0.5 * controller.sample_rate, POINTS)
@@ -129,7 +129,7 @@ def analytic_lines(
 
 
 def compare(region_map: RegionMap, analytic: Sequence[AnalyticLine]) -> list[Comparison]:
-    """Every line against every boundary of a map, but for onsets of D by ordinary resonance, which no line describes.
+    """Compare every line with every boundary, except onsets of D by ordinary resonance, which no line describes.
 
     Pairs without a common amplitude are left out.
     """

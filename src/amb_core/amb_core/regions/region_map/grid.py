@@ -31,7 +31,7 @@ class GridCell:
     map : RegionMap or None
         None if there is none, see `problem`.
     problem : str
-        Why there is no map: values that are refused, a loop that does not hold the rotor, or a cancel; else empty.
+        Why there is no map: rejected values, a loop that does not hold the rotor, or a cancellation; else empty.
     """
 
     values: dict[str, Any]
@@ -62,7 +62,7 @@ def build_grid(
         Values by name: a dotted name of `PlantParameters` (amplifier.bias_current, rotor.gravity) or `controller.`
         and a name of `ControllerParameters` (controller.derivative_gain). The last name varies fastest.
     settings, plant, controller, regions, cache, scheduler, workers, progress, cancelled
-        As for `build_map`; what `design` does not name is the same in all maps.
+        As for `build_map`; parameters that `design` does not name are the same in all maps.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""Which sweeps a region map needs: few, yet so many that its boundaries are resolved.
+"""Which sweeps a region map needs: few, but enough to resolve its boundaries.
 
-The order of the sweeps follows from their results alone, taken in the order in which they were asked for: neither the
-number of workers nor the order in which they finish has an influence on the map.
+The order of the sweeps depends only on their results, taken in the order of the requests. Neither the number of workers
+nor the order in which sweeps finish affects the map.
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ class Interval:
 class Refinement:
     """Chooses the amplitudes of a map.
 
-    An amplitude is a place from 0 (smallest) to 1 (largest) on the logarithmic axis. Sweeps are asked for in an order;
-    at most `initial_sweeps` are under way beyond the oldest without result, and only results up to that one count.
+    An amplitude is a place from 0 (smallest) to 1 (largest) on the logarithmic axis. Sweeps are requested in a fixed
+    order. Results count only up to the oldest request without a result; from that one on, at most `initial_sweeps` are
+    under way.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ class Refinement:
 
     @property
     def amplitudes(self) -> list[float]:
-        """Amplitudes asked for so far (m), in order."""
+        """Amplitudes requested so far (m), in order."""
         return [self._amplitude(place) for place in self._asked]
 
     @property
@@ -70,7 +71,7 @@ class Refinement:
 
     @property
     def finished(self) -> bool:
-        """Whether every sweep asked for has its result."""
+        """Whether every requested sweep has its result."""
         return len(self._results) == len(self._asked)
 
     @property
@@ -79,7 +80,7 @@ class Refinement:
         return self.finished and not self._unresolved()
 
     def add(self, sweep: MapSweep) -> list[float]:
-        """Take the result of a sweep that was asked for; the amplitudes (m) that are now asked for besides."""
+        """Add the result of a requested sweep; returns the amplitudes (m) that are now requested in addition."""
         self._results[sweep.amplitude] = sweep
         before = len(self._asked)
         while self._counted < len(self._asked) and self._amplitude(self._asked[self._counted]) in self._results:
@@ -98,7 +99,7 @@ class Refinement:
 
     def _amplitude(self, place: Fraction) -> float:
         low, high = self._settings.amplitude_low, self._settings.amplitude_high
-        # Rounded, so that the ends are exactly what was given, and equal amplitudes equal in every map.
+        # Rounded: the ends are exactly as given, and equal amplitudes are equal in every map.
         return float(f"{low * (high / low) ** float(place):.9g}")
 
     def _unresolved(self) -> list[Interval]:
@@ -129,12 +130,12 @@ def _uncertainty(amplitude: NDArray[np.float64], frequency: NDArray[np.float64])
     Returns
     -------
     ndarray, shape (sweeps - 1,)
-        Where both sweeps have the boundary, how far the straight line between its neighbours misses one of the two, at
-        the end where this is smaller, and with the spacing of neighbours that the interval itself has: |c| h^2 for an
-        interval h and the second divided difference c. A line that holds over neighbours holds within the interval all
-        the more (the error is a quarter of this). A jump, which is large at both ends of its own interval, does not
-        spread to the next. A boundary that falls cannot deviate by more than it falls. Where only one sweep has it, the
-        width of the interval; where none has it, 0.
+        If both sweeps have the boundary: |c| h^2 for an interval h and the second divided difference c. This is how far
+        a straight line between the neighbours of a sweep misses it, for neighbours with the spacing of the interval. It
+        is taken at the end where it is smaller, so a jump, which is large at both ends of its own interval, does not
+        spread to the next one. Within the interval the error of a line is smaller (a quarter of this). A boundary that
+        falls cannot deviate by more than it falls. If only one sweep has the boundary: the width of the interval. If
+        none has it: 0.
     """
     width = np.diff(amplitude)
     slope = np.diff(frequency) / width

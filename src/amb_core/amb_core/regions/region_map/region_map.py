@@ -20,7 +20,7 @@ from amb_core.regions.region_map.settings import MapSettings
 
 BOUNDARIES = (Region.B, Region.C, Region.D)
 FORMAT = 1  # of the file; raised when older files can no longer be read
-LARGEST = 64 * MIB  # of a file that is read; a map of 24 sweeps takes some 10 KiB
+LARGEST = 64 * MIB  # of a file that is read; a map of 24 sweeps takes about 10 KiB
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Boundary:
     frequency : float
         Input frequency at the onset (Hz).
     resonance : bool
-        Whether the loop then answered its input at its resonance: see `amb_core.regions.Onset`.
+        Whether the loop was then at its resonance: see `amb_core.regions.Onset`.
     """
 
     frequency: float
@@ -41,7 +41,7 @@ class Boundary:
 
 @dataclass(frozen=True)
 class MapSweep:
-    """What one sweep showed.
+    """The result of one sweep.
 
     Attributes
     ----------
@@ -68,19 +68,19 @@ class MapSweep:
 class RegionMap:
     """Sweeps of many amplitudes, and the boundaries between the regions that follow from them.
 
-    Between sweeps a boundary's logarithm runs linearly over the logarithm of the amplitude; where only one of two
-    neighbouring sweeps has it, it ends half-way between them.
+    Between sweeps the logarithm of a boundary is linear over the logarithm of the amplitude. If only one of two
+    neighbouring sweeps has the boundary, it ends half-way between them.
 
     Attributes
     ----------
     settings : MapSettings
-        What was asked for.
+        The settings it was built with.
     sweeps : tuple of MapSweep
         In order of amplitude, at least one.
     provenance : dict
-        Parameters of plant, controller and classifier, version of the code: what a reader needs to repeat it.
+        Parameters of plant, controller and classifier, version of the code: everything needed to repeat it.
     complete : bool
-        Whether the boundaries are resolved as asked, and not fewer sweeps because of `max_sweeps` or a cancel.
+        Whether the boundaries are resolved as requested; false if `max_sweeps` or a cancellation ended the map earlier.
     """
 
     settings: MapSettings
@@ -107,7 +107,7 @@ class RegionMap:
     def boundary(self, region: Region, amplitude: ArrayLike) -> NDArray[np.float64]:
         """Frequency at which a region begins at any amplitude (Hz); infinity where it does not occur.
 
-        Outside the amplitudes of the map the nearest sweep holds.
+        Outside the amplitudes of the map the nearest sweep is used.
 
         Parameters
         ----------
@@ -143,8 +143,8 @@ class RegionMap:
     def linear_limit(self, frequency: ArrayLike) -> NDArray[np.float64]:
         """Largest amplitude (m) up to which every smaller one runs in region A at a frequency (Hz).
 
-        Between the sweeps as `boundary` has it; 0 where not even the smallest amplitude of the map is in A, and the
-        largest amplitude of the map where all are.
+        Between the sweeps it is interpolated as in `boundary`. It is 0 if not even the smallest amplitude of the map is
+        in A, and the largest amplitude of the map if all are.
         """
         frequency = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
         grid = np.geomspace(self.amplitudes[0], self.amplitudes[-1], max(2, 40 * len(self.sweeps)))
@@ -154,7 +154,7 @@ class RegionMap:
         return np.where(count > 0, grid[np.maximum(count - 1, 0)], 0.0)
 
     def save(self, path: str | Path) -> None:
-        """Write the map as JSON; a file that is there stays as it is until the new one is complete.
+        """Write the map as JSON; an existing file stays unchanged until the new one is complete.
 
         Raises
         ------
@@ -185,7 +185,7 @@ class RegionMap:
         Raises
         ------
         RegionError
-            If there is no such file, or it is no region map.
+            If there is no such file, or it is not a region map.
         """
         try:
             content = json.loads(read_text(path, LARGEST))

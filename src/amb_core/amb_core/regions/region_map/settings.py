@@ -34,7 +34,7 @@ class MapSettings(Parameters):
     @model_validator(mode="before")
     @classmethod
     def _few_sweeps_are_all_initial(cls, given: Any) -> Any:
-        """Fewer sweeps than the default of the initial ones are asked for by their largest number alone."""
+        """`max_sweeps` alone is enough to request fewer sweeps than the default of `initial_sweeps`."""
         if not isinstance(given, dict) or "initial_sweeps" in given or not isinstance(given.get("max_sweeps"), int):
             return given
         return given | {"initial_sweeps": min(cls.model_fields["initial_sweeps"].default, max(given["max_sweeps"], 2))}

@@ -22,7 +22,7 @@ from amb_core.tasks.task import Task
 
 @dataclass(frozen=True)
 class SweepTask(Task[MapSweep]):
-    """All that decides the result of one sweep.
+    """Everything that determines the result of one sweep.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class SweepTask(Task[MapSweep]):
     rest : float
         Time without excitation before it (s).
     plant, controller, regions : PlantParameters, ControllerParameters, RegionParameters
-        The loop, and how it is judged. Subclasses (parameters of nodes) are reduced to these.
+        The loop, and the thresholds of the classifier. Subclasses (parameters of nodes) are reduced to these.
     """
 
     sweep: Sweep
@@ -43,12 +43,12 @@ class SweepTask(Task[MapSweep]):
     def __post_init__(self) -> None:
         object.__setattr__(self, "controller", part_of(ControllerParameters, self.controller.model_dump()))
         object.__setattr__(self, "regions", part_of(RegionParameters, self.regions.model_dump()))
-        # What happens after touch-down has no part in a region map, so the run may end there.
+        # A region map does not use what happens after touch-down, so the run may end there.
         plant = {**flatten(self.plant.model_dump()), "backup_bearing.contact": False}
         object.__setattr__(self, "plant", part_of(PlantParameters, plant))
 
     def describe(self) -> dict[str, Any]:
-        """Everything that decides the result as plain JSON values: parameters, files they name, version of the code."""
+        """What determines the result, as plain JSON values: parameters, files they name, version of the code."""
         return {
             "sweep": self.sweep.model_dump(),
             "rest": self.rest,
