@@ -177,7 +177,7 @@ def test_a_bad_goal_is_rejected_and_the_client_knows_why(
     ("goal", "reason"),
     [
         ({"frequency_end": 6_000.0}, "above the Nyquist frequency"),
-        ({"amplitude_high": 300e-6}, "beyond the clearance"),
+        ({"amplitude_high": 300e-6}, "exceeds the clearance"),
     ],
 )
 def test_a_goal_that_does_not_fit_the_loop_is_aborted_with_the_reason(

@@ -159,7 +159,9 @@ def test_flat_tops_are_found_on_either_side(level: float) -> None:
 def test_a_known_limit_is_judged_with_its_offset() -> None:
     data = detrend(changed(open_loop(), inputs=np.clip(white() + 1.0, -3.0, 3.0)))
     share = 100.0 * np.mean(white()[:, 0] + 1.0 >= 3.0)
-    assert_finding(check_clipping(data, {"u1": 3.0, "u2": 9.0}), WARNING, f"cut off: u1 {share:.2g} % at the limit of")
+    assert_finding(
+        check_clipping(data, {"u1": 3.0, "u2": 9.0}), WARNING, f"clipped samples: u1 {share:.2g} % at the limit"
+    )
 
 
 @given(resolution=st.floats(1e-3, 0.3), frequency=st.floats(0.001, 0.2))
@@ -240,12 +242,12 @@ def test_the_order_of_persistent_excitation_counts_two_for_each_tone() -> None:
 
 def test_feedback_is_seen_in_closed_loop_and_not_in_open_loop() -> None:
     assert_finding(
-        check_feedback(closed_loop()), INFO, "y1 to u1, y2 to u2: inputs answer to the outputs", "use ssarx or pem"
+        check_feedback(closed_loop()), INFO, "y1 to u1, y2 to u2: inputs respond to the outputs", "use ssarx or pem"
     )
     assert check_feedback(open_loop()).where == ""
     slow = np.repeat(white(100), 30, axis=0)
     assert check_feedback(open_loop(slow)).where == ""
-    assert_finding(check_feedback(open_loop(white(30))), INFO, "not judged: too few samples")
+    assert_finding(check_feedback(open_loop(white(30))), INFO, "not checked: too few samples")
 
 
 def test_false_alarms_of_feedback_are_as_rare_as_stated() -> None:
@@ -288,7 +290,7 @@ def test_an_input_without_effect_is_named() -> None:
     u = white()
     u[:, 0] = 0.0
     silent = changed(open_loop(), outputs=response(u))
-    assert_finding(check_delay(silent, feedback=False), WARNING, "u1: no output answers to it within 20 samples")
+    assert_finding(check_delay(silent, feedback=False), WARNING, "u1: no output responds to it within 20 samples")
 
 
 # -- region
@@ -313,13 +315,13 @@ def test_a_region_other_than_a_is_warned_of_with_the_steps_to_keep() -> None:
     assert_finding(check_region(detrend(touching)), WARNING, "region D (delevitated)")
     micrometres = replace(loop_record(), position=1e6 * loop_record().position)
     advice = check_region(IdentificationData.from_record(micrometres)).advice
-    assert advice == "a linear model holds in region A only, and no step is: check the units, or excite less"
+    assert advice == "a linear model holds in region A only, but no step is: check the units, or excite less"
 
 
 def test_what_cannot_be_judged_says_why() -> None:
-    assert_finding(check_region(open_loop()), INFO, "not judged: a record of the loop needs the reference")
+    assert_finding(check_region(open_loop()), INFO, "not checked: a record of the loop needs the reference")
     short = IdentificationData.from_record(loop_record(steps=2_000))
-    assert_finding(check_region(short), INFO, "not judged: the record is too short")
+    assert_finding(check_region(short), INFO, "not checked: the record is too short")
 
 
 # -- any data

@@ -119,7 +119,7 @@ def test_an_integrator_has_a_continuous_time_system() -> None:
     [
         (np.diag([0.5, -0.3]), "a pole at z = -0.3, on the negative real axis, which no real continuous-time system"),
         (np.diag([-0.3, -0.3]), "a pole at z = -0.3, on the negative real axis"),
-        (np.diag([0.5, 0.0]), r"a pole at z = 0, a dead time, .* take dead time out of the data \(advance_inputs\)"),
+        (np.diag([0.5, 0.0]), r"a pole at z = 0, a dead time, .* remove dead time from the data \(advance_inputs\)"),
         (np.array([[0.0, 1.0], [0.0, 0.0]]), "a pole at z = 0, a dead time"),
     ],
 )

@@ -16,7 +16,7 @@ from amb_core.loop.control import STATE_SIZE, ControllerParameters, pack_gains, 
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
-DIVERGED = 1e-2  # m, beyond any air gap of the bearings meant here
+DIVERGED = 1e-2  # m, larger than the air gap of any bearing considered here
 
 
 class DivergenceError(IdentificationError):
@@ -43,7 +43,7 @@ def simulate_closed_loop(
     first_step : int
         Controller step of the first sample.
     first_current : ndarray, shape (2,), optional
-        Control current references at the first sample (A), for data that start amid a run: they replace the
+        Control current references at the first sample (A), for data that start within a run: they replace the
         controller's unknown past. By default the controller starts with the first sample.
 
     Raises
@@ -51,7 +51,7 @@ def simulate_closed_loop(
     IdentificationError
         If model and controller do not fit together.
     DivergenceError
-        If the position leaves the range of 10 mm; it says at which step.
+        If the position leaves the range of 10 mm; the message gives the step.
     """
     _check(model, controller)
     reference = np.ascontiguousarray(reference, dtype=np.float64)
@@ -115,10 +115,10 @@ def recall(
     reference: NDArray[np.float64],
     current: NDArray[np.float64],
 ) -> None:
-    """Set the state that the controller had before a sample from the currents that it answered to that sample.
+    """Set the state that the controller had before a sample, from the currents with which it responded to that sample.
 
-    At the limit the derivative is known to be large only, but then it also has hardly any influence on what follows:
-    without filter it is forgotten after one sample.
+    At the current limit the derivative is only known to be large, but then it has hardly any influence on the following
+    samples: without a filter it is lost after one sample.
     """
     proportional, derivative, keep, weight, on_error, _ = gains
     if derivative == 0.0:
@@ -145,7 +145,7 @@ def _simulate(
     position: NDArray[np.float64],
     current: NDArray[np.float64],
 ) -> int:
-    """Fill in `position` and `current` from the state at the first step; the step at which it diverged, or -1.
+    """Fill in `position` and `current` from the state at the first step; returns the step of divergence, or -1.
 
     `advanced` is work space of the shape of `state`.
     """

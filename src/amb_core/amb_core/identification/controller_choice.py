@@ -1,4 +1,4 @@
-"""The controller of an experiment: recorded, running, or named by the user; where none is known, that is an error."""
+"""The controller of an experiment: recorded, running, or named by the user; it is an error if none is known."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FILES = (".yaml", ".yml")
 
 
 def is_named_set(name: str) -> bool:
-    """Whether a name stands for a set of parameters itself, and not for the node that has them."""
+    """Whether a name denotes a set of parameters, and not the node that has them."""
     return name == PAPER or name.lower().endswith(_FILES)
 
 
@@ -44,5 +44,5 @@ def named_controller(name: str, node: str = CONTROLLER_NODE) -> ControllerParame
 
 
 def needs_controller(data: IdentificationData) -> bool:
-    """Whether data are those of the bearing's loop, currents in A and positions in m, which a controller closes."""
+    """Whether the data come from the closed loop of the bearing: currents in A and positions in m."""
     return data.input_units == ("A", "A") and data.output_units == ("m", "m")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _DEAD = 1e-9  # magnitude of a pole in the z plane, below which it is dead time
 _REAL = 1e-9  # imaginary part relative to the magnitude, below which a pole is real
-_ACCURACY = 1e-6  # of the way back from continuous time, relative to the matrices
+_ACCURACY = 1e-6  # of the conversion back from continuous time, relative to the matrices
 
 
 def to_predictor(model: StateSpaceModel) -> control.StateSpace:
@@ -29,9 +29,9 @@ def to_predictor(model: StateSpaceModel) -> control.StateSpace:
 
         x[k+1] = (A - K C) x[k] + (B - K D) u[k] + K y[k],   yhat[k] = C x[k] + D u[k],
 
-    which is stable even where the model is not. Predictions are named `x_predicted` for an output `x`.
+    which is stable even if the model is not. Predictions are named `x_predicted` for an output `x`.
     """
-    import control  # takes a second to import, which programs that do not need it should not wait
+    import control  # the import takes a second; programs that do not need it should not wait for it
 
     outputs = model.output_names
     return control.StateSpace(
@@ -86,12 +86,12 @@ def _held_inverse(
         if abs(pole) < _DEAD:
             raise IdentificationError(
                 "the model has a pole at z = 0, a dead time, which no continuous-time system of finite order has; "
-                "take dead time out of the data (advance_inputs), or reduce the order"
+                "remove dead time from the data (advance_inputs), or reduce the order"
             )
         if pole.real < 0.0 and abs(pole.imag) < _REAL * abs(pole):
             raise IdentificationError(
                 f"the model has a pole at z = {pole.real:.4g}, on the negative real axis, which no real "
-                "continuous-time system has under a held input; reduce the order, so that this mode goes, or stay in "
+                "continuous-time system has under a held input; reduce the order to remove this mode, or stay in "
                 "discrete time"
             )
     held = np.eye(n + m)

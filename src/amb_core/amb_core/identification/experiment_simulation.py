@@ -20,7 +20,7 @@ def simulate_experiment(
     Parameters
     ----------
     model : StateSpaceModel
-        A model of these data or of others; its offsets are those of the data where nothing was taken away from them.
+        A model of these data or of others; its offsets are those of the data before detrending.
     data : IdentificationData
         The data.
     index : int
@@ -36,7 +36,7 @@ def simulate_experiment(
         If the simulation diverges.
     """
     record = data.record(index)
-    # Data that start with the run start with the controller; in others its past shows in its first answer.
+    # Data from the start of a run start with the controller; in others its first current shows its past.
     first_current = record.current[0] if record.first_step > 0 else None
     model = in_experiment(model, data, index)
     return simulate_closed_loop(model, controller, record.reference, record.first_step, first_current)

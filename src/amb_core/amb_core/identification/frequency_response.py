@@ -1,4 +1,4 @@
-"""Frequency responses, of models and measured, with what is known of their accuracy."""
+"""Frequency responses of models and measured ones, with their accuracy where it is known."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from amb_core.errors import IdentificationError
 from amb_core.model.state_space import StateSpaceModel
 
 LEVEL = 0.99
-"""Confidence of bands unless another is asked for."""
+"""Default confidence of bands."""
 
 _ENTRIES_AT_ONCE = 100_000  # of the matrices zI - A held at once
-_AT_NYQUIST = 1.0 + 1e-9  # a frequency is at the Nyquist frequency but for rounding
+_AT_NYQUIST = 1.0 + 1e-9  # tolerance for rounding of a frequency at the Nyquist frequency
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +30,13 @@ class FrequencyResponse:
     response : ndarray of complex, shape (f, p, m)
         Output over input (m/A for the magnetic bearing).
     label : str
-        What it is the response of, for legends.
+        Name for legends.
     magnitude_deviation : ndarray, shape (f, p, m), or None
         Standard deviation of the magnitude, in the unit of the response.
     phase_deviation : ndarray, shape (f, p, m), or None
         Standard deviation of the phase (rad).
     coherence : ndarray, shape (f, p), or None
-        Squared multiple coherence of each output with what excites the loop, 0 to 1.
+        Squared multiple coherence of each output with the excitation of the loop, 0 to 1.
     input_names, output_names, input_units, output_units : tuple of str
         Names and units of the signals.
 
@@ -78,7 +78,7 @@ class FrequencyResponse:
 
     @property
     def phase(self) -> NDArray[np.float64]:
-        """Phase (rad), -pi to pi at the first frequency and continuous from there on, shape (f, p, m)."""
+        """Phase (rad), -pi to pi at the first frequency and continuous above it, shape (f, p, m)."""
         return np.unwrap(np.angle(self.response), axis=0)
 
     def magnitude_band(self, level: float = LEVEL) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -89,7 +89,7 @@ class FrequencyResponse:
         if self.magnitude_deviation is None:
             return None
         magnitude = np.maximum(self.magnitude, np.finfo(float).tiny)
-        with np.errstate(over="ignore"):  # where the response is not known at all
+        with np.errstate(over="ignore"):  # if the response is not known at all
             factor = np.exp(normal_quantile(level) * self.magnitude_deviation / magnitude)
         return magnitude / factor, magnitude * factor
 
@@ -176,7 +176,7 @@ def transfers(
 
 
 def checked_frequencies(frequencies: ArrayLike, sample_time: float = 0.0) -> NDArray[np.float64]:
-    """A read-only array of frequencies (Hz), up to the Nyquist frequency where the sample time (s) is given.
+    """A read-only array of frequencies (Hz), up to the Nyquist frequency if the sample time (s) is given.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def checked_frequencies(frequencies: ArrayLike, sample_time: float = 0.0) -> NDA
 
 
 def normal_quantile(level: float) -> float:
-    """Standard deviations to either side of the mean that hold a share of a normal distribution.
+    """Standard deviations to either side of the mean that contain a share of a normal distribution.
 
     Raises
     ------

@@ -40,18 +40,18 @@ class Identification:
     data : IdentificationData
         The data.
     report : DataReport
-        What the checks found in the data, errors aside, which are refused.
+        Findings of the checks, without errors: data with errors are rejected.
     order_selection : OrderSelection or None
-        How the order was chosen; None where it was given.
+        How the order was chosen; None if it was given.
     uncertainty : ModelUncertainty or None
-        How accurately the data determine the model: of `pem` with prediction focus, None otherwise and where the data
-        do not tell. Robust where the innovations are not white.
+        How accurately the data determine the model, for `pem` with prediction focus. None otherwise, or if the data do
+        not determine it. Robust if the innovations are not white.
     simulations : tuple of (LoopRecord or None)
         The model in closed loop with the known controller, for each experiment; None where the reference is not known
         or the simulation diverges.
     closed_loop_poles : ndarray or None
-        Poles in the z plane of model and controller, largest magnitude first; None for data of something else than
-        the bearing's loop.
+        Poles in the z plane of model and controller, largest magnitude first; None for data that do not come
+        from the bearing's loop.
     search : SearchEnd or None
         How the search of `pem` ended, and whether it converged; None for other methods.
     """
@@ -72,7 +72,7 @@ class Identification:
 
     @property
     def summary(self) -> str:
-        """One line for people."""
+        """One line of text."""
         fits = zip(self.model.output_names, self.model.fit, strict=False)  # empty where not validated
         diverges = not np.isfinite(self.model.fit).all()
         if diverges:
@@ -112,8 +112,8 @@ def identify(
 ) -> Identification:
     """Identify the plant from control currents and positions, and validate it in closed loop on the same data.
 
-    Where a method has several models to offer, the one is taken whose closed loop is stable and follows the worse of
-    the two positions best.
+    If a method returns several models, the function takes one with a stable closed loop: the one with the highest fit
+    of the worse of the two positions.
 
     Parameters
     ----------
@@ -128,19 +128,19 @@ def identify(
     source : str
         Where the data come from, kept in the model; by default the sources of the experiments.
     orders : sequence of int, optional
-        The orders that "auto" tries; see `select_order`.
+        The orders that "auto" tests; see `select_order`.
     focus : str
-        `prediction`, or `simulation` to lower the errors of the closed-loop simulation in the end.
+        `prediction`, or `simulation` to reduce the errors of the closed-loop simulation in a last step.
     progress : callable, optional
         Called with an `IdentificationProgress` at every stage and iteration.
     cancelled : callable, optional
-        Asked at every stage and iteration whether the identification has been called off.
+        Called at every stage and iteration; returns whether the identification has been cancelled.
 
     Raises
     ------
     IdentificationError
         If an argument is not allowed, the checks find errors in the data, the data determine no model, or the
-        identification is called off; one line that says why.
+        identification is cancelled; the message is one line with the reason.
     """
     check_arguments(order, method, focus)
     if isinstance(data, LoopRecord):
@@ -186,7 +186,7 @@ def check_arguments(order: int | str, method: str, focus: str) -> None:
 
 
 def _for_order(report: DataReport, data: IdentificationData, order: int) -> DataReport:
-    """The report with the findings that depend on the order made anew; what they refuse is raised."""
+    """The report with new findings where they depend on the order; raises their errors."""
     anew = {finding.check: finding for finding in (check_amount(data, order), check_excitation(data, order))}
     report = replace(report, findings=tuple(anew.get(finding.check, finding) for finding in report.findings))
     report.refuse_errors()
@@ -194,16 +194,16 @@ def _for_order(report: DataReport, data: IdentificationData, order: int) -> Data
 
 
 def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncertainty | None:
-    """The uncertainty; robust where the innovations are not white, with deviations many times too small otherwise."""
+    """The uncertainty; robust if the innovations are not white, because the deviations are far too small otherwise."""
     try:
         found = estimate_uncertainty(model, data)
         return found if found.white else estimate_uncertainty(model, data, robust=True)
-    except IdentificationError:  # the model is good without
+    except IdentificationError:  # the model is valid without it
         return None
 
 
 def _controller(data: IdentificationData, controller: ControllerParameters | None) -> ControllerParameters | None:
-    """The controller that the model is put in closed loop with; None for data of something else than that loop."""
+    """The controller of the model's closed loop; None for data that do not come from that loop."""
     if needs_controller(data):
         return controller or ControllerParameters()
     if controller is not None:
@@ -253,7 +253,7 @@ def _fit(data: IdentificationData, simulations: list[LoopRecord | None]) -> NDAr
 def _quality(result: Identification) -> tuple[bool, float, float]:
     """Stability, the worse fit and, among models that diverge, the size of the one-step prediction errors.
 
-    The data come from a bounded loop, so a model whose loop drifts away, however slowly, is the worse one.
+    The data come from a bounded loop, so a model whose loop drifts away, even slowly, is worse.
     """
     size = float(np.linalg.det(result.model.innovation_covariance))
     return result.stable, float(np.min(result.model.fit, initial=np.inf)), -size

@@ -1,15 +1,15 @@
 """Frequency response of the plant from closed-loop data without a model: indirect, from the reference.
 
 Correlating inputs u and outputs y of the plant with the noise u carries by feedback gives a mixture of plant and
-controller. Correlated with the reference r, which knows no noise, both give the plant:
+controller. Correlated with the reference r, which contains no noise, both give the plant:
 
     S_yr = G_yr S_rr,  S_ur = G_ur S_rr,  G = G_yr G_ur^-1 = S_yr S_ur^-1.
 
-For two axes the references must be independent: excited one after the other, by different signals, or in several
+For two axes the references must be independent: use one axis after the other, different signals, or several
 experiments. The cross-spectra S are sums of products of Fourier coefficients over
 
 - the periods of a periodic reference, each exactly one period long and taken after the loop has settled: free of
-  leakage, at the lines of the reference alone; or, where that does not determine G,
+  leakage, at the lines of the reference alone; or, if that does not determine G,
 - neighbouring frequencies, of whole experiments with Hann windows: for any broadband reference, with the resolution of
   a band and a bias where G bends within it.
 
@@ -37,7 +37,7 @@ from amb_core.identification.data import Experiment, IdentificationData
 from amb_core.identification.frequency_response import FrequencyResponse
 
 _FEWEST_PERIODS = 6
-_SETTLING = 0.1  # s, in which the loop of a bearing forgets
+_SETTLING = 0.1  # s, after which transients of a bearing's loop have decayed
 _SAME = 1e-6  # difference of reference samples a period apart, relative to their range
 _FEWEST_STEPS = 512  # of an experiment
 _LINES_PER_BAND = 16
@@ -55,14 +55,14 @@ class NonparametricEstimate:
     Attributes
     ----------
     response : FrequencyResponse
-        The response with its deviations by noise, in which the bias by leakage is not, and the coherence of each output
-        with the references, the chance of few terms allowed for; its label tells how it was estimated.
+        The response with its deviations by noise (without the bias by leakage), and the coherence of each output with
+        the references, corrected for a small number of terms; its label shows how it was estimated.
     variance : ndarray, shape (f, p, m)
         Variance of the complex error of each element by noise.
     free_terms : float
-        Independent terms from which the variance is estimated, less those that the estimate itself takes.
+        Independent terms from which the variance is estimated, minus those that the estimate itself uses.
     notes : tuple of str
-        Where the data do not determine it.
+        Frequencies at which the data do not determine it.
     """
 
     response: FrequencyResponse
@@ -73,8 +73,8 @@ class NonparametricEstimate:
     def largest_error(self, level: float) -> float:
         """Ratio of |error|^2 to `variance` that is exceeded with the probability 1 - level.
 
-        Half the ratio of a chi-square variable of 2 degrees of freedom to the variance estimated from so many terms: an
-        F distribution, whose quantile has a closed form.
+        This is half the ratio of a chi-square variable of 2 degrees of freedom to the variance estimated from so many
+        terms. It has an F distribution with a quantile in closed form.
         """
         return self.free_terms * float((1.0 - level) ** (-1.0 / self.free_terms) - 1.0)
 
@@ -97,16 +97,18 @@ def estimate_response(data: IdentificationData, period: int | None = None) -> No
     data : IdentificationData
         Experiments; those without reference are not used.
     period : int, optional
-        Period of the reference (samples); found in the data by default, where it has one.
+        Period of the reference (samples); by default it is found in the data, if there is one.
 
     Raises
     ------
     IdentificationError
-        If no experiment has a reference, all are too short, or the references do not tell the axes apart.
+        If no experiment has a reference, all are too short, or the references cannot separate the axes.
     """
     experiments = [item for item in data.experiments if item.reference is not None]
     if not experiments:
-        raise IdentificationError("the data have no reference, from which alone the plant is told from its feedback")
+        raise IdentificationError(
+            "the data have no reference; without it the plant cannot be separated from its feedback"
+        )
     if max(item.steps for item in experiments) < _FEWEST_STEPS:
         raise IdentificationError(f"the experiments are too short; {_FEWEST_STEPS} samples of one are needed")
     experiments = [item for item in experiments if item.steps >= _FEWEST_STEPS]
@@ -134,7 +136,7 @@ def find_period(experiments: Sequence[Experiment]) -> int | None:
 
 
 def _settled_periods(reference: NDArray[np.float64], period: int, settling: int) -> list[int]:
-    """First samples of whole periods, one after the other, each after the same in the reference for long enough."""
+    """First samples of consecutive whole periods; before each the reference has been periodic for long enough."""
     tolerance = _SAME * np.ptp(reference)
     same = np.all(np.abs(reference[period:] - reference[:-period]) <= tolerance, axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]]))).reshape(-1, 2)
@@ -143,7 +145,7 @@ def _settled_periods(reference: NDArray[np.float64], period: int, settling: int)
 
 
 def _over_periods(experiments: Sequence[Experiment], period: int, sample_time: float) -> _Spectra | None:
-    """Sums over periods at the lines of the reference; None where they are too few."""
+    """Sums over periods at the lines of the reference; None if they are too few."""
     settling = round(_SETTLING / sample_time)
     coefficients = [
         np.fft.rfft(signals[start : start + period], axis=0)[1 : (period + 1) // 2]
@@ -188,7 +190,7 @@ def _signals(experiments: Sequence[Experiment]) -> Iterator[tuple[Experiment, ND
 
 
 def _independent(spectra: _Spectra, references: int) -> NDArray[np.bool_]:
-    """At which frequencies all references have power, and are not multiples of one another; shape (f,)."""
+    """Whether all references have power at a frequency and are not multiples of one another; shape (f,)."""
     power = spectra.sums[:, :references, :references]
     own = np.diagonal(power, axis1=1, axis2=2).real
     strong = np.all(own > _LEAST_POWER * own.max(axis=0), axis=1) & np.all(own > 0.0, axis=1)
@@ -228,8 +230,8 @@ def _estimate(spectra: _Spectra, data: IdentificationData) -> NonparametricEstim
     frequency = spectra.frequency[independent][known][kept]
     if not kept.any():
         raise IdentificationError(
-            "the frequency response is not determined: nowhere do inputs and outputs follow the reference clearly "
-            "enough; excite more strongly or longer"
+            "the frequency response is not determined: at no frequency is the coherence of inputs and outputs with the "
+            "reference sufficient; use a larger or longer excitation"
         )
     response, variance = response[kept], variance[kept]
     deviation = np.sqrt(0.5 * variance)  # of the real and of the imaginary part alike

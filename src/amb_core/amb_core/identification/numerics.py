@@ -1,4 +1,4 @@
-"""What the methods have in common numerically: small matrices, problems without a solution, what counts as stable."""
+"""Numerics that the methods share: small matrices, problems without a solution, the limit of stability."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from threadpoolctl import threadpool_limits
 from amb_core.errors import IdentificationError
 
 LARGEST_RADIUS = 1.0 - 1e-6
-"""Of the modes of a predictor or a closed loop that counts as stable."""
+"""Of the modes of a predictor or a closed loop that is taken as stable."""
 
 
 @contextmanager
 def small_matrices(failure: str) -> Iterator[None]:
-    """Compute with one BLAS thread: more would cost time, and take cores from the control loop.
+    """Compute with one BLAS thread: more threads cost time, and take cores from the control loop.
 
     Raises
     ------
     IdentificationError
-        `failure` and the reason in one line, where linear algebra has no solution.
+        With `failure` and the reason in one line, if linear algebra has no solution.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         try:

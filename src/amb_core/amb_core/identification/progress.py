@@ -1,4 +1,4 @@
-"""How long computations tell how far they are, and how they are called off."""
+"""Progress and cancellation of long computations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from amb_core.errors import IdentificationError
 
 @dataclass(frozen=True)
 class IdentificationProgress:
-    """How far an identification is.
+    """Progress of an identification.
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class IdentificationProgress:
     done, total : int
         Steps of the stage. An iteration may end before `total` is reached.
     cost : float, optional
-        What an iteration lowers: of `pem`, half the logarithm of the determinant of the covariance of the prediction
+        What an iteration reduces: for `pem`, half the logarithm of the determinant of the covariance of the prediction
         errors, scaled by the data's variances.
     """
 
@@ -53,14 +53,14 @@ Cancelled = Callable[[], bool]
 
 
 class Watch:
-    """Tells progress, and ends the computation once it is called off.
+    """Reports progress, and ends the computation once it is cancelled.
 
     Parameters
     ----------
     progress : callable, optional
         Called with every `IdentificationProgress`.
     cancelled : callable, optional
-        Whether the computation has been called off.
+        Returns whether the computation has been cancelled.
 
     Attributes
     ----------
@@ -77,12 +77,12 @@ class Watch:
         self.search = search
 
     def tell(self, stage: str, done: int, total: int, cost: float | None = None) -> None:
-        """Tell how far a stage is.
+        """Report the progress of a stage.
 
         Raises
         ------
         IdentificationError
-            If the identification has been called off.
+            If the identification has been cancelled.
         """
         if self._cancelled is not None and self._cancelled():
             raise IdentificationError(f"identification cancelled in {stage}")

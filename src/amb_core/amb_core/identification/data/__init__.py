@@ -1,4 +1,4 @@
-"""Data for identification: experiments, made fit for estimation, checked, and kept in files."""
+"""Data for identification: experiments, their conditioning, checks and files."""
 
 from amb_core.identification.data.checks import DataReport, Finding, Severity, check_data
 from amb_core.identification.data.conditioning import advance_inputs, decimate, detrend, restore, split_at_invalid

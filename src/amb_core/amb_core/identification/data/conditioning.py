@@ -1,6 +1,6 @@
-"""Data made fit for estimation: trends taken away and kept, fewer samples, invalid samples left out, inputs advanced.
+"""Conditioning of data: remove and store trends, reduce the sample rate, omit invalid samples, advance inputs.
 
-Every function leaves its argument as it is and answers with new data.
+Every function leaves its argument unchanged and returns new data.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.experiment import Experiment, line
 
 _PASS_BAND = 0.8  # share of the new Nyquist frequency that decimation passes
-_ATTENUATION = 80.0  # dB from the new Nyquist frequency on
+_ATTENUATION = 80.0  # dB above the new Nyquist frequency
 HIGHEST_FACTOR = 1_000
 
 
 def detrend(
     data: IdentificationData, kind: Literal["mean", "linear"] = "mean", *, common: bool = False
 ) -> IdentificationData:
-    """Take means or straight lines away from inputs, outputs and reference; they are kept in the experiments.
+    """Remove means or straight lines from inputs, outputs and reference; they are kept in the experiments.
 
     Parameters
     ----------
@@ -33,13 +33,13 @@ def detrend(
     kind : str
         `mean`, or `linear` for the least-squares line over the time of the run.
     common : bool
-        Take the same away from all experiments, as it should be for parts of one run at one operating point; by
-        default each experiment has its own.
+        Remove the same trend from all experiments, as is right for parts of one run at one operating point; by default
+        each experiment has its own.
 
     Raises
     ------
     IdentificationError
-        If `kind` is another word or a value is not finite.
+        If `kind` is not allowed or a value is not finite.
     """
     if kind not in ("mean", "linear"):
         raise IdentificationError(f"detrending by {kind!r} is not allowed; allowed: mean, linear")
@@ -60,7 +60,7 @@ def detrend(
 
 
 def restore(data: IdentificationData) -> IdentificationData:
-    """Add again what detrending took away (to rounding)."""
+    """Add the removed trends again (to rounding)."""
     experiments = []
     for item in data.experiments:
         time = item.time(data.sample_time)
@@ -73,9 +73,9 @@ def restore(data: IdentificationData) -> IdentificationData:
 def decimate(data: IdentificationData, factor: int) -> IdentificationData:
     """Keep every `factor`-th sample of the low-passed data; no phase is added.
 
-    A symmetric FIR filter (Kaiser window, 80 dB) passes up to 0.8 of the new Nyquist frequency. It runs over all
-    signals alike, so a linear relation between them stays what it is. Only samples that it reaches without invented
-    values are kept, so each experiment loses about 25 new samples at either end. The kept steps are multiples of
+    A symmetric FIR filter (Kaiser window, 80 dB) passes up to 0.8 of the new Nyquist frequency. It filters all
+    signals alike, so a linear relation between them does not change. Only samples that need no values outside the
+    experiment are kept, so each experiment loses about 25 new samples at either end. The kept steps are multiples of
     `factor`, and the first step counts new samples.
 
     An input that was held over each old sample is not held over the new ones: trust a model of decimated data up to a
@@ -90,7 +90,7 @@ def decimate(data: IdentificationData, factor: int) -> IdentificationData:
     ----------
     A. V. Oppenheim and R. W. Schafer, Discrete-Time Signal Processing, 3rd edition, 2010, sections 4.6 and 7.5.
     """
-    from scipy import signal  # takes most of a second to import, which programs that do not need it should not wait
+    from scipy import signal  # the import takes most of a second; programs that do not need it should not wait for it
 
     if factor != int(factor) or not 2 <= factor <= HIGHEST_FACTOR:
         raise IdentificationError(f"factor {factor} is not allowed; allowed: integers from 2 to {HIGHEST_FACTOR}")
@@ -125,7 +125,7 @@ def decimate(data: IdentificationData, factor: int) -> IdentificationData:
 
 
 def split_at_invalid(data: IdentificationData, shortest: int = 1) -> IdentificationData:
-    """Leave samples that are not finite out: what lies between them becomes experiments of their own.
+    """Leave out samples that are not finite: the parts between them become separate experiments.
 
     Parameters
     ----------
@@ -156,8 +156,8 @@ def split_at_invalid(data: IdentificationData, shortest: int = 1) -> Identificat
 def advance_inputs(data: IdentificationData, steps: Sequence[int]) -> IdentificationData:
     """Pair each output with an input of `steps` samples earlier (negative: later), one number for each input.
 
-    Takes dead time out of the data, so that a model need not spend a state on each sample of it. With -1, outputs that
-    answer within the sample (D not 0) answer one sample later, so that methods with D = 0 apply.
+    This removes dead time from the data: a model then needs no state for each sample of dead time. With -1, outputs
+    that respond within the sample (D not 0) respond one sample later, so methods with D = 0 apply.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def _trend(time: NDArray[np.float64], signal: NDArray[np.float64], kind: str) ->
 
 
 def _less(item: Experiment, name: str, trend: NDArray[np.float64], time: NDArray[np.float64]) -> Experiment:
-    """An experiment of which a trend has been taken away."""
+    """An experiment from which a trend has been removed."""
     signal = _signal(item, name)
     if signal is None:
         return item

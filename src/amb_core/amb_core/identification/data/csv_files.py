@@ -1,6 +1,6 @@
 """Text files of data: a header with names and units such as `i_x [A]`, then one row for each sample.
 
-Files of `write_csv` begin with a comment line that tells, as JSON, what the columns do not: sample time, roles, trends.
+Files of `write_csv` begin with a comment line in JSON for what the columns do not contain: sample time, roles, trends.
 Other files need the names of the columns that are inputs and outputs, and a column of times or the sample time.
 """
 
@@ -82,13 +82,13 @@ def read_csv(
     inputs, outputs, reference : sequence of str, optional
         Names of their columns, without units.
     sample_time : float, optional
-        Sample time (s); by default that of the column `time` or `t`, whose unit may be s, ms or us. Where both are
-        there they must agree. Missing times split the samples into experiments.
+        Sample time (s); by default that of the column `time` or `t`, in s, ms or us. If both are present they must
+        agree. Missing times split the samples into experiments.
 
     Raises
     ------
     IdentificationError
-        If the file cannot be read, a column is missing or holds no number, or the times are irregular.
+        If the file cannot be read, a column is missing or contains no numbers, or the times are irregular.
     """
     path = Path(path)
     with reading("data", path):
@@ -104,7 +104,7 @@ def read_csv(
 
 
 def _read_table(path: Path) -> tuple[dict[str, Any] | None, list[tuple[str, str]], NDArray[np.float64]]:
-    """What the comment tells, names and units of the columns, and the numbers, shape (rows, columns)."""
+    """Content of the comment, names and units of the columns, and the numbers, shape (rows, columns)."""
     # Spreadsheets begin with a byte order mark.
     with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as file:
         line = file.readline()
@@ -126,13 +126,13 @@ def _read_table(path: Path) -> tuple[dict[str, Any] | None, list[tuple[str, str]
 
 
 def _own(about: dict[str, Any], table: NDArray[np.float64]) -> IdentificationData:
-    """The data of a file of our own, by the order of its columns."""
+    """The data of a file of `write_csv`, by the order of its columns."""
     m, p = len(about["input_names"]), len(about["output_names"])
     experiments = []
     for index, item in enumerate(about["experiments"]):
         rows = table[table[:, 0] == index, 2:]
         if len(rows) != item.pop("steps"):
-            raise IdentificationError(f"not all samples of experiment {index} are there; the file was cut off")
+            raise IdentificationError(f"samples of experiment {index} are missing; the file is truncated")
         reference = rows[:, m + p :] if item["reference"] else None
         experiments.append(
             Experiment(**item | {"inputs": rows[:, :m], "outputs": rows[:, m : m + p], "reference": reference})
@@ -181,7 +181,7 @@ def _chosen(
 def _spans(time: NDArray[np.float64], given: float | None) -> tuple[float, list[tuple[int, int, int]]]:
     """Sample time (s), and first row, row after the last and first step of each stretch without a gap."""
     if len(time) < 2 or not np.isfinite(time).all():
-        raise IdentificationError("the times must be two or more finite numbers; else leave the column out")
+        raise IdentificationError("the times must be two or more finite numbers; otherwise leave the column out")
     intervals = np.diff(time)
     backward = np.flatnonzero(intervals <= 0.0)
     if backward.size:
@@ -194,7 +194,7 @@ def _spans(time: NDArray[np.float64], given: float | None) -> tuple[float, list[
         raise IdentificationError(
             f"sample_time {given:g} s is given, but the times are {typical:g} s apart; correct it or leave it out"
         )
-    if given is None:  # more exact than one interval: the steps that they make over the whole record
+    if given is None:  # more exact than one interval: from all steps of the whole record
         regular = intervals[np.abs(intervals - typical) < 0.5 * typical]
         given = float(f"{regular.mean():.9g}")
     steps = intervals / given
@@ -202,8 +202,8 @@ def _spans(time: NDArray[np.float64], given: float | None) -> tuple[float, list[
     worst = int(np.argmax(off))
     if off[worst] > _TIME_TOLERANCE:
         raise IdentificationError(
-            f"irregular sample time: between samples {worst} and {worst + 1} pass {intervals[worst]:g} s, no multiple "
-            f"of {given:g} s; resample the record to one rate first"
+            f"irregular sample time: between samples {worst} and {worst + 1} are {intervals[worst]:g} s, not a "
+            f"multiple of {given:g} s; resample the record to one rate first"
         )
     edges = [0, *(np.flatnonzero(np.round(steps) > 1) + 1).tolist(), len(time)]
     first = round(float(time[0]) / given)

@@ -41,7 +41,7 @@ class Gap:
 class IdentificationData:
     """Experiments with the same signals at one sample time.
 
-    Values may be anything, NaN included: `check_data` judges them, `split_at_invalid` leaves the invalid ones out.
+    Values may be anything, NaN included: `check_data` checks them, `split_at_invalid` leaves the invalid ones out.
 
     Attributes
     ----------
@@ -117,17 +117,17 @@ class IdentificationData:
 
     @property
     def input_offset(self) -> NDArray[np.float64]:
-        """Operating point of the inputs: mean of what detrending took away, shape (m,)."""
+        """Operating point of the inputs: mean of the removed trend, shape (m,)."""
         return self._mean_trend("input")
 
     @property
     def output_offset(self) -> NDArray[np.float64]:
-        """Operating point of the outputs: mean of what detrending took away, shape (p,)."""
+        """Operating point of the outputs: mean of the removed trend, shape (p,)."""
         return self._mean_trend("output")
 
     @property
     def gaps(self) -> list[Gap]:
-        """What is missing between experiments of one source, in order."""
+        """The gaps between experiments of one source, in order."""
         ordered = sorted(self.experiments, key=lambda experiment: (experiment.source, experiment.first_step))
         return [
             Gap(before.source, before.stop, after.first_step)
@@ -167,7 +167,7 @@ class IdentificationData:
         """
         if not (math.isfinite(start) and math.isfinite(end)):
             raise IdentificationError(f"times from {start} s to {end} s are not allowed; they must be finite")
-        # a time that is a step but for rounding is that step
+        # rounding: a time very close to a step is that step
         return self.window(*(math.ceil(time / self.sample_time - 1e-6) for time in (start, end)))
 
     def split(self, share: float = 0.5) -> tuple[IdentificationData, IdentificationData]:
@@ -223,7 +223,7 @@ class IdentificationData:
         )
 
     def record(self, index: int = 0) -> LoopRecord:
-        """An experiment as a record of the loop, with what detrending took away.
+        """An experiment as a record of the loop, with its trends added again.
 
         Raises
         ------

@@ -1,7 +1,7 @@
-"""An experiment: consecutive samples without a gap, and what detrending took away from them.
+"""An experiment: consecutive samples without a gap, and the trends that were removed from them.
 
-Each experiment has its own initial state, so a record with gaps, several runs and several bags all become one data set
-without pretending that they are one signal.
+Each experiment has its own initial state. So a record with gaps, several runs and several bags can all become one data
+set, although they are not one signal.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ class Experiment:
     inputs, outputs : ndarray, shapes (steps, m), (steps, p)
         The samples.
     reference : ndarray, shape (steps, p), or None
-        What the outputs were asked to follow, in their units.
+        Setpoint of the outputs, in their units.
     first_step : int
         Number of the first sample; sample k is taken at the time k * sample_time of the run.
     source : str
         Run that the samples come from. Experiments of one source are parts of one run, with gaps between them.
     input_trend, output_trend, reference_trend : ndarray, shapes (2, m), (2, p), (2, p)
-        What detrending has taken away: offset (row 0) + slope (row 1, per second) * time of the run.
+        The removed trend: offset (row 0) + slope (row 1, per second) * time of the run.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class Experiment:
 
     @property
     def signals(self) -> NDArray[np.float64]:
-        """Inputs, outputs and, where it is known, the reference, side by side."""
+        """Inputs, outputs and, if known, the reference, side by side."""
         known = [self.inputs, self.outputs] + ([] if self.reference is None else [self.reference])
         return np.hstack(known)
 
@@ -82,7 +82,7 @@ class Experiment:
         return np.arange(self.first_step, self.stop, dtype=np.float64) * sample_time
 
     def window(self, first_step: int, stop: int) -> Experiment:
-        """The samples from `first_step` up to, not including, `stop`, of which at least one must be there."""
+        """The samples from `first_step` up to, not including, `stop`; there must be at least one."""
         part = slice(max(first_step - self.first_step, 0), max(stop - self.first_step, 0))
         return replace(
             self,

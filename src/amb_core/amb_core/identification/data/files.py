@@ -1,4 +1,4 @@
-"""Data written to files, and who reads them back, by the ending of their names."""
+"""Data written to files, and the matching readers, by file name extension."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def write_data(data: IdentificationData, path: str | Path) -> None:
     Raises
     ------
     IdentificationError
-        If the ending is another, or the file cannot be written.
+        If the file name extension is not supported, or the file cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() not in _WRITERS:

@@ -60,16 +60,16 @@ def read_mat(
     path : path
         The file.
     variable : str, optional
-        Name of the matrix, where the file holds more than one.
+        Name of the matrix, if the file contains more than one.
     inputs, outputs : sequence of int, optional
         Columns of the matrix, counted from 0.
     sample_time : float, optional
-        Sample time (s) where the file does not tell it.
+        Sample time (s), if the file does not contain it.
 
     Raises
     ------
     IdentificationError
-        If the file cannot be read or does not hold what is asked for.
+        If the file cannot be read or does not contain the requested data.
     """
     path = Path(path)
     with reading("data", path):
@@ -81,10 +81,10 @@ def read_mat(
 
 
 def _signals(content: dict[str, Any], sample_time: float | None, source: str) -> IdentificationData:
-    """Data of the variables u, y and what else is there of those that `write_mat` writes."""
+    """Data of the variables u and y, and of the other variables of `write_mat` where present."""
     u, y = _matrices(content["u"]), _matrices(content["y"])
     if len(u) != len(y):
-        raise IdentificationError(f"u has {len(u)} experiments, y {len(y)}; they must have as many")
+        raise IdentificationError(f"u has {len(u)} experiments, y has {len(y)}; the numbers must be equal")
     experiments = []
     for index, (inputs, outputs) in enumerate(zip(u, y, strict=True)):
         options: dict[str, Any] = {
@@ -109,7 +109,7 @@ def _signals(content: dict[str, Any], sample_time: float | None, source: str) ->
 
 
 def _sample_time(content: dict[str, Any], given: float | None) -> float:
-    """Sample time (s) of the file, with which the given one, if any, must agree."""
+    """Sample time (s) of the file; a given one must agree with it."""
     if "Ts" not in content:
         return needed_sample_time(given)
     found = float(content["Ts"].item())

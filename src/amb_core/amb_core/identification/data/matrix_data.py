@@ -1,4 +1,4 @@
-"""Data from one matrix whose columns are signals, as collections of benchmark data hand them out."""
+"""Data from one matrix whose columns are signals, as in collections of benchmark data."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from amb_core.identification.data.dataset import IdentificationData
 
 
 def only_matrix(content: Mapping[str, Any], variable: str | None) -> NDArray[np.float64]:
-    """The named variable of a file, or the only matrix of numbers that it holds.
+    """The named variable of a file, or the only numeric matrix in it.
 
     Raises
     ------
     IdentificationError
-        If there is none, or none of this name, or several and no name.
+        If there is no matrix, none with this name, or several and no name is given.
     """
     matrices = {
         name: value
@@ -45,7 +45,7 @@ def data_of_matrix(
     Raises
     ------
     IdentificationError
-        If columns or sample time are not given, or a column is not there.
+        If columns or sample time are not given, or a column does not exist.
     """
     columns = matrix.shape[1]
     if inputs is None or outputs is None or not len(inputs) or not len(outputs):
@@ -62,7 +62,7 @@ def data_of_matrix(
 
 
 def needed_sample_time(sample_time: float | None) -> float:
-    """The sample time (s), refused where it is not known."""
+    """The sample time (s); an error if it is not known."""
     if sample_time is None:
         raise IdentificationError("the sample time is not known; give sample_time in s")
     return sample_time

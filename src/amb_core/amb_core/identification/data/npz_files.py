@@ -1,4 +1,4 @@
-"""NumPy archives of data: every field of the data and of its experiments as an array of its own.
+"""NumPy archives of data: one array for every field of the data and of its experiments.
 
 The fields of experiment k end in `_k`, as `inputs_0`, `first_step_0`.
 """
@@ -48,7 +48,7 @@ def read_npz(
     path : path
         The file.
     variable : str, optional
-        Name of the matrix, where the archive holds more than one.
+        Name of the matrix, if the archive contains more than one.
     inputs, outputs : sequence of int, optional
         Columns of the matrix, counted from 0.
     sample_time : float, optional
@@ -57,7 +57,7 @@ def read_npz(
     Raises
     ------
     IdentificationError
-        If the file cannot be read or does not hold what is asked for.
+        If the file cannot be read or does not contain the requested data.
     """
     path = Path(path)
     with reading("data", path):
@@ -69,7 +69,7 @@ def read_npz(
 
 
 def _own(content: dict[str, Any]) -> IdentificationData:
-    """The data of an archive of our own."""
+    """The data of an archive of `write_npz`."""
     experiments = []
     for index in range(sum(name.startswith("inputs_") for name in content)):
         item = {name: content[f"{name}_{index}"] for name in _EXPERIMENT_FIELDS if f"{name}_{index}" in content}

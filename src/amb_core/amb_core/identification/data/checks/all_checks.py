@@ -34,7 +34,7 @@ def check_data(
     limits: Mapping[str, float] | None = None,
     regions: RegionParameters | None = None,
 ) -> DataReport:
-    """Check whether data can determine a model of an order, and what will make it worse; never raises for bad data.
+    """Check whether data can determine a model of an order, and what makes it less accurate; bad data raise no error.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def check_data(
     order : int
         Number of states of the model.
     sample_time : float, optional
-        The sample time expected, as that of the controller (s).
+        Expected sample time, such as the controller's (s).
     limits : mapping of str to float, optional
         Known limits on the magnitude of signals by name, such as the controller's current limit for i_x and i_y.
     regions : RegionParameters, optional
@@ -52,14 +52,14 @@ def check_data(
     Raises
     ------
     IdentificationError
-        If the order is below 1, or a limit is of no signal of the data.
+        If the order is below 1, or a limit has a name that no signal of the data has.
     """
     if order < 1:
         raise IdentificationError(f"order {order} is not allowed; it must be 1 or more")
     findings = [check_finite(data), check_gaps(data), check_sample_time(data, sample_time)]
     if findings[0].severity is Severity.ERROR:
         try:
-            data = split_at_invalid(data)  # the other checks judge what would be left
+            data = split_at_invalid(data)  # the other checks use the remaining data
         except IdentificationError:
             return DataReport(_title(data), tuple(findings))
     # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.

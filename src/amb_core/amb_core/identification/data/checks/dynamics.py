@@ -20,18 +20,18 @@ LEVEL = 0.01  # probability of a false statement of each check
 _LONGEST_LAG = 20
 _ROWS_PER_COLUMN = 8
 _EARLY = 0.1  # share of the largest coefficient that may come before an evident delay
-_LONG_DELAY = 3  # samples, from which on taking the delay out of the data pays
-_NO_RESIDUE = 1e-12  # variance relative to the signal's, below which what is left is rounding
+_LONG_DELAY = 3  # samples; from this delay it is worth removing it from the data
+_NO_RESIDUE = 1e-12  # variance relative to the signal's, below which the remainder is rounding
 
 
 def check_feedback(data: IdentificationData) -> Finding:
     """Whether outputs act on the inputs: whether later inputs help to explain an output.
 
-    Without feedback the innovations of an output are independent of all inputs, those to come included. With it, inputs
-    answer to innovations, so later inputs correlate with what the past and the present input leave of an output. Where
-    that does not show, the present input alone may: that is feedback within the sample or direct feedthrough, which no
-    data can tell apart; it is taken for feedback where there is a reference, hence a controller. F tests at 1 % for all
-    pairs of output and input together.
+    Without feedback the innovations of an output are independent of all inputs, future ones included. With feedback,
+    inputs respond to innovations. Later inputs then correlate with the part of an output that the past and the present
+    input do not explain. If they do not, the present input alone may correlate with it. That is feedback within the
+    sample or direct feedthrough, which no data can distinguish; with a reference, hence a controller, it counts as
+    feedback. F tests at 1 % for all pairs of output and input together.
 
     References
     ----------
@@ -51,23 +51,23 @@ def check_feedback(data: IdentificationData) -> Finding:
         found = _explained(data, factor, rows, past, present)
     if not found:
         return Finding(
-            "feedback", Severity.INFO, "none seen (1 % level); where noise is far below the excitation it does not show"
+            "feedback", Severity.INFO, "none found (1 % level); it cannot be found if noise is far below the excitation"
         )
     return Finding(
         "feedback",
         Severity.INFO,
-        f"inputs answer to the outputs (they explain up to {100.0 * max(found.values()):.3g} % of the innovations)",
+        f"inputs respond to the outputs (they explain up to {100.0 * max(found.values()):.3g} % of the innovations)",
         ", ".join(found),
         "use ssarx or pem; n4sid, moesp and cva are biased on such data",
     )
 
 
 def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
-    """Samples after which each output first answers to each input, from the ARX model.
+    """Samples after which each output first responds to each input, from the ARX model.
 
     The delay is the largest d for which the coefficients of all inputs less than d samples old can be zero (F test at
-    1 % for all lags together). With feedback a controller may answer within the sample, so that this test cannot tell
-    an output that does: then one sample is the least.
+    1 % for all lags together). With feedback a controller may respond within the sample, and this test cannot detect an
+    output that does: then one sample is the minimum.
 
     References
     ----------
@@ -89,13 +89,13 @@ def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
         )
         for name, of_input in zip(data.input_names, delays, strict=True)
     )
-    what = f"samples until outputs answer: {table}"
+    what = f"samples until outputs respond: {table}"
     silent = [name for name, delay in zip(data.input_names, nearest, strict=True) if delay > lags]
     if silent:
         return Finding(
             "delay",
             Severity.WARNING,
-            f"no output answers to it within {lags} samples",
+            f"no output responds to it within {lags} samples",
             ", ".join(silent),
             "excite it more, or leave it out with select",
         )
@@ -105,7 +105,7 @@ def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
             "delay",
             Severity.WARNING,
             what,
-            advice="models have no direct feedthrough (D = 0): unless a controller answers within the sample, use "
+            advice="models have no direct feedthrough (D = 0): unless a controller responds within the sample, use "
             f"advance_inputs(data, {advance})",
         )
     advance = [delay - 1 if evident else 0 for delay, (_, evident) in zip(nearest, tested, strict=True)]
@@ -114,13 +114,13 @@ def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
             "delay",
             Severity.WARNING,
             what,
-            advice=f"dead time costs a state for each sample: take it out with advance_inputs(data, {advance})",
+            advice=f"dead time costs a state for each sample: remove it with advance_inputs(data, {advance})",
         )
     return Finding("delay", Severity.INFO, what)
 
 
 def _lags(data: IdentificationData) -> int | None:
-    """Length of the ARX model; None where the samples do not suffice for two lags."""
+    """Length of the ARX model; None if the samples do not suffice for two lags."""
     width = len(data.input_names) + len(data.output_names)
     longest = max(item.steps for item in data.experiments)
     lags = min(_LONGEST_LAG, longest // (_ROWS_PER_COLUMN * width + 1))
@@ -146,7 +146,7 @@ def _explained(
     known: NDArray[np.intp],
     tested: NDArray[np.intp],
 ) -> dict[str, float]:
-    """Pairs `output to input` of which the tested columns of the input help, and the share that they explain."""
+    """Pairs `output to input` for which the tested columns of the input help, and the share that they explain."""
     m, p = len(data.input_names), len(data.output_names)
     found = {}
     for column, name in enumerate(data.input_names):
@@ -164,10 +164,10 @@ def _explained(
 def _added(
     factor: NDArray[np.float64], known: NDArray[np.intp], own: NDArray[np.intp], target: int
 ) -> tuple[NDArray[np.float64], float]:
-    """What regressors add to the fit of a target, in order, and the squared sum that is left.
+    """What regressors add to the fit of a target, in order, and the remaining sum of squares.
 
-    Squared and summed up, the first of the numbers are what the first of the columns `own` take from the residual of
-    the columns `known`.
+    The sum of squares of the first numbers is what the first columns of `own` remove from the residual of the columns
+    `known`.
     """
     turned = linalg.qr(factor[:, [*known, *own, target]], mode="r", check_finite=False)[0]
     count = len(known) + len(own)
@@ -177,11 +177,11 @@ def _added(
 def _delays(
     factor: NDArray[np.float64], rows: int, column: int, m: int, p: int, lags: int, first: int
 ) -> tuple[list[int], bool]:
-    """Delay from one input to each output, `lags` + 1 where there is no answer, and whether it is evident.
+    """Delay from one input to each output, `lags` + 1 if there is no response, and whether it is evident.
 
-    With the values of this input from the oldest to the most recent, the last of the numbers added are what the most
-    recent ones do. That an answer does not show is no evidence of dead time, as noise may hide it. Evident is a delay
-    before which no coefficient can be a tenth of the largest one.
+    The values of this input are sorted from the oldest to the most recent, so the last numbers are the contribution of
+    the most recent values. A response that is not found does not prove dead time, because noise may hide it. A delay is
+    evident if no coefficient before it can be a tenth of the largest one.
     """
     inputs, outputs = np.arange(m * first, m * (lags + 1)), m * (lags + 1) + np.arange(p * lags)
     own = inputs[column::m][::-1]

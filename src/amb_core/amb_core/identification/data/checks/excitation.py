@@ -12,14 +12,14 @@ from amb_core.identification.data.checks.report import Finding, Severity
 from amb_core.identification.data.dataset import IdentificationData
 
 _PER_PARAMETER = 10  # values for each parameter, below which estimates are poor
-_COLLINEAR = 1e-6  # smallest singular value of the inputs, of unit variance each, that tells them apart
+_COLLINEAR = 1e-6  # smallest singular value of inputs of unit variance that can be separated
 _NEARLY_COLLINEAR = 0.05
-_STILL = 1e-9  # movement of a reference, relative to that of the others, that is rounding
+_STILL = 1e-9  # movement of a reference relative to that of the others; smaller ones are rounding
 _EXCITED = 1e-6  # singular value of the lagged inputs, relative to the largest: excitation 120 dB below the strongest
 
 
 def check_amount(data: IdentificationData, order: int) -> Finding:
-    """Samples against what a model of the order needs.
+    """Compares the number of samples with what a model of the order needs.
 
     An innovations form of order n with m inputs and p outputs has n (m + 2 p) parameters (D = 0). A subspace estimate
     needs as many rows of its data matrix as columns, for a past of n / p + 1 and a future of 2 n steps.
@@ -56,9 +56,9 @@ def check_amount(data: IdentificationData, order: int) -> Finding:
 
 
 def check_inputs(data: IdentificationData) -> Finding:
-    """Inputs that do not move, or of which one is a sum of multiples of the others; references that do not move.
+    """Inputs that do not move or are linearly dependent; references that do not move.
 
-    Under feedback every input moves. Without a reference that moves it answers to noise and to the other axes alone.
+    Under feedback every input moves. If its reference does not move, it responds to noise and the other axes only.
     """
     constant = [
         name
@@ -109,10 +109,11 @@ def _still_references(data: IdentificationData) -> list[str]:
 
 
 def check_excitation(data: IdentificationData, order: int) -> Finding:
-    """Order of persistent excitation of the inputs against the order of the model.
+    """Compares the order of persistent excitation of the inputs with the order of the model.
 
     Inputs are persistently exciting of order L if the matrix of L lagged inputs has full rank. Order 2 n is enough for
-    any model of order n; with p outputs that share its states evenly 2 n / p is. What feedback of noise adds counts.
+    any model of order n; with p outputs that share its states evenly 2 n / p is enough. Noise that feedback adds to
+    the inputs counts.
 
     References
     ----------
@@ -122,7 +123,7 @@ def check_excitation(data: IdentificationData, order: int) -> Finding:
     wanted, least = 2 * order, 2 * math.ceil(order / p)
     usable = _usable(data, wanted)
     if usable < least:
-        return Finding("excitation", Severity.INFO, "not judged: too few samples")
+        return Finding("excitation", Severity.INFO, "not checked: too few samples")
     reached = _persistence(data, usable)
     if reached >= wanted:
         return Finding("excitation", Severity.INFO, f"persistently exciting of order {reached} or more")

@@ -1,6 +1,6 @@
 """Least squares over lagged signals of several experiments, on a triangular factor of the data matrix.
 
-Rows never reach across the border of an experiment. Time is linear in the samples; the data matrix is never whole.
+Rows never cross the border of an experiment. Time is linear in the samples; the whole data matrix is never in memory.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ def centred(data: IdentificationData) -> list[tuple[NDArray[np.float64], NDArray
 def _scaled(parts: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
     """Signals of unit variance; one that does not move is zero."""
     largest = np.max([np.abs(part).max(axis=0) for part in parts], axis=0)
-    parts = [part / np.where(largest > 0.0, largest, 1.0) for part in parts]  # so that no square over- or underflows
+    parts = [part / np.where(largest > 0.0, largest, 1.0) for part in parts]  # no square over- or underflows
     power = sum(np.sum(part**2, axis=0) for part in parts) / sum(map(len, parts))
     return [part / np.where(power > 0.0, np.sqrt(power), 1.0) for part in parts]
 
 
 def rows_of(signals: NDArray[np.float64], lags: range) -> NDArray[np.float64]:
-    """Rows [z[k - lag] for each lag] of one experiment from sample max(lags) on, shape (rows, columns * lags)."""
+    """Rows [z[k - lag] for each lag] of one experiment from sample max(lags) onwards, shape (rows, columns * lags)."""
     first, steps = max(lags), len(signals)
     if steps <= first:
         return np.empty((0, signals.shape[1] * len(lags)))

@@ -18,10 +18,10 @@ _MEANING = {"B": "the bias drifts", "C": "slow oscillation", "D": "delevitated"}
 def check_region(data: IdentificationData, parameters: RegionParameters | None = None) -> Finding:
     """Regions that the classifier finds in the records of the loop; see `amb_core.regions`.
 
-    Judged are data with two positions in m, two currents in A and the reference, at a rate that the classifier takes.
-    What detrending took away is added again, since the backup bearing stands about the centre.
+    The check needs two positions in m, two currents in A and the reference, at a rate that the classifier supports.
+    Removed trends are added again, because the position is compared with the backup bearing.
     """
-    from amb_core.regions import classify  # loads filters, which programs that only estimate should not wait for
+    from amb_core.regions import classify  # this loads filters; programs that only estimate should not wait for it
 
     found: list[tuple[Region, int, Onset]] = []
     judged = False
@@ -29,7 +29,7 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
         try:
             classification = classify(data.record(index), parameters)
         except AmbError as reason:
-            return Finding("region", Severity.INFO, f"not judged: {reason}")
+            return Finding("region", Severity.INFO, f"not checked: {reason}")
         judged = judged or any(state.settled for state in classification.states)
         found += [(region, index, onset) for region, onset in classification.onsets.items()]
     if found:
@@ -38,7 +38,7 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
         first = min((entry for entry in found if entry[1] == index), key=lambda entry: entry[2].step)[2]
         resonance = region.name == "D" and onset.resonance
         some_before = first.step > data.experiments[index].first_step
-        keep = f": keep the steps before {first.step} (window)" if some_before else ", and no step is: check the units"
+        keep = f": keep the steps before {first.step} (window)" if some_before else ", but no step is: check the units"
         return Finding(
             "region",
             Severity.WARNING,
@@ -48,5 +48,5 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
             + (", or excite the resonance less" if resonance else ", or excite less"),
         )
     if not judged:
-        return Finding("region", Severity.INFO, "not judged: the record is too short")
+        return Finding("region", Severity.INFO, "not checked: the record is too short")
     return Finding("region", Severity.INFO, "region A throughout")

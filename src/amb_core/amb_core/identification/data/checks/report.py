@@ -1,4 +1,4 @@
-"""What the checks of data find: each one finding, in plain words."""
+"""Findings of the data checks, one per check, in plain words."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Severity(IntEnum):
     WARNING = 1
     """The model will be worse than the data could be."""
     ERROR = 2
-    """No model can be had from these data."""
+    """These data determine no model."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class Finding:
     severity : Severity
         How much it matters.
     what : str
-        What is the case, with numbers.
+        What was found, with numbers.
     where : str
         Signals, experiments or steps concerned; empty for the data as a whole.
     advice : str
-        What to do; empty where nothing need be done.
+        What to do; empty if nothing needs to be done.
     """
 
     check: str
@@ -72,7 +72,7 @@ class DataReport:
 
     @property
     def errors(self) -> list[Finding]:
-        """Findings that rule out identification."""
+        """Findings that prevent identification."""
         return [finding for finding in self.findings if finding.severity is Severity.ERROR]
 
     @property
@@ -81,12 +81,12 @@ class DataReport:
         return [finding for finding in self.findings if finding.severity is Severity.WARNING]
 
     def finding(self, check: str) -> Finding:
-        """What a check found.
+        """The finding of a check.
 
         Raises
         ------
         KeyError
-            If it was not made: after an error in the samples themselves the others are left out.
+            If the check did not run: after an error in the samples themselves the other checks are left out.
         """
         return {finding.check: finding for finding in self.findings}[check]
 

@@ -12,15 +12,15 @@ from amb_core.identification.data.checks.report import Finding, Severity
 from amb_core.identification.data.dataset import IdentificationData
 
 _SHORT_GAP = 100  # steps: one block of telemetry
-_HELD_SHARE = 0.4  # of samples equal to the one before in all outputs, from which on the outputs are held
+_HELD_SHARE = 0.4  # of samples equal to the one before in all outputs; from this share the outputs count as held
 _FLAT_RUN = 3  # samples in a row at an extreme value
-_PILE = 5  # times as often as the next value, for a value to be where a signal is cut off
-_FEW_VALUES = 16  # of a signal that has levels, such as a square or PRBS
+_PILE = 5  # a value that occurs so many times as often as the next one is where a signal is clipped
+_FEW_VALUES = 16  # of a signal with discrete levels, such as a square wave or PRBS
 _DRIFT = 0.25  # share of the variance that a line over an experiment explains
 
 
 def check_finite(data: IdentificationData) -> Finding:
-    """NaN and infinite values; they rule out every method."""
+    """NaN and infinite values; no method accepts them."""
     wrong = 0
     where = ""
     for index, item in enumerate(data.experiments):
@@ -42,7 +42,7 @@ def check_finite(data: IdentificationData) -> Finding:
 
 
 def check_gaps(data: IdentificationData) -> Finding:
-    """Missing samples between experiments of one run; each experiment costs an initial state of its own."""
+    """Missing samples between experiments of one run; each experiment has its own unknown initial state."""
     gaps = data.gaps
     if not gaps:
         return Finding("gaps", Severity.INFO, "no samples are missing")
@@ -53,15 +53,15 @@ def check_gaps(data: IdentificationData) -> Finding:
         Severity.WARNING,
         f"{len(gaps)} gaps of {missing} samples in all, {short} of them shorter than {_SHORT_GAP}",
         ", ".join(f"steps {gap.first_step} to {gap.stop - 1}" for gap in gaps[:3]) + (" ..." if len(gaps) > 3 else ""),
-        "each part has an initial state of its own; if this happens often, record telemetry instead of single samples",
+        "each part has its own initial state; if this happens often, record telemetry instead of single samples",
     )
 
 
 def check_sample_time(data: IdentificationData, expected: float | None = None) -> Finding:
-    """The sample time against the one expected, and whether the outputs look sampled more slowly than they say.
+    """Compares the sample time with the expected one, and checks whether the outputs were sampled more slowly.
 
-    Outputs that repeat in all channels at once are held by something slower than the record, as when a record at the
-    controller's rate is resampled to a higher one: a model of them describes the hold, not the plant.
+    If outputs repeat in all channels at once, something slower than the record holds them. An example is a record at
+    the controller's rate that was resampled to a higher one. A model of such data describes the hold, not the plant.
     """
     sample_time = data.sample_time
     if expected is not None and abs(sample_time - expected) > 1e-6 * expected:
@@ -71,7 +71,7 @@ def check_sample_time(data: IdentificationData, expected: float | None = None) -
             f"{sample_time:g} s, but {expected:g} s is expected",
             advice=f"decimate by {expected / sample_time:.0f}"
             if expected > 1.5 * sample_time
-            else "take data at the rate of the controller, or set its rate right",
+            else "take data at the rate of the controller, or correct its rate",
         )
     moves, pairs = 0, 0
     for item in data.experiments:
@@ -86,8 +86,8 @@ def check_sample_time(data: IdentificationData, expected: float | None = None) -
             f"{100.0 * held:.0f} % of the samples repeat the one before in all outputs, as if each were held for "
             f"{factor} samples of {sample_time:g} s",
             "outputs",
-            f"if they were recorded every {factor * sample_time:g} s, keep every {factor}. sample; else the sensor is "
-            "too coarse for this excitation",
+            f"if they were recorded every {factor * sample_time:g} s, keep every {factor}. sample; otherwise the "
+            "sensor is too coarse for this excitation",
         )
     return Finding("sample time", Severity.INFO, f"{sample_time:g} s")
 
@@ -95,20 +95,20 @@ def check_sample_time(data: IdentificationData, expected: float | None = None) -
 def check_clipping(data: IdentificationData, limits: Mapping[str, float] | None = None) -> Finding:
     """Signals at a known limit, and flat tops: many samples in a row at exactly the largest or the smallest value.
 
-    A value is taken for a cut when it occurs in runs of three samples and five times as often as the next value;
-    quantised signals turn round with less. Signals of few levels (squares, PRBS) are left out.
+    A value counts as clipped if it occurs in runs of three samples and five times as often as the next value;
+    quantised signals stay below that at their peaks. Signals with few levels (square waves, PRBS) are left out.
 
     Parameters
     ----------
     data : IdentificationData
         The data.
     limits : mapping of str to float, optional
-        Known limits on the magnitude of signals by name, in their units; offsets taken away are counted in.
+        Known limits on the magnitude of signals by name, in their units, removed offsets included.
 
     Raises
     ------
     IdentificationError
-        If a limit is of no signal of the data.
+        If a limit has a name that no signal of the data has.
     """
     names = (*data.input_names, *data.output_names)
     if unknown := sorted(set(limits or {}) - set(names)):
@@ -124,17 +124,17 @@ def check_clipping(data: IdentificationData, limits: Mapping[str, float] | None 
             found.append(f"{name} {100.0 * share:.2g} % {reason}")
             outputs_cut = outputs_cut or name in data.output_names
     if not found:
-        return Finding("clipping", Severity.INFO, "no signal is cut off")
+        return Finding("clipping", Severity.INFO, "no signal is clipped")
     advice = (
         "the sensor cannot see these samples: reduce the excitation, or leave them out"
         if outputs_cut
         else "inputs recorded behind the limit are still the true ones; if these are not, reduce the excitation"
     )
-    return Finding("clipping", Severity.WARNING, f"cut off: {', '.join(found)} of the samples", advice=advice)
+    return Finding("clipping", Severity.WARNING, f"clipped samples: {', '.join(found)}", advice=advice)
 
 
 def check_offsets(data: IdentificationData) -> Finding:
-    """Means and drift: identification takes the mean of each signal away, which is right for one operating point."""
+    """Means and drift: identification removes the mean of each signal, which is right for one operating point."""
     drifting, apart = [], []
     for kind in ("input", "output"):
         for column, name in enumerate(getattr(data, f"{kind}_names")):
@@ -150,15 +150,15 @@ def check_offsets(data: IdentificationData) -> Finding:
             Severity.WARNING,
             f"a straight line explains more than {100.0 * _DRIFT:.0f} % of the variance",
             ", ".join(drifting),
-            "the operating point drifts: take it away with detrend(data, 'linear'), or choose a part without drift",
+            "the operating point drifts: remove it with detrend(data, 'linear'), or choose a part without drift",
         )
     if apart:
         return Finding(
             "offsets",
             Severity.WARNING,
-            "the means of the experiments differ by more than half of what the signals span",
+            "the means of the experiments differ by more than half of the range of the signals",
             ", ".join(apart),
-            "the experiments have different operating points: detrend each by itself, and expect the plant to differ",
+            "the experiments have different operating points: detrend each separately, and expect the plant to differ",
         )
     means = np.concatenate([data.input_offset, data.output_offset]) + np.average(
         [np.hstack([item.inputs, item.outputs]).mean(axis=0) for item in data.experiments],
@@ -174,7 +174,7 @@ def check_offsets(data: IdentificationData) -> Finding:
 
 
 def _signals(data: IdentificationData) -> Iterator[tuple[str, NDArray[np.float64], NDArray[np.float64]]]:
-    """Name, samples of all experiments and what detrending took away, of each input and output."""
+    """Name, samples of all experiments and removed trend of each input and output."""
     for kind in ("input", "output"):
         for column, name in enumerate(getattr(data, f"{kind}_names")):
             yield (
@@ -191,7 +191,7 @@ def _signals(data: IdentificationData) -> Iterator[tuple[str, NDArray[np.float64
 
 
 def _cut_share(signal: NDArray[np.float64]) -> float:
-    """Share of the samples at a largest or smallest value where the signal is cut off."""
+    """Share of the samples at a largest or smallest value at which the signal is clipped."""
     values, counts = np.unique(signal, return_counts=True)
     if len(values) <= _FEW_VALUES:
         return 0.0
@@ -208,6 +208,6 @@ def _line_share(signal: NDArray[np.float64]) -> float:
     """Share of the variance that a straight line explains."""
     time = np.arange(len(signal)) - 0.5 * (len(signal) - 1)
     rest = signal - signal.mean()
-    rest = rest / (np.abs(rest).max() or 1.0)  # so that no square over- or underflows
+    rest = rest / (np.abs(rest).max() or 1.0)  # no square over- or underflows
     variance = float(rest @ rest)
     return float((time @ rest) ** 2 / (time @ time) / variance) if variance > 0.0 and len(signal) > 2 else 0.0
