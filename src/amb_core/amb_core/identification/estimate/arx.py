@@ -2,7 +2,7 @@
 
     y[k] = A_1 y[k-1] + ... + A_L y[k-L] + B_1 u[k-1] + ... + B_L u[k-L] + e[k]
 
-In the observer form, where state i holds what the lags i, i + 1, ... contribute, this is an innovations form with
+In the observer form, where state i holds the contribution of the lags i, i + 1, ..., this is an innovations form with
 K = (A_1; ...; A_L): its predictor is the regression itself, of finite memory and always stable.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 4.2 and 10.1.

@@ -1,7 +1,7 @@
 """Subspace identification by canonical variate analysis (CVA).
 
 The states are the canonical variates of past and future outputs given the future inputs (see `state_regression` for the
-rest). As of the other classic methods the future inputs are taken to be independent of past noise: feedback biases it.
+rest). Like the other classic methods it assumes future inputs independent of past noise, so feedback biases it.
 
 Source: W. E. Larimore, Canonical variate analysis in identification, filtering, and adaptive control, 29th IEEE
 Conference on Decision and Control, 1990.

@@ -58,12 +58,12 @@ class DataTriangle:
         return self._factor[:, start : start + self.q]
 
     def residual_covariance(self, steps: int) -> NDArray[np.float64]:
-        """Covariance of y[k] less its least-squares fit by z[k-1] ... z[k-steps]."""
+        """Covariance of y[k] minus its least-squares fit by z[k-1] ... z[k-steps]."""
         rest = self.at(0)[self.q * steps :, : self.p]
         return np.asarray(rest.T @ rest)
 
     def best_past(self, shortest: int) -> int:
-        """Steps, from `shortest` on, of the autoregressive model with the least Akaike criterion."""
+        """Steps, at least `shortest`, of the autoregressive model with the smallest Akaike criterion."""
         candidates = range(shortest, self.past + 1)
         criteria = [
             self.rows * np.linalg.slogdet(self.residual_covariance(steps))[1] + 2.0 * self.p * self.q * steps
@@ -85,7 +85,7 @@ class RidgeRegression:
         Parameters
         ----------
         targets : ndarray, shape (rows, t)
-            What the columns are to add up to.
+            The values that the sum of the columns is fitted to.
         ridge : float
             Relative to the largest eigenvalue of the columns' covariance.
 

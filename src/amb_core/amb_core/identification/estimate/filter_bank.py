@@ -1,4 +1,4 @@
-"""The predictor as a bank of second-order filters, and the factor of their signals that all least squares work on.
+"""The predictor as a bank of second-order filters, and the factor of their signals for all least-squares problems.
 
 In modal coordinates the predictor's matrix F = A - K C is block-diagonal, with blocks M of size 2 and columns C_M of C.
 With t = tr M and d = det M the contribution of a block to the prediction is
@@ -6,9 +6,9 @@ With t = tr M and d = det M the contribution of a block to the prediction is
     C_M (z I - M)^-1 G w = C_M (z I - (t I - M)) G v,    v = w / (z^2 - t z + d),
 
 where w holds inputs and outputs, G the block's rows of (B, K). The derivatives by the entries of M are sums of v, z v
-and the once more filtered s = v / (z^2 - t z + d), z s. So four signals per block and channel are all that is needed of
-the data, whatever the number of parameters. The first state of each experiment enters as one more channel, an
-impulse before its first sample. An odd order is padded with a state that is neither reached nor seen.
+and, filtered once more, s = v / (z^2 - t z + d), z s. So four signals per block and channel replace the data, for any
+number of parameters. The first state of each experiment enters as one more channel, an impulse before its first
+sample. An odd order is padded with a state that is neither controllable nor observable.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 10.3 (gradients by filtering).
 """
@@ -52,7 +52,7 @@ class Modes:
     def of(cls, f: NDArray[np.float64], c: NDArray[np.float64]) -> Modes:
         """Block-diagonal form with an orthonormal basis per block, of F with independent pairs of modes.
 
-        A block holds a pair of complex modes or two neighbouring real ones, which may become complex or change places.
+        A block has a pair of complex modes or two neighbouring real ones, which may become complex or change places.
 
         Raises
         ------

@@ -1,12 +1,12 @@
-"""The data as predictors of finite memory see them: a small matrix, from which fits cost next to nothing.
+"""The data for predictors of finite memory: a small matrix that makes fits very cheap.
 
-A predictor that looks P steps back is a linear combination of z[k-1] ... z[k-P], z = (u, y). All that its squared
-errors need of the data are the inner products of these and of y[k]. Shifted by one step, the products are the same but
-for the samples at both ends, so that their matrix costs little more than its first block row, however long the memory.
-Its triangular factor takes the place of the data; predictors of longer memory are cut off.
+A predictor that looks P steps back is a linear combination of z[k-1] ... z[k-P], z = (u, y). Its squared errors need
+only the inner products of these and of y[k]. Shifted by one step, the products are the same except for the samples at
+both ends. So their matrix costs little more than its first block row, for any length of the memory. Its triangular
+factor replaces the data; predictors of longer memory are truncated.
 
 A little noise, 130 dB below the signals, is added on the diagonal: it keeps the matrix definite where simulated data
-have no noise of their own.
+contain no noise.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
 
 _ADDED_NOISE = 1e-13  # variance, relative to the signals'
-_SEGMENT = 4_000  # steps that go to one half of the data in turn
+_SEGMENT = 4_000  # steps that go alternately to the two halves of the data
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class FiniteMemory:
             If the products are not those of finite samples.
         """
         memory, q = len(products) - 1, products.shape[1]
-        kept = np.arange(q, q * (memory + 1))  # without the inputs of step k, which no predictor knows
+        kept = np.arange(q, q * (memory + 1))  # without the inputs of step k, which are unknown to a predictor
         kept = np.concatenate([kept, np.arange(q - outputs, q)])
         matrix = products.reshape(q * (memory + 1), -1)[np.ix_(kept, kept)] / steps
         factor = linalg.cholesky(matrix + _ADDED_NOISE * np.eye(len(matrix)), check_finite=True)
@@ -87,7 +87,7 @@ class FiniteMemory:
 def halves(data: ScaledData, memory: int) -> tuple[NDArray[np.float64], NDArray[np.float64], int, int]:
     """Sums of products, as `FiniteMemory.of` takes them, over two halves of the data, and the steps of each.
 
-    Segments go to the halves in turn, so that both hold every phase of an experiment.
+    Segments go alternately to the halves, so both contain every phase of an experiment.
     """
     z = np.hstack([data.inputs, data.outputs])
     q = z.shape[1]

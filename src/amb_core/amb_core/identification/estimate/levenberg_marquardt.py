@@ -1,4 +1,4 @@
-"""Least squares by Gauss-Newton with Levenberg-Marquardt damping, over points that need not be vectors.
+"""Least squares by Gauss-Newton with Levenberg-Marquardt damping; the points need not be vectors.
 
 Sources: J. Nocedal and S. Wright, Numerical Optimization, 2nd ed., Springer, 2006, section 10.3; H. B. Nielsen, Damping
 parameter in Marquardt's method, report IMM-REP-1999-05, Technical University of Denmark, 1999.
@@ -15,25 +15,25 @@ from scipy import linalg
 
 _FIRST_DAMPING = 0.01  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix
 _REDUNDANT = 1e-6  # singular value of a direction, relative to the largest, below which it is lost in rounding
-_LEAST_DAMPING = 1e-12  # likewise; redundant directions need some
+_LEAST_DAMPING = 1e-12  # relative likewise; redundant directions need some damping
 
 Point = TypeVar("Point")
 Arrays = NDArray[np.float64]
 
 
 class Damping:
-    """Damping of the steps, relative to the largest eigenvalue, by how well the last ones have kept their promise."""
+    """Damping of the steps, relative to the largest eigenvalue; it depends on the accuracy of the last predictions."""
 
     def __init__(self) -> None:
         self.value = _FIRST_DAMPING
         self._growth = 2.0
 
     def refused(self) -> None:
-        """After a step that did not lower the squares: more, and more each time."""
+        """After a step that did not lower the squares: increase the damping, and more each time."""
         self.value, self._growth = self.value * self._growth, 2.0 * self._growth
 
     def taken(self, kept: float) -> None:
-        """After a step that kept this share of its promise."""
+        """After a step that reached this share of its predicted decrease."""
         self.value, self._growth = max(self.value * max(0.1, 1.0 - (2.0 * kept - 1.0) ** 3), _LEAST_DAMPING), 2.0
 
 
@@ -46,7 +46,7 @@ def minimise(
     most_iterations: int = 30,
     least_gain: float = 1e-5,
 ) -> Point:
-    """The point with the least sum of squared errors that is found from `start` on, never a worse one.
+    """The point with the least sum of squared errors that a search from `start` finds, never worse than `start`.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ def minimise(
     move : callable
         The point after a step of shape (parameters,); None where there is no such point.
     progress : callable, optional
-        Called as progress(iteration, sum of squares) at the start, as iteration 0, and after every step tried. What it
-        raises ends the search.
+        Called as progress(iteration, sum of squares) at the start, as iteration 0, and after every step tried. If it
+        raises an exception, the search ends.
     most_iterations : int
         Steps tried, taken or not.
     least_gain : float
-        Relative decrease of the sum of squares, as promised by the linearisation, at which the search ends.
+        Relative decrease of the sum of squares, as predicted by the linearisation, at which the search ends.
     """
     point, cost, damping = start, squares(start), Damping()
     sensitivity, errors = linearise(point)
@@ -87,7 +87,7 @@ def minimise(
 
 
 def damped_step(sensitivity: Arrays, errors: Arrays, damping: float) -> tuple[Arrays, float, float]:
-    """Levenberg-Marquardt step, and the decrease of the sum of squares promised by it and without damping, relative.
+    """Levenberg-Marquardt step, and its predicted relative decrease of the sum of squares, with and without damping.
 
     Damping is relative to the largest eigenvalue of the Gauss-Newton matrix of parameters of equal effect.
     """
@@ -97,7 +97,7 @@ def damped_step(sensitivity: Arrays, errors: Arrays, damping: float) -> tuple[Ar
     along = left.T @ errors
     level = damping * singular[0] ** 2
     step = right.T @ (singular / (singular**2 + level) * along) / scale
-    kept = level / (singular**2 + level)  # share of the errors that stays, per direction
+    kept = level / (singular**2 + level)  # remaining share of the errors, per direction
     total = max(float(np.sum(errors**2)), np.finfo(float).tiny)
     certain = singular > _REDUNDANT * singular[0]
     return step, float(np.sum((1.0 - kept**2) * along**2)) / total, float(np.sum(along[certain] ** 2)) / total

@@ -1,11 +1,11 @@
-"""Data-driven local coordinates: the directions in which a state-space model changes, and not only its states' basis.
+"""Data-driven local coordinates: the directions that change a state-space model and not only the basis of its states.
 
 A model (A, B, C) with n states, m inputs and p outputs has n (n + m + p) matrix entries, but n^2 of their directions
 are changes of the state's coordinates, T A T^-1, T B, C T^-1, to first order
 
     X A - A X,  X B,  -C X.
 
-The n (m + p) directions orthogonal to these are coordinates of the models near by.
+The n (m + p) directions orthogonal to these are coordinates of the nearby models.
 
 Source: T. McKelvey, A. Helmersson and T. Ribarits, Data driven local coordinates for multivariable linear systems and
 their application to system identification, Automatica 40 (2004).
@@ -44,10 +44,11 @@ def local_directions(a: Arrays, b: Arrays, c: Arrays) -> tuple[Arrays, Arrays, A
 
 
 def balanced_predictor(model: StateSpaceModel, input_scale: Arrays) -> StateSpaceModel:
-    """The model in coordinates in which each state of its predictor is reached as well as it is seen.
+    """The model in balanced coordinates: each state of its predictor is as controllable as it is observable.
 
-    Small changes of the matrices then are small changes of the model; in other coordinates, those of nearly equal modes
-    for one, they can be anything. A model with states that are neither reached nor seen is returned as it is.
+    Small changes of the matrices then are small changes of the model. In other coordinates, such as those of nearly
+    equal modes, they can be large. A model with states that are neither controllable nor observable is returned
+    unchanged.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def balanced_predictor(model: StateSpaceModel, input_scale: Arrays) -> StateSpac
         raise IdentificationError(f"the model must have a stable predictor; its spectral radius is {radius:.6g}")
     scale = np.sqrt(np.diag(model.innovation_covariance))
     b, c = basis.T @ np.hstack([model.b * input_scale, model.k * scale]), model.c @ basis / scale[:, np.newaxis]
-    # SLICOT finds the factors of the Gramians without the Gramians, so that small singular values are right too.
+    # SLICOT computes the factors of the Gramians without the Gramians, so small singular values are accurate too.
     *_, out_of, into, kept, _, info = ctrlsys.ab09ax(
         "D", "B", "F", model.order, b.shape[1], len(c), model.order, *map(np.asfortranarray, (schur, b, c)), 0.0
     )

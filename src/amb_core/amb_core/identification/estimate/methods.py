@@ -1,4 +1,4 @@
-"""The methods of identification by name, and what they make of a data set."""
+"""The methods of identification by name, and their models of a data set."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ METHODS: dict[str, Callable[[Samples, Samples, float, int, Watch], list[StateSpa
 
 
 def estimate(data: IdentificationData, order: int, method: str, watch: Watch, source: str) -> list[StateSpaceModel]:
-    """The model of a method, or its several ones, with the names of the data and about their operating point.
+    """The model or models of a method, with the names of the data and about their operating point.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def estimate(data: IdentificationData, order: int, method: str, watch: Watch, so
     method : str
         One of `METHODS`.
     watch : Watch
-        Told how far it is.
+        Receives the progress.
     source : str
         Where the data come from, kept in the models.
 

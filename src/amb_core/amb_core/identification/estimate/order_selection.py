@@ -1,12 +1,13 @@
 """How many states the data show: singular values, the criteria of Akaike and Schwarz, cross-validation.
 
-The criteria weigh the size of the one-step prediction errors against the number of parameters, and hold for estimates
-of maximum likelihood: subspace models alone, which are not, make them prefer too many states. So each order's subspace
-model is refined as `pem` does, on predictors of finite memory (see `finite_memory`), which takes a few milliseconds an
-iteration. Every order uses the same two factors of the data.
+The criteria weigh the size of the one-step prediction errors against the number of parameters. They hold for estimates
+of maximum likelihood. Subspace models are not such estimates: with them the criteria prefer too many states. So each
+order's subspace model is refined as in `pem`, on predictors of finite memory (see `finite_memory`), which takes a few
+milliseconds per iteration. Every order uses the same two factors of the data.
 
-Predictors of a lightly damped plant remember more: cut off, that of the true order is not the best, and more states
-make up for the cut. So the best order and its neighbours are compared again, by what `pem` makes of all samples.
+Predictors of a lightly damped plant have a longer memory. Truncated, that of the true order is not the best, and more
+states compensate for the truncation. So the best order and its neighbours are compared again with `pem` models of all
+samples.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 16.4 and 16.6; G. Schwarz, Estimating
 the dimension of a model, Annals of Statistics 6 (1978).
@@ -43,12 +44,12 @@ from amb_core.identification.numerics import LARGEST_RADIUS, small_matrices
 from amb_core.identification.progress import Cancelled, Progress, Watch
 
 HIGHEST = 14
-"""The highest order tried unless others are asked for."""
+"""The highest order tested by default."""
 
 _MEMORY = 200  # steps; longer ones cost time
 _LEAST_GAIN = 1e-4  # of the squared errors: far below what a state must gain for the criterion of Schwarz
 _MOST_ITERATIONS = 12
-_REACH = 2  # orders on either side that the best one is compared with: those of one mode less or more
+_REACH = 2  # orders on either side that are compared with the best one: those of one mode less or more
 _RIDGES = RIDGES[::3]
 
 
@@ -59,14 +60,14 @@ class OrderSelection:
     Attributes
     ----------
     orders : tuple of int
-        The orders tried, rising.
+        The orders tested, rising.
     singular_values : ndarray, shape (values,)
         How strongly each state shows in the future outputs, relative to the strongest: those of the subspace method.
     aic, bic : ndarray, shape (orders,)
-        Criteria of Akaike and of Schwarz, less their least values; infinite where the order has no model.
+        Criteria of Akaike and of Schwarz, minus their smallest values; infinite if the order has no model.
     validation_error : ndarray, shape (orders,)
         Cross-validation: one-step prediction error, on half the data, of the model estimated from the other half; rms
-        relative to the signals', geometric mean over the outputs. Infinite where the order has no model.
+        relative to the signals', geometric mean over the outputs. Infinite if the order has no model.
     """
 
     orders: tuple[int, ...]
@@ -77,22 +78,22 @@ class OrderSelection:
 
     @property
     def chosen(self) -> int:
-        """The order of the least criterion of Schwarz."""
+        """The order with the smallest criterion of Schwarz."""
         return self._best(self.bic)
 
     @property
     def best_by_aic(self) -> int:
-        """The order of the least criterion of Akaike; it tends to too many states."""
+        """The order with the smallest criterion of Akaike; it tends to have too many states."""
         return self._best(self.aic)
 
     @property
     def best_by_validation(self) -> int:
-        """The order of the least validation error."""
+        """The order with the smallest validation error."""
         return self._best(self.validation_error)
 
     @property
     def at_the_end(self) -> bool:
-        """Whether the chosen order is the highest of several tried, so that a higher one may be better."""
+        """Whether the chosen order is the highest of several tested ones; a higher one may then be better."""
         return len(self.orders) > 1 and self.chosen == self.orders[-1]
 
     def _best(self, criterion: NDArray[np.float64]) -> int:
@@ -112,15 +113,15 @@ def select_order(
     data : IdentificationData
         Data of the plant, in open or closed loop.
     orders : sequence of int, optional
-        The orders to try; by default all from 1 to `HIGHEST` that the samples suffice for. Those for which the inputs
-        excite too little are left out, unless that is all of them.
+        The orders to test; by default all from 1 to `HIGHEST` for which there are enough samples. Orders for which the
+        inputs excite too little are left out, unless that is all of them.
     progress, cancelled : callable, optional
         See `identify`; the stage is `order`.
 
     Raises
     ------
     IdentificationError
-        If an order is not allowed, the data are too few or determine no model, or the selection is called off.
+        If an order is not allowed, the data are too few or determine no model, or the selection is cancelled.
     """
     watch = Watch(progress, cancelled)
     tried = tuple(sorted(set(orders))) if orders is not None else tuple(range(1, HIGHEST + 1))
@@ -137,7 +138,7 @@ def select_order(
 
 
 def _affordable(data: ScaledData, orders: tuple[int, ...]) -> tuple[int, ...]:
-    """The orders up to the highest for which the samples suffice, or the lowest, which then says how many it needs."""
+    """The orders for which the samples suffice; if there are none, the lowest, whose error shows how many it needs."""
     highest = orders[0]
     for order in orders:
         try:
@@ -171,7 +172,7 @@ def _compare(data: ScaledData, orders: tuple[int, ...], watch: Watch) -> OrderSe
             error[number] = math.exp(0.5 * spread / p)
     if not np.isfinite(likelihood).any():
         raise IdentificationError(f"the data determine no model of the orders {orders[0]} to {orders[-1]}")
-    parameters = np.array(orders, dtype=np.float64) * (p + q)  # of A, B, C, K less those of the state's coordinates
+    parameters = np.array(orders, dtype=np.float64) * (p + q)  # of A, B, C, K minus those of the state's coordinates
     watch.tell("order", len(orders), _total(orders))
     done = len(orders)
     if len(data.lengths) <= MOST_EXPERIMENTS:
@@ -190,9 +191,9 @@ def _refine_around_the_best(
     penalty: NDArray[np.float64],
     watch: Watch,
 ) -> int:
-    """Put in, for the best order and those near it, the likelihood of what `pem` makes of all samples.
+    """Enter the likelihood of the `pem` model of all samples for the best order and its neighbours.
 
-    Returns what is done then, in the steps of the progress.
+    Returns the number of progress steps that are done.
     """
 
     def whole(modes: Modes, weight: NDArray[np.float64]) -> Fit:
@@ -219,7 +220,7 @@ def _refine_around_the_best(
 
 
 def _total(orders: Sequence[int]) -> int:
-    """Steps of the progress, as far as they can be foreseen: each order, and the best one and its neighbours again."""
+    """Expected progress steps: one for each order, and again for the best one and its neighbours."""
     return len(orders) + min(len(orders), 2 * _REACH + 1)
 
 
@@ -228,7 +229,7 @@ def _tell_cost(watch: Watch, step: int, total: int, _iteration: int, cost: float
 
 
 def _fit(regression: PastRegression, maps: list[NDArray[np.float64]], memory: FiniteMemory, order: int) -> Fit | None:
-    """The refined fit from the best of the subspace models; None where there is none."""
+    """The refined fit from the best of the subspace models; None if there is none."""
     best: Fit | None = None
     for future in maps:
         try:

@@ -1,8 +1,8 @@
 """Predictor-based subspace identification (PBSID), consistent on data of a closed loop.
 
 The Markov parameters of a long ARX model, shifted and stacked, are the product of the predictor's extended
-observability and controllability matrices; applied to the past it gives the predicted future outputs of unknown future
-signals, whose strongest directions are the state (see `state_regression` for the rest).
+observability and controllability matrices. Applied to the past, this product gives the predicted future outputs for
+unknown future signals. Their strongest directions are the state (see `state_regression` for the rest).
 
 Sources: A. Chiuso, The role of vector autoregressive modeling in predictor-based subspace identification, Automatica 43
 (2007); G. van der Veen, J.-W. van Wingerden, M. Bergamasco, M. Lovera and M. Verhaegen, Closed-loop subspace
@@ -38,7 +38,7 @@ def pbsid(
 
 
 def _future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:
-    """Shifted Markov parameters: what z[k-lag] adds to the output at k + ahead is that of lag + ahead."""
+    """Shifted Markov parameters: z[k-lag] contributes to the output at k + ahead with the parameter lag + ahead."""
     triangle = regression.triangle
     now = triangle.at(0)[:, : triangle.p]
     markov = regression.coefficients(now, ridge)

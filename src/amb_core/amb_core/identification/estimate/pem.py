@@ -4,7 +4,7 @@ Gauss-Newton with Levenberg-Marquardt damping over the modes of the predictor, F
 coordinates that are renewed at every step; B, K and x[0] are the least-squares solution for each F and C (variable
 projection, with Kaufman's simplification of the derivative). Errors are weighted by the inverse of their covariance at
 the last step, so every accepted step lowers the determinant of the covariance, which the maximum-likelihood estimate
-minimises. The model is simulated nowhere but as predictor, whose F stays stable however unstable A is.
+minimises. The model is simulated only as a predictor: its F stays stable even if A is unstable.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 7.4 and 10.2; G. Golub and V. Pereyra,
 Separable nonlinear least squares: the variable projection method and its applications, Inverse Problems 19 (2003);
@@ -29,8 +29,8 @@ from amb_core.identification.progress import SearchEnd
 from amb_core.model.state_space import StateSpaceModel
 
 MOST_ITERATIONS = 22
-MOST_EXPERIMENTS = 10  # each has a first state of its own, and time grows with their square
-_LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; lost in the noise of the data
+MOST_EXPERIMENTS = 10  # each has its own first state, and time grows with the square of their number
+_LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; far below the noise of the data
 
 
 def pem(
@@ -42,19 +42,19 @@ def pem(
     source: str = "",
     ended: Callable[[SearchEnd], None] | None = None,
 ) -> StateSpaceModel:
-    """Improve a model until its one-step prediction errors on the data are as small as they get.
+    """Improve a model until its one-step prediction errors on the data are minimal.
 
     Parameters
     ----------
     inputs, outputs : ndarray, shapes (steps, 2), (steps, 2), or lists of such
-        Control current references (A) and positions (m) of one experiment, or of each of several, which cost more each.
-        Means over all are removed and kept as the model's offsets.
+        Control current references (A) and positions (m) of one experiment, or of each of several. Several experiments
+        take more time. Means over all are removed and kept as the model's offsets.
     start : StateSpaceModel
         Where to start: gives order, sample time, A, C and K. B and the initial state are estimated anew.
     progress : callable, optional
         Called as progress(iteration, cost) with the start as iteration 0 and after every step that lowers the cost,
         half the logarithm of the determinant of the covariance of the errors, scaled by the data's variances.
-        What it raises ends the search.
+        If it raises an exception, the search ends.
     most_iterations : int
         Steps tried, taken or not, after which the search ends, converged or not.
     source : str
@@ -84,7 +84,7 @@ def pem(
     radius = float(np.max(np.abs(np.linalg.eigvals(start.a - start.k @ start.c))))
     if not radius < LARGEST_RADIUS:
         raise IdentificationError(f"the start must have a stable predictor; its spectral radius is {radius:.6g}")
-    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
+    # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
     with small_matrices(f"no model of order {start.order} from {len(data.inputs)} samples"):
         modes = Modes.of(start.a - start.k @ start.c, start.c / data.output_scale[:, np.newaxis])
 
@@ -105,7 +105,7 @@ def fit_modes(
     least_gain: float = _LEAST_GAIN,
     ended: Callable[[SearchEnd], None] | None = None,
 ) -> Fit:
-    """The fit of the least determinant of the covariance of the errors that is found from `modes` on.
+    """The fit with the smallest determinant of the errors' covariance that a search from `modes` finds.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def fit_modes(
         Number of outputs p.
     progress, most_iterations, ended : see `pem`
     least_gain : float
-        Relative decrease of the squared errors, as far as it can be foreseen, at which the search ends.
+        Predicted relative decrease of the squared errors at which the search ends.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def fit_modes(
 
 
 def _try(modes: Modes, best: Callable[[Modes, NDArray[np.float64]], Fit], weight: NDArray[np.float64]) -> Fit | None:
-    """The fit with these modes in renewed coordinates; None where they make no stable predictor."""
+    """The fit with these modes in renewed coordinates; None if they do not make a stable predictor."""
     if not modes.radius < LARGEST_RADIUS:
         return None
     try:

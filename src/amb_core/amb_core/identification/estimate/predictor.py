@@ -4,7 +4,7 @@ With F = A - K C the predictor of a model without direct feedthrough is
 
     x[k+1] = F x[k] + B u[k] + K y[k],    yhat[k] = C x[k].
 
-F is stable even where A is not, so unstable plants are predicted without an open-loop simulation. For given A, C and K
+F is stable even if A is not, so unstable plants are predicted without an open-loop simulation. For given A, C and K
 the prediction is linear in B and x[0], which makes their best values a linear least-squares problem. Data of several
 experiments are one after the other; each experiment has its own x[0].
 
@@ -60,7 +60,7 @@ def fit_input_matrix(
     f, c = np.ascontiguousarray(a - k @ c), np.ascontiguousarray(c)
     unexplained = innovations(a, np.zeros((n, m)), c, k, np.zeros(n), inputs, outputs, lengths)
     factors = [experiment_factor(f, c, inputs[part], unexplained[part]) for part in experiments(len(inputs), lengths)]
-    # The first rows of a factor hold an experiment's x[0]; whatever B is, they can be met. The others are for B alone.
+    # The first rows of a factor determine an experiment's x[0] for any B. The other rows depend on B alone.
     rows = np.vstack([factor[n:, n:] for factor in factors])
     solution, _, _, singular_values = linalg.lstsq(rows[:, :-1], rows[:, -1])
     if singular_values[-1] < _SMALLEST_SINGULAR_VALUE * singular_values[0]:
@@ -70,7 +70,7 @@ def fit_input_matrix(
 
 
 def experiments(steps: int, lengths: Sequence[int] | None) -> list[slice]:
-    """Where each experiment lies in data of that many steps."""
+    """The rows of each experiment in data of that many steps."""
     stops = list(itertools.accumulate(lengths if lengths is not None else [steps]))
     return [slice(start, stop) for start, stop in zip([0, *stops], stops, strict=False)]
 
@@ -78,7 +78,7 @@ def experiments(steps: int, lengths: Sequence[int] | None) -> list[slice]:
 def experiment_factor(
     f: NDArray[np.float64], c: NDArray[np.float64], inputs: NDArray[np.float64], unexplained: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Triangular factor of the derivatives of yhat by x[0] and vec(B), and of what they are to explain."""
+    """Triangular factor of the derivatives of yhat by x[0] and vec(B), and of their target."""
     n, m = len(f), inputs.shape[1]
     sensitivity = np.hstack([np.eye(n), np.zeros((n, n * m))])  # of the predictor's state
     factor = np.zeros((0, n + n * m + 1))
@@ -138,7 +138,7 @@ def innovations(
 ) -> NDArray[np.float64]:
     """One-step prediction errors, shape (steps, p), of data without offsets.
 
-    `initial_states` has shape (experiments, n), or (n,) where all experiments start alike; for `lengths` see
+    `initial_states` has shape (experiments, n), or (n,) if all experiments have the same one; for `lengths` see
     `fit_input_matrix`.
     """
     predictions = np.empty_like(outputs)

@@ -21,7 +21,7 @@ from amb_core.errors import IdentificationError
 from amb_core.identification.estimate.predictor import kalman_gain
 from amb_core.model.state_space import StateSpaceModel
 
-_BOUNDARY = 1.0 - 1e-9  # magnitude of a pole from which on it belongs to the unstable part, as integrators do
+_BOUNDARY = 1.0 - 1e-9  # from this magnitude onwards a pole belongs to the unstable part, as integrators do
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,15 @@ class Reduction:
 def reduce_balanced(model: StateSpaceModel, order: int) -> Reduction:
     """Reduce a model to an order by balanced truncation of the stable part of its deterministic part.
 
-    Kalman gain and initial state go along into the coordinates that are kept. Where that leaves the predictor unstable,
-    the gain is the one of the Kalman filter for the same noise.
+    Kalman gain and initial state are transformed into the remaining coordinates. If the predictor is then unstable, the
+    gain is that of the Kalman filter for the same noise.
 
     Parameters
     ----------
     model : StateSpaceModel
         The model.
     order : int
-        Number of states wanted.
+        Number of states of the reduced model.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def _balanced(
     if not stable:
         return unstable, into, out_of, np.empty(0)
     a, b, c = schur[unstable:, unstable:], into[unstable:] @ model.b, model.c @ out_of[:, unstable:]
-    # SLICOT finds the factors of the Gramians without the Gramians, so that small singular values are right too.
+    # SLICOT computes the factors of the Gramians without the Gramians, so small singular values are accurate too.
     *_, values, out_of_balanced, into_balanced, kept, _, info = ctrlsys.ab09ax(
         "D", "B", "F", stable, b.shape[1], c.shape[0], stable, *map(np.asfortranarray, (a, b, c)), 0.0
     )

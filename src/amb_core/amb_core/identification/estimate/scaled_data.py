@@ -1,4 +1,4 @@
-"""Data of the closed loop made fit for estimation: checked, without means, each signal scaled to unit variance."""
+"""Data of the closed loop prepared for estimation: checked, without means, each signal scaled to unit variance."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Samples = NDArray[np.float64] | Sequence[NDArray[np.float64]]  # of one experime
 
 @dataclass(frozen=True)
 class ScaledData:
-    """Inputs and outputs with mean 0 and variance 1, and what leads back to the original units.
+    """Inputs and outputs with mean 0 and variance 1, and the offsets and scales of the original units.
 
     Attributes
     ----------
@@ -102,12 +102,12 @@ class ScaledData:
 
 
 def check_order(order: int) -> None:
-    """Refuse an order that no method takes.
+    """Reject an order that no method supports.
 
     Raises
     ------
     IdentificationError
-        If the order is no whole number, below 1 or above `HIGHEST_ORDER`.
+        If the order is not a whole number, below 1 or above `HIGHEST_ORDER`.
     """
     if isinstance(order, bool) or not isinstance(order, (int, np.integer)):
         raise IdentificationError(
@@ -150,7 +150,7 @@ def _check_samples(kind: str, samples: NDArray[np.float64]) -> None:
 
 
 def _check_independence(signals: NDArray[np.float64]) -> None:
-    """Refuse signals (inputs, then outputs, each with mean 0 and variance 1) of which one follows from the others."""
+    """Reject linearly dependent signals (inputs, then outputs, each with mean 0 and variance 1)."""
     eigenvalues = np.linalg.eigvalsh(signals.T @ signals / len(signals))
     if eigenvalues[0] < _SMALLEST_EIGENVALUE:
         raise IdentificationError(

@@ -1,6 +1,6 @@
 """Products of small matrices inside compiled loops.
 
-Written out, because at this size `@` spends its time calling BLAS, and because it takes seconds to compile.
+They are written as loops: at this size `@` spends its time calling BLAS, and it takes seconds to compile.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Subspace identification (SSARX) that stays consistent on data of a closed loop.
 
-With the Markov parameters of a long ARX model the part of the future outputs that stems from future inputs and outputs
-is removed, so what is left depends on the past alone, whether there is feedback or not. Its canonical correlations with
+The Markov parameters of a long ARX model give the part of the future outputs that comes from future inputs and outputs.
+This part is removed. The remainder depends on the past alone, with or without feedback. Its canonical correlations with
 the past give the state (see `state_regression` for the rest).
 
 Source: M. Jansson, Subspace identification and ARX modeling, 13th IFAC Symposium on System Identification, 2003.
@@ -39,21 +39,21 @@ def ssarx(
     order : int
         Number of states n.
     past, future : int, optional
-        Horizons (steps), each at least half the order, so that n states can be told apart. By default the past is that
-        of the ARX model of the best Akaike criterion, the future twice the order.
+        Horizons (steps), each at least half the order, so that n states can be distinguished. By default the past is
+        that of the ARX model with the best Akaike criterion, the future twice the order.
     source : str
         Where the data come from, kept in the model.
 
     Raises
     ------
     IdentificationError
-        If order or horizons do not suit the data or the data determine no model; one line that says why.
+        If order or horizons do not suit the data or the data determine no model; one line with the reason.
     """
     return identify_by_states(inputs, outputs, sample_time, order, past, future, source, "ssarx", future_map)
 
 
 def future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:
-    """Future outputs of unknown future signals, each weighted by what the past leaves unexplained of them."""
+    """Future outputs for unknown future signals, weighted by their part that the past does not explain."""
     triangle = regression.triangle
     p, q = triangle.p, triangle.q
     outputs = np.hstack([triangle.at(ahead)[:, :p] for ahead in range(triangle.future)])

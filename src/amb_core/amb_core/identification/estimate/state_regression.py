@@ -1,10 +1,10 @@
 """What the subspace methods SSARX, PBSID and CVA share: horizons, choice of the ridge, and the last regressions.
 
 Each method gives a map from the past of inputs and outputs to the state; least squares on the state then give the
-predictor. The feedthrough is zero throughout, since the position answers after the current reference.
+predictor. The feedthrough is always zero, because the position responds after the current reference.
 
-The length of the past is that of the autoregressive model of the best Akaike criterion. The ridge, without which
-band-limited data leave the map undetermined, is the one whose state-space model has the smallest one-step prediction
+The length of the past is that of the autoregressive model with the best Akaike criterion. Without a ridge, band-limited
+data leave the map undetermined. The chosen ridge gives the state-space model with the smallest one-step prediction
 errors on the data.
 """
 
@@ -24,9 +24,9 @@ from amb_core.identification.estimate.scaled_data import Samples, ScaledData, ch
 from amb_core.identification.numerics import small_matrices
 from amb_core.model.state_space import StateSpaceModel
 
-_LONGEST_PAST = 60  # steps; by then the predictor of a bearing has forgotten most, at any noise worth the name
+_LONGEST_PAST = 60  # steps; the memory of a bearing's predictor is shorter, unless there is nearly no noise
 _SAMPLES_PER_STEP = 20  # at least, so that short data leave the long ARX model enough freedom
-_LEAST_STRENGTH = 1e-12  # of a state, relative to the strongest; beyond it is rounding
+_LEAST_STRENGTH = 1e-12  # of a state, relative to the strongest; weaker ones are rounding
 RIDGES = np.logspace(-14, -2, 13)  # relative to the largest eigenvalue of the past's covariance
 
 # From the past's regression and a ridge to the map from past to state before weighting: rows z[k-1] ... z[k-past],
@@ -45,7 +45,7 @@ def identify_by_states(
     method: str,
     future_map: FutureMap,
 ) -> StateSpaceModel:
-    """The model of a method that is told by its map from the past to the weighted future.
+    """The model of a method, which is defined by its map from the past to the weighted future.
 
     Parameters and errors are those of `ssarx`.
     """
@@ -62,12 +62,12 @@ def identify_by_states(
 
 
 def shortest_horizon(order: int) -> int:
-    """Fewest steps of past and of future that tell that many states apart."""
+    """Fewest steps of past and of future that distinguish that many states."""
     return math.ceil(order / 2) + 1
 
 
 def horizons(data: ScaledData, order: int, past: int | None = None, future: int | None = None) -> tuple[int, int]:
-    """The longest past and the future (steps) to use for an order, where they are not given.
+    """The longest past and the future (steps) to use for an order, if they are not given.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def best_predictor(
 def predictor_matrices(
     regression: PastRegression, future_map: NDArray[np.float64], order: int
 ) -> tuple[NDArray[np.float64], ...]:
-    """A, B, C and the Kalman gain K from what a `FutureMap` gives.
+    """A, B, C and the Kalman gain K from the result of a `FutureMap`.
 
     Raises
     ------
@@ -132,14 +132,14 @@ def predictor_matrices(
     z_now, state, advanced = triangle.at(0), regression.columns @ to_state, triangle.before(steps, lead=1) @ to_state
     c = linalg.lstsq(state, z_now[:, : triangle.p])[0].T
     errors = z_now[:, : triangle.p] - state @ c.T
-    # The controller answers within the sample, so the errors correlate with the inputs and must be regressors too.
+    # The controller responds within the sample, so the errors correlate with the inputs and must be regressors too.
     regressors = np.hstack([state, errors, z_now[:, triangle.p :]])
     transition = linalg.lstsq(regressors, advanced)[0]
     a, k, b = (part.T for part in np.split(transition, [order, order + triangle.p]))
     # A model of too low an order leaves residuals; with them K is the gain of the Kalman filter, which is stable.
     residuals = advanced - regressors @ transition
     r = errors.T @ errors
-    # States that are seen equally well: the input matrix is then well determined by the data, however weak a state is.
+    # Equally observable states: the data then determine the input matrix well, even for weak states.
     ratio = np.divide.outer(strengths, strengths)
     a, b, c, k = a * ratio, b * strengths[:, np.newaxis], c / strengths, k * strengths[:, np.newaxis]
     q = residuals.T @ residuals * np.outer(strengths, strengths) + k @ r @ k.T

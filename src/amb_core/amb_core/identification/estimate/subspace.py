@@ -2,8 +2,8 @@
 
 SLICOT's IB01AD and IB01BD estimate the order-n state space and the noise covariances; the Kalman gain comes from
 scipy's Riccati solver, because IB01BD's own (jobck 'K') writes outside its workspace from order 8 on. IB01BD returns a
-feedthrough D that the plant does not have (the position answers after the current reference), so B, x[0] are estimated
-anew with D = 0, by least squares on the one-step prediction error (see `predictor`).
+feedthrough D that the plant does not have (the position responds after the current reference), so B, x[0] are estimated
+again with D = 0, by least squares on the one-step prediction error (see `predictor`).
 
 Known limit: projections that assume inputs independent of past noise are biased on closed-loop data. The bias
 falls with the ratio of noise to excitation; below 0.1 um of noise at 50 um of excitation it does not matter.
@@ -30,7 +30,7 @@ from amb_core.model.state_space import StateSpaceModel
 HORIZONS = (1.2, 1.5, 2.0, 3.0, 5.0)  # block rows in multiples of the order
 _SLICOT_NAMES = {"n4sid": ("N", "C"), "moesp": ("M", "M")}  # of compression and of system matrices
 _MOST_BLOCK_ROWS = 200
-_MOST_ELEMENTS = 30_000_000  # of the data matrix, which SLICOT holds where it must turn from Cholesky to QR: 240 MB
+_MOST_ELEMENTS = 30_000_000  # of the data matrix, which SLICOT allocates if it must change from Cholesky to QR: 240 MB
 _LEAST_BLOCK_ROWS = 8
 
 
@@ -63,7 +63,7 @@ def n4sid(
     Raises
     ------
     IdentificationError
-        If the order does not suit the data or the data determine no model; one line that says why.
+        If the order does not suit the data or the data determine no model; one line with the reason.
     """
     if block_rows is None:
         block_rows = _horizon(order, 2.0)
@@ -88,8 +88,8 @@ def n4sid_horizons(
 ) -> list[StateSpaceModel]:
     """Models of one order from horizons of different length, at least one; arguments and errors are those of `n4sid`.
 
-    A long horizon averages noise, a short one lets an operating point drift. Which is better the data must show. Of
-    long data only short horizons are tried, to bound time and memory.
+    A long horizon averages noise, a short one tolerates a drifting operating point. The data show which is better. For
+    long data only short horizons are tested, to limit time and memory.
     """
     models: list[StateSpaceModel] = []
     reasons: list[IdentificationError] = []
@@ -137,7 +137,7 @@ def _predictor_matrices(
     m, p = inputs.shape[1], outputs.shape[1]
     u, y = np.asfortranarray(inputs), np.asfortranarray(outputs)
     compression, system = _SLICOT_NAMES[method]
-    # Correlation matrix and Cholesky factor ('C'), 40 times faster than QR; where that fails SLICOT turns to QR itself.
+    # Correlation matrix and Cholesky factor ('C'), 40 times faster than QR; if that fails, SLICOT uses QR itself.
     _, triangle, _, _, info = ctrlsys.ib01ad(compression, "C", "N", "O", "N", "N", block_rows, m, p, u, y, 0.0, 0.0)
     if info != 0:
         raise IdentificationError(f"the data matrix cannot be compressed (SLICOT IB01AD, info {info})")

@@ -1,12 +1,12 @@
-"""Simulation focus: a model whose closed loop with the known controller answers to the reference as the real one does.
+"""Simulation focus: a model whose closed loop with the known controller responds to the reference like the real one.
 
-PEM makes the one-step prediction errors small; where the order is too low for the plant, or the plant not linear, the
+PEM minimises the one-step prediction errors. If the order is too low for the plant, or the plant is not linear, the
 model with the best predictions is not the one with the best simulation. Here the simulated closed loop, driven by the
-reference alone, is fitted to the measured positions. An open-loop simulation of the unstable plant is never made.
+reference alone, is fitted to the measured positions. The unstable plant is never simulated in open loop.
 
 Gauss-Newton with Levenberg-Marquardt damping over data-driven local coordinates of (A, B, C), which are renewed at
-every step, and over the initial state of each experiment. K, which the simulation does not see, is estimated last, so
-that the model stays in innovations form.
+every step, and over the initial state of each experiment. K, which does not affect the simulation, is estimated
+last, so the model stays in innovations form.
 
 Sources: as for `local_coordinates` and `levenberg_marquardt`; L. Ljung, System Identification, 2nd ed., Prentice Hall,
 1999, sections 7.3 (output errors) and 8.4 (what a model of too low an order converges to).
@@ -41,13 +41,13 @@ def focus_simulation(
     free_offset: bool = False,
     most_iterations: int = MOST_ITERATIONS,
 ) -> StateSpaceModel:
-    """Improve a model until its closed loop follows the measured positions as well as it can.
+    """Improve a model until its closed loop follows the measured positions as well as possible.
 
     Parameters
     ----------
     model : StateSpaceModel
-        Where to start; its predictor and its closed loop must be stable. Its offsets are those of the data where
-        nothing was taken away from them.
+        Where to start; its predictor and its closed loop must be stable. Its offsets are those of the data
+        before detrending.
     data : IdentificationData
         Currents (A), positions (m) and references (m); experiments without reference are left out.
     controller : ControllerParameters
@@ -56,10 +56,10 @@ def focus_simulation(
         Called at every iteration, with the mean square of the errors, relative to the variance of each position, as
         cost.
     cancelled : callable, optional
-        Asked at every iteration whether the identification has been called off.
+        Called at every iteration; returns whether the identification has been cancelled.
     free_offset : bool
-        Whether the output offset, which is the mean of the data in a model from `pem`, may change as well. A change of
-        the input offset is none of its own: the state can take it on.
+        Whether the output offset, which is the mean of the data in a model from `pem`, may change as well. The input
+        offset needs no change of its own: the state can represent it.
     most_iterations : int
         Steps tried, taken or not.
 
@@ -73,7 +73,7 @@ def focus_simulation(
     ------
     IdentificationError
         If no experiment has a reference, the data are too few or not finite, the start is not stable, or the
-        identification is called off.
+        identification is cancelled.
     """
     watch = Watch(progress, cancelled)
     with small_matrices(f"no simulation focus for the model of order {model.order}"):

@@ -23,10 +23,10 @@ Arrays = NDArray[np.float64]
 def fit_kalman_gain(
     model: StateSpaceModel, inputs: Sequence[Arrays], outputs: Sequence[Arrays], initial_states: Arrays
 ) -> StateSpaceModel:
-    """The model with K and the covariance of the innovations estimated anew, everything else as it is.
+    """The model with new estimates of K and of the covariance of the innovations; everything else is unchanged.
 
-    Errors are weighted by the inverse of their covariance with the gain at the start: the model's own K where that
-    makes a stable predictor, otherwise the Kalman filter's for the same noise.
+    Errors are weighted by the inverse of their covariance with the gain at the start. This is the model's own K if it
+    makes a stable predictor, otherwise the gain of the Kalman filter for the same noise.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def fit_kalman_gain(
     Raises
     ------
     IdentificationError
-        If there is no gain that makes a stable predictor.
+        If no gain makes a stable predictor.
     """
     lengths = [len(part) for part in inputs]
     joined_inputs, joined_outputs = np.vstack(inputs), np.vstack(outputs)

@@ -43,7 +43,7 @@ class Loop:
 class SimulationProblem:
     """The sum of the squared errors of the simulated positions, and how it changes with the model.
 
-    Errors are relative to the standard deviation of each position, so that the fits in percent are what improves.
+    Errors are relative to the standard deviation of each position, so minimising them improves the fits in percent.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class SimulationProblem:
         self._free = 2 if free_offset else 0
         balanced = balanced_predictor(model, self._input_scale)
         own = [in_experiment(balanced, data, index) for index in known]
-        # Operating points of the experiments, which may have been detrended one by one, relative to the model's.
+        # Operating points of the experiments, which may have been detrended separately, relative to the model's.
         self._input_shifts = [one.input_offset - model.input_offset for one in own]
         self._output_shifts = [one.output_offset - model.output_offset for one in own]
         self.start = self._loop(balanced, np.array([one.initial_state for one in own]))
@@ -122,7 +122,7 @@ class SimulationProblem:
         return rows[:, :-1], rows[:, -1]
 
     def move(self, loop: Loop, step: Arrays) -> Loop | None:
-        """The loop after a step in the coordinates of `linearise`; None where it is not stable."""
+        """The loop after a step in the coordinates of `linearise`; None if it is not stable."""
         directions, model = loop.directions, loop.model
         offset, change, states = np.split(step, [self._free, directions.count])
         moved = replace(
@@ -172,5 +172,5 @@ def _signals(record: LoopRecord) -> tuple[Arrays, Arrays]:
 
 
 def _first(record: LoopRecord) -> Arrays | None:
-    """The answer in which the controller's past shows, of data that do not start with the run."""
+    """The first current, which shows the controller's past, for data that do not start with the run."""
     return record.current[0] if record.first_step > 0 else None

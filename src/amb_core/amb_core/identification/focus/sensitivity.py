@@ -1,11 +1,11 @@
-"""How the simulated closed loop answers to small changes of the model: derivatives by forward simulation.
+"""How the simulated closed loop responds to small changes of the model: derivatives by forward simulation.
 
 With the state x, the deviation u of the control current references from their offset, and the simulated position y,
 
     dx[k+1] = A dx[k] + B du[k] + dA x[k] + dB u[k],    dy[k] = C dx[k] + dC x[k] + dy_offset,
 
-where du is the answer of the control law to dy, which is linear as long as the current stays below its limit. A current
-at its limit does not answer: its du is 0, while the derivative in the law still follows dy.
+where du is the response of the control law to dy, which is linear as long as the current is below its limit. A current
+at its limit does not respond: its du is 0, while the derivative in the law still follows dy.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ Arrays = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LoopDirections:
-    """LoopDirections in which a model changes.
+    """Directions in which a model changes.
 
     Attributes
     ----------
     of_a, of_b, of_c : ndarray, shapes (n, n, q), (n, 2, q), (2, n, q)
         Changes of A, B and C along each.
     of_offset : ndarray, shape (2, r)
-        Changes of the output offset along further ones (m).
+        Changes of the output offset along r additional directions (m).
     """
 
     of_a: Arrays
@@ -74,7 +74,7 @@ def sensitivity_factor(
     Returns
     -------
     ndarray, shape (n + q + r + 1, n + q + r + 1)
-        Columns: derivatives by the initial state, along the directions, and the errors, measured less simulated.
+        Columns: derivatives by the initial state, along the directions, and the errors, measured minus simulated.
     """
     n, columns = model.order, model.order + directions.count
     gains, linear = pack_gains(controller), pack_gains(controller.model_copy(update={"current_limit": np.inf}))

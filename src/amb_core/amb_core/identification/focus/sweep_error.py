@@ -1,4 +1,4 @@
-"""How far a model follows the response to a sweep: its error in bands of the input frequency."""
+"""How well a model follows the response to a sweep: its error in bands of the input frequency."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class SweepError:
     edges : ndarray, shape (n + 1,)
         Ends of the bands (Hz), rising.
     mean : ndarray, shape (n, 2)
-        Mean of measured less modelled position in each band, axes x and y (m): the bias that the model misses.
+        Mean of measured minus modelled position in each band, axes x and y (m): the bias error of the model.
     movement : ndarray, shape (n, 2)
-        Standard deviation of the error (m): the movement that it misses.
+        Standard deviation of the error (m): the error of the movement.
     relative : ndarray, shape (n, 2)
         Root mean square of the error over the standard deviation of the measured position.
     """

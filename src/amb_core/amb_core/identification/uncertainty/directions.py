@@ -1,4 +1,4 @@
-"""Directions in which a model changes, and what they do to its frequency response."""
+"""Directions in which a model changes, and their effect on its frequency response."""
 
 from __future__ import annotations
 

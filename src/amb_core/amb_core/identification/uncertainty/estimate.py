@@ -42,10 +42,10 @@ Arrays = NDArray[np.float64]
 def estimate_uncertainty(model: StateSpaceModel, data: IdentificationData, *, robust: bool = False) -> ModelUncertainty:
     """The asymptotic distribution of a model that `pem` has identified from the data.
 
-    It holds for many samples and a model that is the one of least prediction errors; `distance` of the result shows
-    whether it is. Without `robust` the innovations are taken as white and the order as sufficient; `inflation` of the
-    result shows whether they are. With it the variances are right for correlated innovations too, to first order, but
-    they remain variances: a systematic error of a model that is too simple is in no band.
+    It holds for many samples and the model with the smallest prediction errors; `distance` of the result shows whether
+    the model is this one. Without `robust` the innovations are taken as white and the order as sufficient; `inflation`
+    of the result shows whether they are. With `robust` the variances are right for correlated innovations too, to first
+    order. They remain variances: no band includes the systematic error of a model that is too simple.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def estimate_uncertainty(model: StateSpaceModel, data: IdentificationData, *, ro
 def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUncertainty:
     directions, found = _sensitivities(model, data)
     normal = _normal_coordinates(np.vstack([item.factor for item in found]), model.order)
-    # From here on in coordinates in which the estimate has the unit matrix as covariance if innovations are white.
+    # The following coordinates give the estimate the unit matrix as covariance if innovations are white.
     scores = np.vstack([item.scores for item in found]) @ normal
     to_least = scores.sum(axis=0)
     centred = scores - to_least / len(scores)
@@ -78,7 +78,7 @@ def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUn
     total = float(np.trace(covariance))
     if robust:
         normal = normal @ _root(covariance)
-    # The errors are smaller than the innovations: of their degrees of freedom, the unknowns have used some.
+    # The errors are smaller than the innovations, because the unknowns use some degrees of freedom.
     unknowns = directions.count + model.order * len(found)
     return ModelUncertainty(
         model=model,
@@ -90,7 +90,7 @@ def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUn
 
 
 def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions, list[Sensitivity]]:
-    """Directions of change of a model, and what each experiment tells about them."""
+    """Directions of change of a model, and the information of each experiment about them."""
     u, y = data.input_scale, data.output_scale
     of_scaled = replace(
         model,
@@ -108,7 +108,7 @@ def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions
     )
     local = _directions(balanced)
     weight = np.linalg.inv(np.linalg.cholesky(of_scaled.innovation_covariance))
-    batch = math.isqrt(len(data.inputs))  # many samples in each, and many of them
+    batch = math.isqrt(len(data.inputs))  # many samples per batch, and many batches
     found = [
         sensitivity(
             balanced,
@@ -152,29 +152,29 @@ def _check(model: StateSpaceModel, data: IdentificationData) -> None:
 
 
 def _states(model: StateSpaceModel, inputs: Arrays, outputs: Arrays) -> Arrays:
-    """States of the predictor from the initial state on that predicts best, shape (steps, n)."""
+    """States of the predictor from the initial state that predicts best, shape (steps, n)."""
     return predicted_states(model, inputs, outputs, first_state(model, inputs, outputs))
 
 
 def _balanced(model: StateSpaceModel, states: Arrays) -> Arrays:
-    """Columns are coordinates in which each state is seen in the predictions as much as the data move it.
+    """Balanced coordinates: each state is as observable in the predictions as the data excite it.
 
     Shape (n, n), from them into those of the model. Small changes of the matrices then are small changes of the model;
-    in other coordinates, those of nearly equal modes for one, they can be anything.
+    in other coordinates, such as those of nearly equal modes, they can be large.
     """
     moved = np.asarray(np.linalg.qr(states / math.sqrt(len(states)), mode="r")).T
     f, c = np.linalg.solve(moved, (model.a - model.k @ model.c) @ moved), model.c @ moved
     vectors, squares, _ = np.linalg.svd(linalg.solve_discrete_lyapunov(f.T, c.T @ c, method="bilinear"))
     if not squares[-1] > _LEAST_SQUARE * squares[0]:
         raise IdentificationError(
-            f"a state of the model of order {model.order} is not moved in the data, or not seen in the outputs; lower "
-            "the order"
+            f"a state of the model of order {model.order} is not excited in the data, or not visible in the outputs; "
+            "lower the order"
         )
     return np.asarray(moved @ vectors / squares**0.25)
 
 
 def _directions(model: StateSpaceModel) -> Directions:
-    """Changes of A, B and C that are not just other coordinates of the state, and all those of K."""
+    """Changes of A, B and C that do more than change the coordinates of the state, and all those of K."""
     n, p = model.k.shape
     local = [change.transpose(2, 0, 1) for change in local_directions(model.a, model.b, model.c)]
     a, b, c = (np.concatenate([change, np.zeros((n * p, *change.shape[1:]))]) for change in local)
@@ -185,11 +185,13 @@ def _normal_coordinates(factor: Arrays, order: int) -> Arrays:
     """Combinations of the columns along which the estimate has independent errors of variance 1, in new columns."""
     scale = np.linalg.norm(factor, axis=0)
     if not np.all(scale > 0.0):
-        raise IdentificationError(f"the data do not tell all parameters of a model of order {order}; lower the order")
+        raise IdentificationError(
+            f"the data do not determine all parameters of a model of order {order}; lower the order"
+        )
     _, singular, right = linalg.svd(factor / scale, full_matrices=False, check_finite=False)
     if not singular[-1] > _LEAST_SINGULAR_VALUE * singular[0]:
         raise IdentificationError(
-            f"the data do not tell the parameters of a model of order {order} apart; lower the order or excite "
+            f"the data cannot distinguish the parameters of a model of order {order}; lower the order or excite "
             "all axes independently"
         )
     return np.asarray(right.T / singular / scale[:, np.newaxis])

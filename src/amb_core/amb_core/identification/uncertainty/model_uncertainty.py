@@ -1,6 +1,6 @@
-"""What the covariance of a model's parameters tells about its poles, its frequency response and the models near by.
+"""Deviations of the poles and the frequency response, and nearby models, from the covariance of the parameters.
 
-All by linearisation about the model (Gauss' approximation formula). Derivatives: with R = (z I - A)^-1,
+All results are by linearisation about the model (Gauss' approximation formula). Derivatives: with R = (z I - A)^-1,
 
     dG(z) = dC R B + C R dA R B + C R dB,    d pole = w' dA v / (w' v)
 
@@ -23,17 +23,17 @@ from amb_core.identification.uncertainty.directions import Directions, response_
 from amb_core.identification.uncertainty.samples import Sampler
 from amb_core.model.state_space import StateSpaceModel
 
-_INFLATED = 1.25  # inflation from which on innovations are not white; even few data scatter less
-_FAR = 2.0  # distance from which on the model is another than the estimate; the true system is at 1
+_INFLATED = 1.25  # from this inflation onwards innovations are not white; even few data scatter less
+_FAR = 2.0  # from this distance onwards the model is not the estimate; the true system is at 1
 
 
 @dataclass(frozen=True, eq=False)
 class ModelUncertainty:
-    """The distribution of a model's parameters that its data leave: normal, about the model.
+    """The distribution of a model's parameters given its data: normal, about the model.
 
     The parameters are the entries of A, B, C and K, row by row, in the model's units and state coordinates. The n^2
     directions that only change the coordinates of the state are left out, so their covariance is singular, of rank
-    n (2 p + m); what does not depend on the coordinates, such as poles and responses, has its true deviation.
+    n (2 p + m). Quantities that do not depend on the coordinates, such as poles and responses, have the true deviation.
 
     Attributes
     ----------
@@ -44,14 +44,14 @@ class ModelUncertainty:
         their sum is the difference between estimate and truth.
     inflation : float
         Mean ratio of the variances that the innovations of the data show to those that white innovations would give.
-        Near 1 (within 0.05 or so) where the model explains the data; more, rarely less, where order or linearity do not
-        suffice.
+        Near 1 (within about 0.05) if the model explains the data; larger, rarely smaller, if the order is too low or
+        the plant is not linear.
     distance : float
-        How far the model is from the one with the least prediction errors on the data: root mean square over all
+        Distance of the model from the one with the smallest prediction errors on the data: root mean square over all
         directions, relative to that of the deviations that the innovations show. Near 0 for the result of `pem` on
-        them, near 1 for the true system; where it is more, the deviations are those of another model.
+        these data, near 1 for the true system. If it is larger, the deviations are those of another model.
     robust : bool
-        Whether the covariance takes the innovations as they are; otherwise it takes them as white.
+        Whether the covariance uses the measured correlation of the innovations; otherwise it takes them as white.
     """
 
     model: StateSpaceModel
@@ -62,12 +62,12 @@ class ModelUncertainty:
 
     @property
     def white(self) -> bool:
-        """Whether the innovations of the data scatter as white ones do, as far as `inflation` tells."""
+        """Whether `inflation` is consistent with white innovations of the data."""
         return 1.0 / _INFLATED < self.inflation < _INFLATED
 
     @property
     def summary(self) -> str:
-        """One line for people: the unstable poles with their 99 % intervals, and whether to trust them."""
+        """One line of text: the unstable poles with their 99 % intervals, and whether they are reliable."""
         reach = normal_quantile(LEVEL)
         intervals = [
             f"{_number(pole)} ± {reach * math.hypot(*deviation):.1g}"
@@ -99,8 +99,8 @@ class ModelUncertainty:
     def pole_covariance(self) -> NDArray[np.float64]:
         """Covariance of real and imaginary part of each of `model.poles()`, z plane, shape (n, 2, 2).
 
-        Poles that come in pairs have the same but for the sign. Of poles closer together than their deviations it tells
-        little: a multiple pole has no derivative.
+        Poles of a complex pair have the same covariance except for the sign. For poles closer together than their
+        deviations it means little: a multiple pole has no derivative.
         """
         by_direction = self._pole_changes()
         parts = np.stack([by_direction.real, by_direction.imag], axis=1)
@@ -113,8 +113,8 @@ class ModelUncertainty:
     def response(self, frequencies: ArrayLike, label: str = "") -> FrequencyResponse:
         """The model's frequency response with standard deviations.
 
-        Near a zero of an entry, where the deviation comes near the magnitude, phase and logarithm of the magnitude are
-        no longer linear in the parameters, and bands are a rough guide.
+        Near a zero of an entry, where the deviation is close to the magnitude, phase and logarithm of the magnitude are
+        no longer linear in the parameters, and bands are only approximate.
 
         Parameters
         ----------
@@ -144,8 +144,8 @@ class ModelUncertainty:
         """Models drawn from the distribution, all with stable predictors, `fit` empty.
 
         A and C are drawn, B and K are those that give the responses their distribution: see
-        `amb_core.identification.uncertainty.samples`. The few draws whose predictor is unstable are repeated, so the
-        distribution ends there. Innovation covariance and initial state are those of the model.
+        `amb_core.identification.uncertainty.samples`. The few draws with an unstable predictor are repeated, so the
+        distribution is truncated there. Innovation covariance and initial state are those of the model.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class ModelUncertainty:
         Raises
         ------
         IdentificationError
-            If nearly no model near by has a stable predictor.
+            If nearly no nearby model has a stable predictor.
         """
         random, sampler = np.random.default_rng(seed), Sampler.of(self.model, self.deviations)
         return [sampler.draw(random) for _ in range(count)]

@@ -1,10 +1,10 @@
 """Models drawn from the distribution of an estimate.
 
 Far from the estimate a model is not linear in its matrices: poles that the data determine badly, such as fast ones,
-would spoil gains that they determine well. So A and C are drawn, and B and K follow: they are those with which the
-responses to inputs and innovations, C R B and C R K with R = (z I - A)^-1, come closest to what the linearisation makes
-of the draw, over frequencies and relative to their deviations. The prediction errors of the models then grow as those
-of a normal distribution would.
+would spoil gains that they determine well. So only A and C are drawn. B and K are fitted: they bring the responses to
+inputs and innovations, C R B and C R K with R = (z I - A)^-1, closest to the linearised responses of the draw, over
+frequencies and relative to their deviations. The prediction errors of the models then grow like those of a normal
+distribution.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LARGEST_RADIUS = 1.0 - 1e-9  # of its predictor
 
 @dataclass(frozen=True, eq=False)
 class Sampler:
-    """What all models drawn have in common.
+    """The common data of all drawn models.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Sampler:
         Raises
         ------
         IdentificationError
-            If nearly no model near by has one.
+            If nearly no nearby model has one.
         """
         for _ in range(_MOST_DRAWS):
             model = self._moved(random.normal(size=self.deviations.count))

@@ -1,10 +1,10 @@
-"""How the one-step predictions of a model answer to small changes of its matrices.
+"""How the one-step predictions of a model respond to small changes of its matrices.
 
 With F = A - K C, the predictor's state x, inputs u and innovations e = y - C x,
 
     dx[k+1] = F dx[k] + (dA - K dC) x[k] + dB u[k] + dK e[k],    dyhat[k] = C dx[k] + dC x[k].
 
-F is stable even where A is not, so unstable plants need nothing special.
+F is stable even if A is not, so unstable plants need no special treatment.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 10.3.
 """
@@ -27,7 +27,7 @@ Arrays = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """What an experiment tells about the directions.
+    """The information of an experiment about the directions.
 
     Attributes
     ----------
@@ -95,9 +95,9 @@ def sensitivity(
 
 @numba.njit(cache=True)
 def _propagate(f: Arrays, change: Arrays, forcing: Arrays) -> None:
-    """Put the changes of the states, shape (steps, n, columns), in place of what forces them.
+    """Replace the forcing terms by the changes of the states, shape (steps, n, columns).
 
-    `change` holds those at the first step, and after it those at the step after the last.
+    `change` contains the changes at the first step, and after the call those at the step after the last.
     """
     n, columns = change.shape
     after = np.empty_like(change)

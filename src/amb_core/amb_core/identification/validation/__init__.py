@@ -1,4 +1,4 @@
-"""Validation: what data other than those of the identification say about a model."""
+"""Validation of a model on data other than those of the identification."""
 
 from amb_core.identification.validation.fit import nrmse_fit
 from amb_core.identification.validation.frequency import BandComparison, FrequencyComparison, compare_responses

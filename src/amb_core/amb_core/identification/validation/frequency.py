@@ -1,7 +1,7 @@
-"""The model's frequency response next to one estimated without a model, and to that of the linearised plant.
+"""The model's frequency response compared with one estimated without a model, and with that of the linearised plant.
 
-Differences are taken in the spectral norm, relative to what the model is compared with, at each frequency: in percent
-of the gain of the plant there, whatever the direction of the inputs.
+Differences are in the spectral norm, relative to the response that the model is compared with, at each frequency: in
+percent of the gain of the plant there, for any direction of the inputs.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _POINTS = 500
 
 @dataclass(frozen=True)
 class BandComparison:
-    """The model's response in a band of frequencies. All but the frequencies in percent; NaN for what is not known.
+    """The model's response in a band of frequencies. All but the frequencies in percent; NaN for unknown values.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class FrequencyComparison:
     measured : NonparametricEstimate or None
         Estimated without a model; None where the data do not determine it.
     plant : FrequencyResponse or None
-        Of the linearised plant, at the frequencies of the model's; None where the plant is not known.
+        Of the linearised plant, at the frequencies of the model's; None if the plant is not known.
     bands : tuple of BandComparison
         Differences over bands of half a decade.
     """
@@ -82,7 +82,7 @@ class FrequencyComparison:
 
     @property
     def responses(self) -> tuple[FrequencyResponse, ...]:
-        """All that there are, to be drawn together."""
+        """All available responses, to be drawn together."""
         measured = () if self.measured is None else (self.measured.response,)
         return (*measured, self.model, *(() if self.plant is None else (self.plant,)))
 
@@ -94,7 +94,7 @@ def compare_responses(
     uncertainty: ModelUncertainty | None = None,
     plant: PlantParameters | None = None,
 ) -> tuple[FrequencyComparison, list[str]]:
-    """Compare the model's response with all that is known; also says what is not, and why.
+    """Compare the model's response with all known ones; notes show what is missing, and why.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def compare_responses(
 def response_of_plant(
     parameters: PlantParameters, controller: ControllerParameters | None, frequencies: NDArray[np.float64]
 ) -> FrequencyResponse:
-    """Response of the plant linearised where the controller holds the rotor, from i_x, i_y (A) to x, y (m), bearing A.
+    """Response of the plant linearised at the operating point, from i_x, i_y (A) to x, y (m), bearing A.
 
     Raises
     ------

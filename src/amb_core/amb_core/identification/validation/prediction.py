@@ -1,10 +1,10 @@
-"""k-step predictions: from the filtered state, then without looking at the outputs for k - 1 further steps.
+"""k-step predictions: from the filtered state, then without the outputs for k - 1 further steps.
 
     xhat[k+1|k] = A xhat[k|k-1] + B u[k] + K (y[k] - yhat[k|k-1])          (filter: k = 1)
-    xhat[k+h|k] = A xhat[k+h-1|k] + B u[k+h-1]                              (open loop from there on)
+    xhat[k+h|k] = A xhat[k+h-1|k] + B u[k+h-1]                              (open loop afterwards)
 
-The inputs that were measured in between are used, as usual; under feedback they know the noise of these steps, which
-an unstable plant needs to stay where it was. One step tests the model with its noise model; many steps test the plant
+The inputs that were measured in between are used, as usual. Under feedback they depend on the noise of these steps,
+which an unstable plant needs to stay bounded. One step tests the model with its noise model; many steps test the plant
 alone.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 3.2 and 16.5.
@@ -25,7 +25,7 @@ from amb_core.identification.estimate.small_matrices import add_product, set_pro
 from amb_core.identification.validation.fit import nrmse_fit
 from amb_core.model.state_space import StateSpaceModel
 
-_CURVE_POINTS = 20  # horizons between the first and the last asked for, for the curve of fit over horizon
+_CURVE_POINTS = 20  # horizons between the first and the last requested one, for the curve of fit over horizon
 _MEMORY = 5_000  # samples from which the first state of an experiment is estimated
 
 
@@ -101,7 +101,7 @@ def first_state(
     zero = np.zeros(model.order)
     states = predicted_states(model, inputs, outputs, zero)
     errors = outputs - states @ model.c.T - inputs @ model.d.T
-    # without inputs and outputs the predictor forgets its first state: what is left of each unit state
+    # response of the predictor to each unit state, without inputs and outputs
     quiet_inputs, quiet_outputs = np.zeros_like(inputs), np.zeros_like(outputs)
     fading = np.stack(
         [predicted_states(model, quiet_inputs, quiet_outputs, unit) @ model.c.T for unit in np.eye(model.order)],
@@ -110,7 +110,7 @@ def first_state(
     deviation = np.sqrt(np.diag(model.innovation_covariance))
     weight = 1.0 / np.where(deviation > 0.0, deviation, 1.0)
     rows = (fading * weight[:, np.newaxis]).reshape(-1, model.order)
-    # each state in units in which it counts, so that none is taken for zero by rounding
+    # each state is scaled by its effect, so that rounding makes none of them zero
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0.0] = 1.0
     return np.asarray(np.linalg.lstsq(rows / scale, (errors * weight).ravel(), rcond=1e-10)[0] / scale)
@@ -133,8 +133,8 @@ def predicted_states(
     radius = float(np.max(np.abs(np.linalg.eigvals(predictor))))
     if not radius < 1.0:
         raise IdentificationError(
-            f"the predictor of the model is unstable (spectral radius of A - K C {radius:.6g}), so that it predicts "
-            "nothing; estimate the gain K with the model, as all methods here do"
+            f"the predictor of the model is unstable (spectral radius of A - K C {radius:.6g}) and cannot predict; "
+            "estimate the gain K with the model, as all methods here do"
         )
     states = np.empty((len(inputs), model.order))
     gains = np.ascontiguousarray(np.hstack([model.b - model.k @ model.d, model.k]))
@@ -150,7 +150,7 @@ def _filter(
     signals: NDArray[np.float64],
     states: NDArray[np.float64],
 ) -> None:
-    """Fill in the states of x[k+1] = A x[k] + B s[k] from `state` on."""
+    """Fill in the states of x[k+1] = A x[k] + B s[k], starting at `state`."""
     for index in range(len(state)):
         states[0, index] = state[index]
     for step in range(1, len(signals)):

@@ -42,7 +42,7 @@ def report_text(validation: Validation) -> str:
 
 
 def report_values(validation: Validation) -> dict[str, Any]:
-    """All numbers as plain values; what is not finite is None."""
+    """All numbers as plain values; values that are not finite are None."""
     model, data, residuals = validation.model, validation.data, validation.residuals
     loop, comparison = validation.closed_loop, validation.frequency
     values = {
@@ -93,7 +93,7 @@ def report_values(validation: Validation) -> dict[str, Any]:
 
 
 def advice(validation: Validation) -> list[str]:
-    """What to do about what failed, a sentence or two for each."""
+    """Advice for each failed test, in a sentence or two."""
     found = []
     loop, residuals = validation.closed_loop, validation.residuals
     if loop is not None and not loop.stable:
@@ -119,13 +119,13 @@ def advice(validation: Validation) -> list[str]:
         found.append(
             "Residuals depend on past inputs: the plant part misses dynamics worth "
             f"{100 * residuals.independence.unexplained:.3g} % of the residuals' variance. Raise the order; if that "
-            "does not help, the plant is nonlinear, or its operating point another than that of the identification."
+            "does not help, the plant is nonlinear, or its operating point differs from that of the identification."
         )
     if not validation.white:
         found.append(
             f"Residuals are not white: {100 * residuals.whiteness.unexplained:.3g} % of their variance can be "
-            "predicted from their own past; the noise part is too simple or the plant nonlinear. It matters for "
-            "prediction and for the stated uncertainty, less for the design of a controller."
+            "predicted from their own past; the noise part is too simple or the plant nonlinear. This affects "
+            "predictions and the stated uncertainty, less the design of a controller."
         )
     off = [band for band in validation.frequency.bands if band.difference > max(_NOTABLE, 3.0 * band.deviation)]
     if off:
@@ -159,7 +159,7 @@ def _closed_loop(validation: Validation) -> list[str]:
         _row("", validation.model.output_names),
         _row("fit, deviations alone (%)", [f"{value:.2f}" for value in loop.fit_without_means]),
         _row("fit, means added (%)", [f"{value:.2f}" for value in loop.fit]),
-        _row("measured less simulated mean (um)", [f"{1e6 * value:.3g}" for value in loop.offset]),
+        _row("measured minus simulated mean (um)", [f"{1e6 * value:.3g}" for value in loop.offset]),
     ]
 
 

@@ -8,14 +8,14 @@ which for one output is that of Ljung and Box. Independence: with phi[k] = (u[k-
 
     S = N tr(R_e^-1 R_ephi R_phi^-1 R_phie)   ~   chi^2(p rank R_phi).
 
-Each takes all its lags together, so that one of a hundred true models fails at 99 %, however many the lags are; of the
-correlations at single lags one of a hundred lies outside its band. Under feedback the inputs answer the residuals of
-the same and earlier samples. Residuals of a true model are still independent of inputs before them, so only these are
-tested; that S has its distribution takes white residuals. Means of the residuals are not tested: they are removed.
+Each test combines all its lags, so one of a hundred true models fails at 99 %, for any number of lags. Of the
+correlations at single lags one of a hundred lies outside its band. Under feedback the inputs respond to the residuals
+of the same and earlier samples. Residuals of a true model are still independent of earlier inputs, so only these are
+tested. S has its distribution only for white residuals. Means of the residuals are not tested: they are removed.
 
 A model estimated from N_i samples has uncertain parameters, which other data show. That adds at most
-(N / N_i) chi^2(d) to either statistic, d = n (2 p + m) being the parameters that data determine; the limits allow for
-it. On the data of the identification itself the tests are milder than 99 %.
+(N / N_i) chi^2(d) to either statistic, d = n (2 p + m) being the number of parameters that data determine; the limits
+include it. On the data of the identification itself the tests are less strict than 99 %.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 16.6; T. Soderstrom and P. Stoica,
 System Identification, Prentice Hall, 1989, section 11.2; J. R. M. Hosking, The multivariate portmanteau statistic,
@@ -51,7 +51,7 @@ Signals = Sequence[NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class ChiSquareTest:
-    """A statistic that is large where the model leaves something unexplained.
+    """A statistic that is large if the model does not explain the data.
 
     Attributes
     ----------
@@ -60,12 +60,12 @@ class ChiSquareTest:
     degrees : int
         Degrees of freedom of its chi-square distribution for a model that is known exactly.
     limit : float
-        Value that a true model exceeds once in a hundred, uncertain parameters allowed for.
+        Value that a true model exceeds in one of a hundred cases, uncertain parameters included.
     p_value : float
         Probability of so large a value for a true model.
     unexplained : float
-        Share of the variance of the residuals that least squares on the lags explains, from 0 to 1, chance included:
-        what the failure of a test is worth. With many samples a test finds defects that matter to nobody.
+        Share of the variance of the residuals that least squares on the lags explains, from 0 to 1, chance included.
+        It shows how serious a failed test is: with many samples a test finds defects that do not matter.
     """
 
     statistic: float
@@ -82,7 +82,7 @@ class ChiSquareTest:
 
 @dataclass(frozen=True, eq=False)
 class ResidualTests:
-    """Correlations of the residuals, and what they tell.
+    """Correlations of the residuals, and their tests.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class ResidualTests:
     deviation : ndarray, shape (p,)
         Standard deviation of the residuals, in the units of the outputs.
     mean : ndarray, shape (p,)
-        Their mean: what the offsets of the model miss.
+        Their mean: the error of the model's offsets.
     autocorrelation : ndarray, shape (M + 1, p, p)
         Correlation of residual i with residual j, `lag` samples before.
     cross_correlation : ndarray, shape (2 M + 1, p, m)
@@ -230,7 +230,7 @@ def _normalised(signals: Signals, kind: str) -> tuple[list[NDArray[np.float64]],
     constant = np.flatnonzero(deviation <= _CONSTANT * largest)
     if constant.size:
         raise IdentificationError(
-            f"{kind} {constant[0]} (counted from 0) is constant in these data, so that it has no correlations; "
+            f"{kind} {constant[0]} (counted from 0) is constant in these data, so it has no correlations; "
             "use data in which all signals move, of a measured or simulated bearing with noise"
         )
     return [part / deviation for part in centred], deviation

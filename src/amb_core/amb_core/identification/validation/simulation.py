@@ -1,7 +1,7 @@
-"""The model in closed loop with the known controller, next to the data: the reference is all that it is given.
+"""The model in closed loop with the known controller, compared with the data: its only input is the reference.
 
-As in the paper's Fig. 13 to 15, twice: the model of the deviations alone, which cannot know where the rotor rests, and
-with the means of the identification data added to its inputs and outputs.
+As in the paper's Fig. 13 to 15, there are two simulations: the model of the deviations alone, which does not contain
+the rest position of the rotor, and with the means of the identification data added to its inputs and outputs.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
 NEEDED_FIT = 90.0
-"""Closed-loop fit of each output that a validated model has (percent)."""
+"""Smallest closed-loop fit of each output of a validated model (percent)."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """The closed loop of model and controller, and how it follows the data.
+    """The closed loop of model and controller, compared with the data.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class ClosedLoop:
     measured : tuple of LoopRecord
         The experiments whose reference is known.
     simulated : tuple of LoopRecord or None
-        The same from the reference alone; None where the simulation diverges.
+        The same, simulated from the reference alone; None where the simulation diverges.
     without_means : tuple of LoopRecord or None
         The same by the model of the deviations alone, without its offsets.
     fit : ndarray, shape (2,)
@@ -42,7 +42,7 @@ class ClosedLoop:
     fit_without_means : ndarray, shape (2,)
         The same without means.
     offset : ndarray, shape (2,)
-        Mean of the measured less that of the simulated position (m); NaN where a simulation diverges.
+        Mean of the measured minus that of the simulated position (m); NaN where a simulation diverges.
     """
 
     poles: NDArray[np.complex128]
@@ -60,7 +60,7 @@ class ClosedLoop:
 
     @property
     def follows(self) -> bool:
-        """Whether it is stable and follows each output with the fit that is needed."""
+        """Whether it is stable and follows each output with the required fit."""
         return self.stable and bool(np.all(self.fit >= NEEDED_FIT))
 
 
@@ -119,7 +119,7 @@ def simulate_records(
 
 
 def _simulate(model: StateSpaceModel, controller: ControllerParameters, record: LoopRecord) -> LoopRecord | None:
-    # Data that start with the run start with the controller; in others its past shows in its first answer.
+    # Data from the start of a run start with the controller; in others its first current shows its past.
     first_current = record.current[0] if record.first_step > 0 else None
     try:
         return simulate_closed_loop(model, controller, record.reference, record.first_step, first_current)

@@ -29,24 +29,24 @@ HORIZONS = (1, 5, 20, 100)
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """What data say about a model.
+    """Validation of a model on data.
 
     Attributes
     ----------
     model : StateSpaceModel
         The model.
     data : IdentificationData
-        The data, with what detrending took away added again.
+        The data, with removed trends added again.
     horizons : tuple of int
-        Prediction horizons asked for (steps).
+        Requested prediction horizons (steps).
     prediction : Prediction
         Predictions over the horizons.
     residuals : ResidualTests
         Whiteness of the one-step prediction errors and their independence of past inputs.
     closed_loop : ClosedLoop or None
-        Simulation with the known controller; None where controller or reference are not known.
+        Simulation with the known controller; None if controller or reference are not known.
     frequency : FrequencyComparison
-        The model's frequency response next to what else is known of the plant's.
+        The model's frequency response compared with other estimates of the plant's.
     notes : tuple of str
         What was left out, and why.
     """
@@ -82,15 +82,15 @@ class Validation:
 
     @property
     def closed_loop_stable(self) -> bool | None:
-        """Whether model and controller make a stable loop; None where the closed loop was left out."""
+        """Whether model and controller make a stable loop; None if the closed loop was left out."""
         return None if self.closed_loop is None else self.closed_loop.stable
 
     @property
     def validated(self) -> bool:
-        """Whether the model does what it is for.
+        """Whether the model passes the criterion for its use.
 
-        Where controller and reference are known, its closed loop is stable and follows each output with a fit of 90 %
-        or more. Where they are not, past inputs explain nothing, or less than 5 %, of the variance of the residuals.
+        If controller and reference are known: its closed loop is stable and follows each output with a fit of 90 % or
+        more. If not: past inputs explain nothing, or less than 5 %, of the variance of the residuals.
         """
         if self.closed_loop is None:
             return self.unreserved
@@ -110,7 +110,7 @@ class Validation:
 
     @property
     def summary(self) -> str:
-        """One line for people."""
+        """One line of text."""
         return summary_line(self)
 
     def report(self) -> str:
@@ -118,7 +118,7 @@ class Validation:
         return report_text(self)
 
     def as_dict(self) -> dict[str, Any]:
-        """All numbers as plain values fit for strict JSON; what is not finite is None."""
+        """All numbers as plain values for strict JSON; values that are not finite are None."""
         return report_values(self)
 
 
@@ -132,7 +132,7 @@ def validate(
     horizons: Sequence[int] = HORIZONS,
     lags: int = LAGS,
 ) -> Validation:
-    """Judge a model by data, which should be others than those that it was identified from.
+    """Validate a model, ideally on data that it was not identified from.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def validate(
     uncertainty : ModelUncertainty, optional
         Uncertainty of the model, for its frequency response.
     plant : PlantParameters, optional
-        The plant, where it is known, as that of the simulator.
+        The plant, if it is known, such as that of the simulator.
     horizons : sequence of int
         Prediction horizons (steps).
     lags : int
@@ -157,7 +157,7 @@ def validate(
         If model and data do not fit together, the predictor is unstable, or the data are too short or do not move.
     """
     data = restore(_fitting(data, model))
-    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
+    # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
     with threadpool_limits(limits=1, user_api="blas"):
         prediction = predict(model, data, horizons)
         residuals = check_residuals(
@@ -205,12 +205,12 @@ def _fitting(data: IdentificationData, model: StateSpaceModel) -> Identification
 def _closed_loop(
     model: StateSpaceModel, data: IdentificationData, controller: ControllerParameters | None, prediction: Prediction
 ) -> tuple[ClosedLoop | None, list[str]]:
-    """The closed loop of the experiments whose reference is known, and notes on what was left out."""
+    """The closed loop of the experiments with a known reference, and notes on what was left out."""
     if controller is None:
-        return None, ["closed loop: left out, since the controller is not known"]
+        return None, ["closed loop: left out, because the controller is not known"]
     known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
     if not known:
-        return None, ["closed loop: left out, since the data have no reference"]
+        return None, ["closed loop: left out, because the data have no reference"]
     notes = []
     if unknown := len(data.experiments) - len(known):
         notes.append(f"closed loop: {unknown} experiment{'s' if unknown > 1 else ''} without reference left out")

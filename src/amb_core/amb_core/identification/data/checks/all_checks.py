@@ -62,7 +62,7 @@ def check_data(
             data = split_at_invalid(data)  # the other checks use the remaining data
         except IdentificationError:
             return DataReport(_title(data), tuple(findings))
-    # The matrices are small: more BLAS threads only cost time, and take cores from the control loop.
+    # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
     with threadpool_limits(limits=1, user_api="blas"):
         findings += [
             check_amount(data, order),
