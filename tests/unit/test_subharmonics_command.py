@@ -19,7 +19,7 @@ def amb(*words):
 
 def test_tones_that_the_shifted_test_cannot_have_are_refused_before_anything_runs(monkeypatch, tmp_path):
     monkeypatch.setattr(subharmonics, "run_subharmonics", lambda *given: pytest.fail("a test was run"))
-    with pytest.raises(SpectrumError, match="a tone of 5006 Hz is asked for; allowed: below the Nyquist frequency"):
+    with pytest.raises(SpectrumError, match="a tone of 5006 Hz is requested; allowed: below the Nyquist frequency"):
         amb("--inducing-frequency", 4999, "--out", tmp_path)
 
 

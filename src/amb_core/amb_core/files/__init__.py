@@ -1,1 +1,1 @@
-"""Files as they are read and written everywhere: regular ones of bounded size, parameter files, MATLAB files."""
+"""Reading and writing of files, used everywhere: regular files of limited size, parameter files, MATLAB files."""

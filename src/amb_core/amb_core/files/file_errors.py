@@ -1,4 +1,4 @@
-"""Errors of reading a file, as one line that names it."""
+"""Errors of reading a file, as one line with the file name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from amb_core.files.regular_files import shown
 def reading(what: str, path: Path) -> Iterator[None]:
     """Turn every error of the block into an IdentificationError that begins with `what` and the path.
 
-    Parsers of zip, JSON, text, NumPy and MATLAB files each have errors of their own for a damaged file.
+    The parsers of zip, JSON, text, NumPy and MATLAB files all raise different errors for a damaged file.
     """
     name = shown(path)
     try:

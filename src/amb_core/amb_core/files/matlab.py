@@ -28,7 +28,7 @@ def texts(value: NDArray[Any]) -> list[str]:
 
 
 def save_variables(path: str | Path, variables: Mapping[str, Any]) -> None:
-    """Write variables to a file; OSError where that fails."""
+    """Write variables to a file; OSError if that fails."""
     from scipy import io
 
     with Path(path).open("wb") as file:
@@ -36,12 +36,12 @@ def save_variables(path: str | Path, variables: Mapping[str, Any]) -> None:
 
 
 def load_variables(path: str | Path) -> dict[str, Any]:
-    """Read the variables of a file; whatever scipy raises where that fails.
+    """Read the variables of a file; raises the errors of scipy if that fails.
 
     Raises
     ------
     IdentificationError
-        If the file is of version 7.3, which is another format altogether.
+        If the file is of version 7.3, which is a different format.
     """
     from scipy import io
 

@@ -1,6 +1,6 @@
-"""ROS parameter files without ROS: who a file speaks to, and what it gives each node, as the nodes themselves read it.
+"""ROS parameter files without ROS: the nodes that a file addresses, and the parameters of each, as the nodes read them.
 
-What ROS would pass over without a word is refused here: a key that names no node, a key without the namespace, a key
+Mistakes that ROS ignores silently are errors here: a key that is not a node, a key without the namespace, a key
 or a parameter given twice. The meaning of keys and wildcards is that of rcl_yaml_param_parser and rclpy in Jazzy.
 """
 
@@ -24,24 +24,24 @@ NODES = ("simulator", "pd_controller", "excitation_generator", "recorder", "regi
 
 PARAMETERS = "ros__parameters"
 EACH_ENTRY = f"each entry must be a node name with a mapping '{PARAMETERS}'"
-DEEPEST = 32  # nesting of a file: far more than any needs, far less than Python's stack bears
+DEEPEST = 32  # nesting of a file: far more than needed, far less than the limit of Python's stack
 _PART = re.compile(r"\*\*?|\w+")
 
 
 class ParameterFile:
-    """A parameter file that has been read and whose keys all name nodes.
+    """A parameter file that has been read; all its keys are nodes.
 
     Parameters
     ----------
     path : str or Path
         The file.
     nodes : collection of str, optional
-        Full names of the nodes that it may speak to; those of the graph by default.
+        Full names of the nodes that the file may address; those of the graph by default.
 
     Raises
     ------
     ParameterError
-        One line that names the file, if it cannot be read, is no parameter file, or has a key that no node hears.
+        One line that names the file, if it cannot be read, is not a parameter file, or has a key that matches no node.
     """
 
     def __init__(self, path: str | Path, nodes: Collection[str] | None = None) -> None:
@@ -78,7 +78,7 @@ class ParameterFile:
 
     def _check_key(self, key: str) -> None:
         if not all(_PART.fullmatch(part) for part in key.removeprefix("/").split("/")):
-            raise ParameterError(f"'{key}' is no node name; * and ** stand for whole parts of a name only")
+            raise ParameterError(f"'{key}' is not a valid node name; * and ** may only replace whole parts of a name")
         pattern = _pattern(key)
         if any(pattern.fullmatch(node) for node in self._nodes):
             return
@@ -97,7 +97,7 @@ def full_name(node: str) -> str:
 
 
 def of_rclpy(parameter: str) -> bool:
-    """Whether rclpy declares a parameter itself, on every node: it may stand in every section."""
+    """Whether rclpy declares a parameter itself, on every node: every section may contain it."""
     return parameter in ("use_sim_time", "start_type_description_service") or parameter.startswith("qos_overrides.")
 
 
@@ -119,7 +119,9 @@ def _sections(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, d
             continue
         others = [str(other) for other in section if other != PARAMETERS]
         if others:
-            raise ParameterError(f"'{name}' has '{others[0]}' beside '{PARAMETERS}'; nothing else may stand there")
+            raise ParameterError(
+                f"'{name}' has '{others[0]}' in addition to '{PARAMETERS}'; no other key is allowed there"
+            )
         if not isinstance(section[PARAMETERS], Mapping):
             raise ParameterError(f"{EACH_ENTRY}; '{name}' is not")
         found.append((name, _flat(name, section[PARAMETERS])))
@@ -130,7 +132,7 @@ def _sections(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, d
 
 
 def _flat(node: str, values: Mapping[Any, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested parameters by dotted name; one that is given in both ways is refused."""
+    """Nested parameters by dotted name; a parameter given in both ways is an error."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         name = f"{prefix}{key}"
@@ -142,7 +144,7 @@ def _flat(node: str, values: Mapping[Any, Any], prefix: str = "") -> dict[str, A
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """A safe loader that refuses a key given twice, of which YAML would keep the last without a word."""
+    """A safe loader that rejects a key given twice; YAML would keep the last one silently."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[str] = set()
@@ -156,14 +158,14 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
 
 
 def _parse(text: str) -> Mapping[Any, Any]:
-    """The mapping that a text in YAML holds."""
+    """The mapping in a YAML text."""
     try:
         _check_structure(text)
         content = yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as problem:
         place = f"line {problem.problem_mark.line + 1}: " if problem.problem_mark else ""
         raise ParameterError(f"cannot be read: {place}{problem.problem}") from None
-    except (yaml.YAMLError, ValueError) as problem:  # ValueError: such as a date that is none
+    except (yaml.YAMLError, ValueError) as problem:  # ValueError: for example an invalid date
         raise ParameterError(f"cannot be read: {' '.join(str(problem).split())}") from None
     if content is None:
         raise ParameterError("is empty; it must give parameters to at least one node")
@@ -175,7 +177,7 @@ def _parse(text: str) -> Mapping[Any, Any]:
 
 
 def _check_structure(text: str) -> None:
-    """Refuse, before anything is built from it, what could grow without bound: aliases and deep nesting."""
+    """Reject aliases and deep nesting, which could grow without bound, before anything is built."""
     depth = 0
     for event in yaml.parse(text, Loader=_Loader):
         place = f"line {event.start_mark.line + 1}" if event.start_mark else "it"

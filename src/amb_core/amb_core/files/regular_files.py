@@ -1,7 +1,7 @@
 """Opens files that a user or another program names: regular files of bounded size only, never a device or a pipe.
 
 Opening a FIFO waits for its other end, and a device such as /dev/zero never ends: a node that gets such a path must
-refuse it at once. Every failure is an `OSError` whose `strerror` says in one line what is wrong.
+reject it at once. Every failure is an `OSError`; its `strerror` gives the reason in one line.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def open_regular(path: str | Path, limit: int | None = None) -> BinaryIO:
     """
     try:
         _check(Path(path).stat(), limit)  # before it is opened: opening alone can have an effect on a device
-        # The file may have been exchanged since: do not wait for the writer of a pipe, and look again.
+        # The file may have been exchanged since: do not wait for the writer of a pipe, and check again.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except ValueError as problem:  # a NUL in the path
         raise OSError(errno.EINVAL, f"the path is not allowed: {problem}") from None
@@ -72,7 +72,7 @@ def read_text(path: str | Path, limit: int = MIB) -> str:
 
 
 def is_folder(path: str | Path) -> bool:
-    """Whether there is a folder at a path; no if it cannot be found out."""
+    """Whether there is a folder at a path; false if that cannot be determined."""
     try:
         return Path(path).is_dir()
     except (OSError, ValueError):  # a path that is too long, or has a NUL
@@ -80,7 +80,7 @@ def is_folder(path: str | Path) -> bool:
 
 
 def shown(path: str | Path) -> str:
-    """A path for a message: on one line, shortened where it is very long."""
+    """A path for a message: on one line, shortened if it is very long."""
     text = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in str(path))
     if len(text) <= LONGEST_SHOWN:
         return text

@@ -79,7 +79,7 @@ def pd_update(
 
 
 def require_one_rate(parameters: ControllerParameters, sample_rate: float) -> None:
-    """Raise ParameterError unless the controller runs at the rate at which the plant is sampled (Hz)."""
+    """Raise ParameterError unless the controller runs at the sample rate of the plant (Hz)."""
     if abs(parameters.sample_rate - sample_rate) > 1e-9 * sample_rate:
         raise ParameterError(
             f"the controller runs at {parameters.sample_rate:g} Hz, the plant is sampled at {sample_rate:g} Hz; "
@@ -112,7 +112,7 @@ class PdController:
         self.configure(parameters)
 
     def configure(self, parameters: ControllerParameters) -> None:
-        """Take other gains from the next sample on; the state is kept."""
+        """Use new gains from the next sample onwards; the state is kept."""
         self.parameters = parameters
         self._gains = pack_gains(parameters)
 

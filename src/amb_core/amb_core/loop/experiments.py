@@ -1,4 +1,4 @@
-"""Experiments: which steps of a run were excited, with which controller, and what the loop did meanwhile."""
+"""Experiments: which steps of a run were excited, with which controller, and the samples of the loop."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AppliedExcitation:
-    """An excitation and the controller's answer to it.
+    """An excitation and the controller's response to it.
 
     Attributes
     ----------
     run, id : int
-        Run it was meant for; its number among the excitations of its generator.
+        Run for which it was requested; its number among the excitations of its generator.
     kind : str
         Kind of excitation; `stop` for one that ends another.
     accepted : bool
@@ -48,9 +48,9 @@ class AppliedExcitation:
 
 
 def last_experiment(excitations: Iterable[AppliedExcitation], run: int) -> tuple[int, int] | None:
-    """First step of the last excitation of a run and the step after its last one; None when nothing was excited.
+    """First step of the last excitation of a run and the step after its last one; None if there was no excitation.
 
-    An excitation ends early where a stop took effect.
+    A stop ends an excitation early.
     """
     window = None
     for excitation in excitations:
@@ -66,7 +66,7 @@ def last_experiment(excitations: Iterable[AppliedExcitation], run: int) -> tuple
 def select_window(
     available: tuple[int, int], experiment: tuple[int, int] | None, first_step: int = -1, steps: int = 0
 ) -> tuple[int, int]:
-    """The steps to identify from, as first step and the step after the last.
+    """The steps used for identification, as first step and the step after the last.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ def select_window(
     experiment : tuple of int or None
         From `last_experiment`.
     first_step : int, optional
-        First step wanted; -1 for the start of the experiment, or of the data where there is none.
+        Requested first step; -1 for the start of the experiment, or of the data if there is no experiment.
     steps : int, optional
-        Number of steps wanted; 0 for all to the end of the experiment, or of the data where these end earlier.
+        Requested number of steps; 0 for all to the end of the experiment, or of the data if these end earlier.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def select_window(
         stop = start + steps
     if stop <= start:
         raise IdentificationError(
-            f"no samples from step {start} on; there are steps {available[0]} to {available[1] - 1}"
+            f"no samples from step {start} onwards; there are steps {available[0]} to {available[1] - 1}"
         )
     return start, stop
 
@@ -109,13 +109,13 @@ def controller_of(values: Mapping[str, object]) -> ControllerParameters:
     ParameterError
         If one of them is out of its range.
     """
-    from amb_core.loop.control import ControllerParameters  # loads a compiler, which a recorder does not need
+    from amb_core.loop.control import ControllerParameters  # this loads a compiler, which a recorder does not need
 
     return part_of(ControllerParameters, values)
 
 
 class ExperimentBuffer:
-    """The latest samples and excitations of the current run, as telemetry brings them; safe for several threads.
+    """The latest samples and excitations of the current run, from telemetry; safe for several threads.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class ExperimentBuffer:
             return None if self._run is None else last_experiment(self._excitations.values(), self._run)
 
     def add_block(self, run: int, block: LoopRecord) -> None:
-        """Take a block; one of another run, or from before the last, starts afresh."""
+        """Add a block; one of another run, or from before the last block, clears the old data."""
         with self._lock:
             if run != self._run or (self._blocks and block.first_step <= self._blocks[-1].first_step):
                 self._blocks.clear()
@@ -164,9 +164,9 @@ class ExperimentBuffer:
                 self._steps -= self._blocks.popleft().steps
 
     def add_excitation(self, excitation: AppliedExcitation) -> None:
-        """Take an excitation as the controller answered it."""
+        """Add an excitation with the controller's response."""
         with self._lock:
-            self._excitations.pop((excitation.run, excitation.id), None)  # told again: it becomes the last one
+            self._excitations.pop((excitation.run, excitation.id), None)  # reported again: it becomes the last one
             self._excitations[excitation.run, excitation.id] = excitation
 
     def record(self, first_step: int, stop: int) -> LoopRecord:
@@ -175,7 +175,7 @@ class ExperimentBuffer:
         Raises
         ------
         IdentificationError
-            If they are not all there.
+            If some of them are missing.
         """
         with self._lock:
             blocks = list(self._blocks)

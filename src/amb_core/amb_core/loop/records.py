@@ -1,4 +1,4 @@
-"""The records of a loop run: what telemetry and the states of the plant carry, as arrays."""
+"""The records of a loop run: the content of telemetry and of the plant's states, as arrays."""
 
 from __future__ import annotations
 
@@ -46,24 +46,24 @@ class LoopRecord:
         return (self.first_step + np.arange(self.steps, dtype=np.float64)) * self.sample_time
 
     def window(self, first_step: int, steps: int) -> LoopRecord:
-        """The samples of `steps` steps from `first_step` on.
+        """The samples of `steps` steps from `first_step` onwards.
 
         Raises
         ------
         IndexError
-            If the record does not hold all of them.
+            If the record does not contain all of them.
         """
         start = first_step - self.first_step
         if start < 0 or steps < 1 or start + steps > self.steps:
             raise IndexError(
-                f"steps {first_step} to {first_step + steps - 1} asked for; "
+                f"steps {first_step} to {first_step + steps - 1} requested; "
                 f"the record holds {self.first_step} to {self.first_step + self.steps - 1}"
             )
         part = slice(start, start + steps)
         return LoopRecord(first_step, self.sample_time, self.reference[part], self.position[part], self.current[part])
 
     def identical_to(self, other: LoopRecord) -> bool:
-        """Whether both records hold the same samples bit for bit."""
+        """Whether both records have the same samples bit for bit."""
         return (
             self.first_step == other.first_step
             and self.sample_time == other.sample_time
@@ -80,7 +80,7 @@ class LoopRecord:
 
 @dataclass(frozen=True)
 class PlantRecord:
-    """The inside of the simulated plant at n steps of a run, with b bearings: A alone, or A and B.
+    """Internal states of the simulated plant at n steps of a run, with b bearings: A alone, or A and B.
 
     Attributes
     ----------

@@ -12,7 +12,7 @@ from amb_core.loop.records import LoopRecord
 
 
 class StepCoverage:
-    """Which steps of a run are known: disjoint spans of steps, cheap while blocks arrive in order."""
+    """The known steps of a run, as disjoint spans; adding is cheap while blocks arrive in order."""
 
     def __init__(self) -> None:
         self._spans: list[tuple[int, int]] = []
@@ -33,7 +33,7 @@ class StepCoverage:
         return list(self._spans)
 
     def add(self, first_step: int, steps: int) -> None:
-        """Note `steps` steps from `first_step` on as known; what is known already may be added again."""
+        """Mark `steps` steps from `first_step` onwards as known; known steps may be added again."""
         if steps < 1:
             return
         start, stop = first_step, first_step + steps
@@ -61,14 +61,14 @@ class StepCoverage:
 
 
 class RepeatedSteps:
-    """Finds steps that come a second time with other samples, as from two controllers.
+    """Finds steps that arrive twice with different samples, for example from two controllers.
 
-    Compares with the latest blocks only, so that memory stays flat.
+    It compares with the latest blocks only, so memory use is constant.
 
     Attributes
     ----------
     conflict : str
-        What was found last, as text; empty if nothing.
+        The last finding, as text; empty if there is none.
     """
 
     COMPARED_BLOCKS = 100
@@ -80,7 +80,7 @@ class RepeatedSteps:
         self.conflict = ""
 
     def add(self, run: int, block: LoopRecord) -> None:
-        """Take in a block of telemetry."""
+        """Add a block of telemetry."""
         if run != self._run:
             self._run, self._stop = run, 0
             self._blocks.clear()
@@ -127,9 +127,9 @@ def merge_blocks(
     blocks : iterable of LoopRecord
         The blocks.
     first_step, stop : int, optional
-        The steps wanted, `stop` not included; by default from the first to the last that the blocks hold.
+        The requested steps, `stop` not included; by default from the first to the last step of the blocks.
     error : type[AmbError], optional
-        Raised when the blocks do not hold these steps, contradict each other or hold nothing.
+        Raised if these steps are missing from the blocks, or the blocks contradict each other or are empty.
     """
     ordered = sorted((block for block in blocks if block.steps), key=lambda block: block.first_step)
     if not ordered:
@@ -140,7 +140,7 @@ def merge_blocks(
     first_step = coverage.first if first_step is None else first_step
     stop = coverage.stop if stop is None else stop
     if stop <= first_step:
-        raise error(f"telemetry: steps {first_step} to {stop - 1} asked for; at least one step is needed")
+        raise error(f"telemetry: steps {first_step} to {stop - 1} requested; at least one step is needed")
     gaps = coverage.missing(first_step, stop)
     if gaps:
         lacking = sum(end - start for start, end in gaps)
@@ -152,7 +152,7 @@ def merge_blocks(
 
 
 def _join(ordered: Sequence[LoopRecord], first_step: int, stop: int, error: type[AmbError]) -> LoopRecord:
-    """Copy blocks that leave no gap into one record."""
+    """Copy blocks without gaps into one record."""
     sample_time = ordered[0].sample_time
     signals = np.empty((3, stop - first_step, 2))
     end = first_step

@@ -3,8 +3,8 @@
     x[k+1] = A x[k] + B (u[k] - input_offset) + K e[k]
     y[k]   = C x[k] + D (u[k] - input_offset) + output_offset + e[k]
 
-u and y are in `input_units` and `output_units`: of a bearing, the control current references (A) and the rotor position
-(m), for which the units below are given. e are the innovations, in the units of y.
+u and y are in `input_units` and `output_units`: for a bearing, the control current references (A) and the rotor
+position (m); the units below are for this case. e are the innovations, in the units of y.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from amb_core.model.mat_fields import fields_of, variables_of
 if TYPE_CHECKING:
     import control
 
-_UNITS = {"input_units": "A", "output_units": "m"}  # where a model or an old file names none
+_UNITS = {"input_units": "A", "output_units": "m"}  # if a model or an old file names none
 LARGEST = 64 * MIB
-"""Largest model in JSON that is read; one of order 100 takes some 0.5 MiB."""
+"""Largest model in JSON that is read; one of order 100 takes about 0.5 MiB."""
 _ARRAYS = (
     "a", "b", "c", "d", "k", "innovation_covariance", "input_offset", "output_offset", "initial_state", "fit",
 )  # fmt: skip
@@ -60,8 +60,8 @@ class StateSpaceModel:
     samples : int
         Number of samples it was identified from.
     fit : ndarray, shape (p,) or (0,)
-        Closed-loop NRMSE fit with the known controller on the data (percent); -inf where the closed loop of the model
-        diverges, empty where the model has not been validated.
+        Closed-loop NRMSE fit with the known controller on the data (percent); -inf if the closed loop of the model
+        diverges, empty if the model has not been validated.
     input_units, output_units : tuple of str
         Units of inputs and outputs; empty for all inputs in A, all outputs in m.
 
@@ -118,7 +118,7 @@ class StateSpaceModel:
 
     def to_control(self) -> control.StateSpace:
         """The deterministic part (from u - input_offset to y - output_offset) for python-control."""
-        import control  # takes a second to import, which programs that do not need it should not wait
+        import control  # the import takes a second; programs that do not need it should not wait for it
 
         return control.StateSpace(
             self.a,
@@ -136,7 +136,7 @@ class StateSpaceModel:
         Raises
         ------
         IdentificationError
-            If the ending is another, or the file cannot be written.
+            If the file name extension is not supported, or the file cannot be written.
         """
         path = Path(path)
         values = {item.name: getattr(self, item.name) for item in fields(self)}
@@ -159,7 +159,7 @@ class StateSpaceModel:
         Raises
         ------
         IdentificationError
-            If the file cannot be read or holds no model.
+            If the file cannot be read or does not contain a model.
         """
         path = Path(path)
         ending = _ending(path)

@@ -1,4 +1,4 @@
-"""The closed loop without ROS, plant and controller, and the parameters of both by one name each."""
+"""The closed loop of plant and controller without ROS, and the parameters of both by one name each."""
 
 from amb_core.simulation.closed_loop import simulate
 from amb_core.simulation.parameters import loop_parameter_names, with_values

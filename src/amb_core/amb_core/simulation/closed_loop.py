@@ -1,6 +1,6 @@
 """The control loop without ROS: the samples that the lock-step graph must reproduce bit for bit.
 
-Step k: the controller answers the position of step k; the plant holds that answer over [t_k, t_k+1).
+Step k: the controller responds to the position of step k; the plant holds this current over [t_k, t_k+1).
 """
 
 from __future__ import annotations

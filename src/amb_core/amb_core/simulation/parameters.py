@@ -1,4 +1,4 @@
-"""Parameters of a whole loop by one name each: those of the plant, and those of the controller behind a prefix."""
+"""Parameters of a whole loop by one name each: those of the plant, and those of the controller with a prefix."""
 
 from __future__ import annotations
 

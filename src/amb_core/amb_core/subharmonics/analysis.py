@@ -1,10 +1,10 @@
 """From the response of a loop to its spectrum: blocks of whole periods, the test for a steady state, the lines.
 
-A block holds whole periods of all tones, so it is a period of every response that the tones force: in a steady state
-all blocks are equal. That is what is tested, line by line and with phase: over `agreeing_blocks` consecutive blocks no
+A block has whole periods of all tones, so it is a period of every response that the tones force: in a steady state
+all blocks are equal. The test checks this line by line, with phase: over `agreeing_blocks` consecutive blocks no
 complex amplitude of a line on which a product falls may differ by more than `line_tolerance`, and the bias by no more
-than `bias_tolerance`. The window of the spectrum is those blocks, untapered and not detrended: lines are resolved
-exactly, and a straight line fitted to sines would itself put power beside them.
+than `bias_tolerance`. The window of the spectrum is these blocks, without taper and detrending: lines are resolved
+exactly, and a straight line fitted to sines would leak power to other bins.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Blocks:
     bias: NDArray[np.float64]
 
     def change(self, first: int, count: int) -> tuple[float, float]:
-        """Largest difference of a line, and of the bias, between any two of `count` blocks from `first` on (m)."""
+        """Largest difference of a line, and of the bias, between any two of `count` blocks from `first` onwards (m)."""
         lines, bias = self.lines[first : first + count], self.bias[first : first + count]
         differences = np.abs(lines[:, None] - lines[None])
         return float(differences.max(initial=0.0)), float(np.ptp(bias)) if len(bias) else 0.0
@@ -47,7 +47,7 @@ class Blocks:
 
 @dataclass(frozen=True)
 class WindowContent:
-    """What a window consists of; see the attributes of the same names of `SubharmonicSpectrum`."""
+    """The parts of a window; see the attributes of the same names of `SubharmonicSpectrum`."""
 
     amplitude: NDArray[np.float64]
     lines: tuple[Line, ...]
@@ -66,7 +66,7 @@ def analyse(
     record : LoopRecord
         Response of a loop, simulated or measured.
     settings : SubharmonicSettings
-        The tones; `longest_run` is not used, the record is taken as far as it goes.
+        The tones; `longest_run` is not used; the whole record is used.
     first_step : int
         Step from which the tones have their full amplitude.
     delevitated : bool, optional
@@ -80,8 +80,8 @@ def analyse(
     Raises
     ------
     SpectrumError
-        If a block is no whole number of samples, a tone is at or above the Nyquist frequency, a sample is not finite,
-        or the record is shorter than `agreeing_blocks` blocks although the rotor did not delevitate.
+        If a block is not a whole number of samples, a tone is at or above the Nyquist frequency, a sample is not
+        finite, or the record is shorter than `agreeing_blocks` blocks although the rotor did not delevitate.
     """
     block, periods = block_periods(settings, record.sample_time)
     start = first_step - record.first_step
@@ -95,7 +95,7 @@ def analyse(
     wanted = settings.agreeing_blocks
     if count < wanted and not delevitated:
         raise SpectrumError(
-            f"{len(position)} samples from step {first_step} on hold {count} blocks of {settings.block_duration:g} s; "
+            f"{len(position)} samples from step {first_step} hold {count} blocks of {settings.block_duration:g} s; "
             f"the test for a steady state needs {wanted}"
         )
     products = products_by_bin(periods, block, settings.order)
@@ -143,7 +143,7 @@ def block_periods(settings: SubharmonicSettings, sample_time: float) -> tuple[in
     periods = f1, f2, f3 if settings.inducing_amplitude > 0.0 else 0
     if 2 * max(periods) >= block:
         raise SpectrumError(
-            f"a tone of {max(periods) / settings.block_duration:g} Hz is asked for; allowed: below the Nyquist "
+            f"a tone of {max(periods) / settings.block_duration:g} Hz is requested; allowed: below the Nyquist "
             f"frequency, {0.5 / sample_time:g} Hz"
         )
     return block, periods
@@ -180,7 +180,7 @@ def _content(
     settings: SubharmonicSettings,
     sample_time: float,
 ) -> WindowContent:
-    """What a window of whole blocks consists of; products of any order lie on multiples of `grid` bins of a block."""
+    """The parts of a window of whole blocks; products of any order lie on multiples of `grid` bins of a block."""
     if blocks == 0:
         return WindowContent(np.empty(0), (), None, float("nan"), float("nan"))
     transform = 2.0 * np.fft.rfft(window) / len(window)

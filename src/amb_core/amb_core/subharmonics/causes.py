@@ -1,4 +1,4 @@
-"""What makes the products: the same test with one effect of the loop switched off at a time."""
+"""Causes of the products: the same test with one effect of the loop switched off at a time."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ class Variant:
     Attributes
     ----------
     name : str
-        What is different, in words.
+        The difference, in words.
     values : dict
-        Parameters that are changed, named as `amb_core.simulation.parameters` has it.
+        Changed parameters, with names as in `amb_core.simulation.parameters`.
     """
 
     name: str
     values: dict[str, Any]
 
 
-# The slew limit is the amplifier's duty limit, which only an amplifier without switching can lack; the variant before
-# it has no switching either, to tell the two apart. A control current reference of 100 A is never reached; coil
-# currents keep a limit of their own.
+# The slew limit is the amplifier's duty limit, which only an amplifier without switching can lack. The variant before
+# it has no switching either, to separate the two effects. A control current reference of 100 A is never reached; coil
+# currents keep their own limit.
 VARIANTS = (
     Variant("as given", {}),
     Variant("no gravity", {"rotor.gravity": 0.0}),

@@ -1,4 +1,4 @@
-"""One point of a subharmonic surface. The unit of work, and of what is kept on disk."""
+"""One point of a subharmonic surface. It is the unit of work, and of the results on disk."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from amb_core.tasks.task import Task
 
 @dataclass(frozen=True)
 class SurfacePoint:
-    """What the surface keeps of one response; see `SubharmonicSurface`."""
+    """The values of one response in the surface; see `SubharmonicSurface`."""
 
     state: State
     difference: float
@@ -29,7 +29,7 @@ class SurfacePoint:
 
     @classmethod
     def of(cls, spectrum: SubharmonicSpectrum) -> SurfacePoint:
-        """The point that a spectrum makes."""
+        """The point of a spectrum."""
         nan = float("nan")
         slow, line = spectrum.slow, spectrum.line(-1, 1)
         if slow is None or spectrum.state == "delevitated":
@@ -40,7 +40,7 @@ class SurfacePoint:
 
 @dataclass(frozen=True)
 class PointTask(Task[SurfacePoint]):
-    """All that decides one point.
+    """Everything that determines one point.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class PointTask(Task[SurfacePoint]):
 
     @staticmethod
     def to_json(result: SurfacePoint) -> dict[str, Any]:
-        """A point as JSON values; what is not a number is NaN, as Python's module json reads and writes it."""
+        """A point as JSON values; missing numbers are NaN, as Python's module json reads and writes it."""
         return asdict(result)
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Intermodulation products of three tones, and where sampling folds them to."""
+"""Intermodulation products of three tones, and the frequencies to which sampling folds them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from itertools import product as pairs
 
 @dataclass(frozen=True)
 class Product:
-    """The product a f1 + b f2 + c f3 of the tones, as sampling shows it: at a f1 + b f2 + c f3 - folds f_s >= 0.
+    """The product a f1 + b f2 + c f3 of the tones, after sampling: at a f1 + b f2 + c f3 - folds f_s >= 0.
 
     Attributes
     ----------
     a, b, c : int
         Multiples of the tones.
     folds : int
-        Multiples of the sample rate taken off. 0: intermodulation that a loop without sampling would have too.
-        Otherwise the line is where it is because the loop is sampled.
+        Multiples of the sample rate that are subtracted. 0: intermodulation that a loop without sampling would have
+        too. Otherwise the line has this frequency because the loop is sampled.
     """
 
     a: int
@@ -63,7 +63,7 @@ def products_by_bin(periods: tuple[int, int, int], block: int, order: int) -> di
     found: dict[int, list[Product]] = defaultdict(list)
     for a, b, c in pairs(*ranges):
         if (a, b, c) <= (0, 0, 0) or abs(a) + abs(b) + abs(c) > order:
-            continue  # of a product and its negative, which are the same line, one counts
+            continue  # a product and its negative are the same line: only one of them counts
         cycles = a * periods[0] + b * periods[1] + c * periods[2]
         folds = (2 * cycles + block) // (2 * block)  # nearest whole number, exact
         place = cycles - folds * block

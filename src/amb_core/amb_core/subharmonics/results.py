@@ -36,13 +36,13 @@ class Line:
 
     @property
     def product(self) -> Product:
-        """The product of the lowest order, to which the line is ascribed."""
+        """The product of the lowest order, which counts as the cause of the line."""
         return self.products[0]
 
 
 @dataclass(frozen=True)
 class SlowComponent:
-    """What moves more slowly than `slow_limit`.
+    """Motion slower than `slow_limit`.
 
     Attributes
     ----------
@@ -53,10 +53,10 @@ class SlowComponent:
     rms : float
         Root mean square of everything in the band (m).
     forced : bool
-        Whether its frequency is a multiple of the largest one of which the tones and the sample rate are multiples, as
-        that of every product of any order is. Otherwise it is motion of the loop's own, or drift.
+        Whether its frequency is a multiple of the greatest common divisor of the tones and the sample rate, as for
+        every product of any order. Otherwise it is motion of the loop's own, or drift.
     product : Product or None
-        The product of lowest order that falls on it; None where there is none up to the order of the settings.
+        The product of lowest order that falls on it; None if there is none up to the order of the settings.
     """
 
     frequency: float
@@ -67,7 +67,7 @@ class SlowComponent:
 
     @property
     def origin(self) -> str:
-        """What makes it: a product such as `10f3 - 3fs`, `higher order`, or `own` for motion that is not forced."""
+        """Its cause: a product such as `10f3 - 3fs`, `higher order`, or `own` for motion that is not forced."""
         if not self.forced:
             return "own"
         return "higher order" if self.product is None else self.product.label
@@ -80,15 +80,15 @@ class SubharmonicSpectrum:
     Attributes
     ----------
     settings : SubharmonicSettings
-        The tones and how they were judged.
+        The tones, and the criteria for the response.
     state : str
         `steady`, `drifting`, `unsettled` or `delevitated`; only `steady` makes the amplitudes those of a steady state.
     reason : str
-        One line that says why.
+        The reason, in one line.
     sample_time : float
         Sample time (s).
     first_step, steps : int
-        Window of the spectrum: `agreeing_blocks` blocks, fewer where the run is shorter; 0 steps if not one is whole.
+        Window of the spectrum: `agreeing_blocks` blocks, fewer if the run is shorter; 0 steps if no block is whole.
     frequency : ndarray, shape (steps // 2 + 1,)
         Bins from 0 Hz to the Nyquist frequency (Hz); empty without a window.
     amplitude : ndarray, shape (steps // 2 + 1,)
@@ -100,10 +100,10 @@ class SubharmonicSpectrum:
     slow : SlowComponent or None
         None without a window.
     off_lines : float
-        Root mean square of what lies on no line (m): products of higher order, noise, and motion of the loop's own.
+        Root mean square of everything off the lines (m): products of higher order, noise, and motion of the loop's own.
     own : float
-        Root mean square of what lies where products of no order can (m), see `SlowComponent.forced`: noise, drift, and
-        motion of the loop's own.
+        Root mean square of everything at frequencies where no product of any order can be (m), see
+        `SlowComponent.forced`: noise, drift, and motion of the loop's own.
     line_change, bias_change : float
         Largest difference between two blocks of the window, of a line's complex amplitude and of the bias (m).
     block_time : ndarray, shape (blocks,)
@@ -134,7 +134,7 @@ class SubharmonicSpectrum:
     block_change: NDArray[np.float64]
 
     def line(self, a: int, b: int, c: int = 0) -> Line | None:
-        """The line on which the product a f1 + b f2 + c f3 falls; None if it falls on 0 Hz or was not looked for."""
+        """The line on which the product a f1 + b f2 + c f3 falls; None if it falls on 0 Hz or was not searched for."""
         wanted = {(a, b, c), (-a, -b, -c)}
         for line in self.lines:
             if any((product.a, product.b, product.c) in wanted for product in line.products):
@@ -161,7 +161,7 @@ class SubharmonicSurface:
     slow_amplitude, slow_frequency, slow_rms : ndarray, shape (n, m)
         Of the slow component, see `SlowComponent` (m, Hz, m); NaN only where the rotor delevitated, so read `state`.
     slow_origin : ndarray of str, shape (n, m)
-        What makes the slow component, see `SlowComponent.origin`; empty where the rotor delevitated.
+        Cause of the slow component, see `SlowComponent.origin`; empty where the rotor delevitated.
     bias : ndarray, shape (n, m)
         Mean position (m); NaN where the rotor delevitated.
     state : ndarray of str, shape (n, m)

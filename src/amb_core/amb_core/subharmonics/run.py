@@ -20,8 +20,8 @@ def run_subharmonics(
 ) -> SubharmonicSpectrum:
     """Excite the simulated loop with the tones until its response is steady, the rotor delevitates, or time is up.
 
-    The loop always starts from its reset: a run that turns out too short is repeated at twice its length. Touching the
-    backup bearing ends it, whether or not the plant could go on from there.
+    The loop always starts from its reset: a run that is too short is repeated with twice the length. A run ends when
+    the rotor touches the backup bearing, even if the plant could continue.
 
     Parameters
     ----------
@@ -33,10 +33,10 @@ def run_subharmonics(
     Raises
     ------
     ExcitationError
-        If the tones reach beyond the backup bearing, or the rotor cannot move along their axis.
+        If the tones exceed the clearance of the backup bearing, or the rotor cannot move along their axis.
     SpectrumError
-        If a tone is not below the Nyquist frequency, a block is no whole number of samples, or plant and controller
-        are sampled at different rates.
+        If a tone is not below the Nyquist frequency, a block is not a whole number of samples, or plant and controller
+        have different sample rates.
     """
     settings = settings or SubharmonicSettings()
     check(plant, controller, settings)
@@ -59,7 +59,7 @@ def run_subharmonics(
 
 
 def check(plant: PlantParameters, controller: ControllerParameters, settings: SubharmonicSettings) -> None:
-    """Refuse a test that does not suit the loop, as `run_subharmonics` does."""
+    """Reject a test that does not suit the loop, as `run_subharmonics` does."""
     actuators = plant.magnetic_circuit.actuators
     if actuators != "two_axis" and settings.axis != "y":
         raise ExcitationError(

@@ -1,4 +1,4 @@
-"""Settings of the subharmonic test: which tones, which blocks, and when its response counts as steady."""
+"""Settings of the subharmonic test: tones, blocks, and the criteria for a steady response."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ WHOLE = 1e-6
 
 
 class SubharmonicSettings(Parameters):
-    """Two tones, a third that is to induce nonlinear behaviour (paper, Fig. 6), and how the response is judged.
+    """Two tones, a third one to induce nonlinear behaviour (paper, Fig. 6), and the criteria for the response.
 
-    Every tone has a whole number of periods in a block. Then so has every product a f1 + b f2 + c f3, folded at the
-    sample rate or not: all fall on bins of the block's Fourier transform and none leaks into another.
+    Every tone has a whole number of periods in a block. Every product a f1 + b f2 + c f3 then has a whole number too,
+    folded at the sample rate or not: all fall on bins of the block's Fourier transform and none leaks into another.
     """
 
     frequency_1: float = quantity(200.0, "Hz", "frequency of the first tone, f1", 1e-3, HIGHEST_FREQUENCY)
@@ -33,7 +33,7 @@ class SubharmonicSettings(Parameters):
     offset_1: float = quantity(1.0, "Hz", "shift of f1 in the shifted test", -1000.0, 1000.0)
     offset_2: float = quantity(-1.0, "Hz", "shift of f2 in the shifted test", -1000.0, 1000.0)
     offset_3: float = quantity(7.0, "Hz", "shift of f3 in the shifted test", -1000.0, 1000.0)
-    order: int = quantity(12, "-", "highest order abs(a) + abs(b) + abs(c) of the products looked for", 2, 20)
+    order: int = quantity(12, "-", "highest order abs(a) + abs(b) + abs(c) of the products searched for", 2, 20)
     slow_limit: float = quantity(80.0, "Hz", "upper end of the band of slow components", 1.0, 1000.0)
     rest: float = quantity(0.5, "s", "time at rest before the tones, in which the rotor settles", 0.0, 60.0)
     fade_in: float = quantity(0.5, "s", "time in which the tones rise along half a cosine; 0 for at once", 0.0, 60.0)
@@ -58,7 +58,7 @@ class SubharmonicSettings(Parameters):
             raise ValueError(
                 "two tones have the same frequency: "
                 + ", ".join(f"{name} = {value:g} Hz" for name, value in tones.items())
-                + "; allowed: different ones, since products tell apart only tones that differ"
+                + "; allowed: different ones, because products can only separate different tones"
             )
         for name, frequency in tones.items():
             periods = frequency * self.block_duration
@@ -88,7 +88,7 @@ class SubharmonicSettings(Parameters):
         return self.amplitude_1, self.amplitude_2, self.inducing_amplitude
 
     def shifted(self) -> Self:
-        """The same test with tones moved by the offsets, so that products which coincide come apart."""
+        """The same test with tones moved by the offsets, which separates products that coincide."""
         return self.changed(
             frequency_1=self.frequency_1 + self.offset_1,
             frequency_2=self.frequency_2 + self.offset_2,

@@ -1,4 +1,4 @@
-"""Results of the subharmonic test as plain JSON values, SI units; what is not a number becomes null."""
+"""Results of the subharmonic test as plain JSON values, SI units; missing numbers become null."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def subharmonic_surface(
     surface : SurfaceSettings, optional
         Which inducing tones.
     cache : Path, optional
-        Folder of finished runs, by default `cache_folder("subharmonics")`: what is there is not run again.
+        Folder of finished runs, by default `cache_folder("subharmonics")`; these are not run again.
     scheduler : str, optional
         Address of a running dask scheduler (tcp://host:port); by default processes on this machine.
     workers : int, optional
@@ -88,7 +88,7 @@ def _run(
         return ()
 
     report(0, len(tasks))
-    # Frequencies that are rounded may be the same: their places share a task.
+    # Rounded frequencies may be equal: their places share a task.
     run((Request(task, partial(take, place)) for place, task in tasks.items()), cache, scheduler, workers)
     return points
 

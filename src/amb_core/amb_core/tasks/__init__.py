@@ -1,4 +1,4 @@
-"""Long computations as tasks: run on a cluster, kept on disk as they finish, so that none is ever run twice."""
+"""Long computations as tasks: they run on a cluster, and results are kept on disk, so no task runs twice."""
 
 from amb_core.tasks.cache import ResultCache, cache_folder
 from amb_core.tasks.run import Request, run

@@ -1,4 +1,4 @@
-"""Results on disk: one file each, named by the key of its task, written at once and as a whole."""
+"""Results on disk: one file each, named by the key of its task, written immediately and atomically."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def cache_folder(subject: str) -> Path:
 class ResultCache:
     """Results in a folder; any number of processes may use it at once.
 
-    What goes wrong with the folder does not stop the work: what cannot be read is computed again, what cannot be
-    written is not kept, and a warning in the log says so.
+    Problems with the folder do not stop the work: results that cannot be read are computed again, results that cannot
+    be written are not kept. The log has a warning then.
 
     Parameters
     ----------
     folder : Path
-        Made when first written to.
+        Created at the first write.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -44,7 +44,7 @@ class ResultCache:
         return self.folder / f"{key}.json"
 
     def load(self, key: str, task: Task[R]) -> R | None:
-        """The result of a task; None if it is not there or its file is damaged."""
+        """The result of a task; None if there is none or its file is damaged."""
         path = self.path(key)
         try:
             entry = json.loads(path.read_text())
@@ -81,7 +81,7 @@ class ResultCache:
             raise
 
     def ensure(self, key: str, task: Task[R], result: R) -> None:
-        """Write a result that is not there, or damaged, as a worker elsewhere leaves it; a failure is but a warning."""
+        """Write a result that is missing or damaged, as after a worker on another machine; a failure only warns."""
         if self._failed or (key not in self._damaged and self.path(key).exists()):
             return
         try:
@@ -103,7 +103,7 @@ def compute(task: Task[R], key: str, folder: Path) -> R:
         if task.key() != key:
             raise TaskError(
                 "a worker has another version of amb_core, its libraries or the plant's data files than this program; "
-                "start both anew"
+                "restart both"
             )
         result = task.run()
     except (AmbError, OSError) as problem:

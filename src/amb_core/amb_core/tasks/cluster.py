@@ -1,4 +1,4 @@
-"""Where tasks run: on a `dask.distributed` cluster of processes of our own, or on one that is already there."""
+"""Where tasks run: on a local `dask.distributed` cluster, or on one that is already running."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ logger = logging.getLogger(__name__)
 
 
 def check_address(scheduler: str) -> None:
-    """Raise TaskError if a text is no address of a scheduler."""
+    """Raise TaskError if a text is not the address of a scheduler."""
     if not ADDRESS.fullmatch(scheduler):
         raise TaskError(f"scheduler '{scheduler}' is no address; allowed: one like tcp://host:8786")
 
 
 @contextlib.contextmanager
 def open_cluster(scheduler: str | None = None, workers: int | None = None) -> Iterator[Client]:
-    """A client of a cluster, closed on leaving; with it the cluster, if it is our own.
+    """A client of a cluster, closed on exit together with the cluster if it is a local one.
 
     Parameters
     ----------
@@ -43,14 +43,17 @@ def open_cluster(scheduler: str | None = None, workers: int | None = None) -> It
     Raises
     ------
     TaskError
-        If the scheduler does not answer or is no address, or the number of workers makes no sense.
+        If the scheduler does not answer or is not an address, or the number of workers is not allowed.
     """
     if workers is not None and workers < 1:
         raise TaskError(f"workers = {workers} is not allowed; allowed: 1 or more")
     if scheduler is not None:
         check_address(scheduler)
     if workers is not None and scheduler is not None:
-        raise TaskError(f"workers = {workers} is given with scheduler {scheduler}, which has workers of its own")
+        raise TaskError(
+            f"workers = {workers} cannot be combined with scheduler {scheduler}, which has its own workers; "
+            "omit workers"
+        )
     with contextlib.ExitStack() as resources:
         if scheduler is None:
             cluster = resources.enter_context(_local_cluster(workers))
@@ -60,13 +63,12 @@ def open_cluster(scheduler: str | None = None, workers: int | None = None) -> It
 
 
 class DetachedWorker(SubprocessWorker):
-    """A worker as a fresh interpreter, which does not import the program that hands in the tasks.
+    """A worker as a fresh interpreter, which does not import the program that submits the tasks.
 
-    The processes of `LocalCluster` do, so that programs without a guard around their main part start themselves over
-    and over. A session of its own keeps Ctrl-C in a terminal from the worker; it is the driver that ends it. When the
-    driver is killed, the worker finishes its task, keeps the result, and ends. What it writes to stderr is dropped: a
-    problem of a task comes back as its result, and a worker that is ended while it starts leaves tracebacks of
-    multiprocessing.
+    The processes of `LocalCluster` import it, so programs without a guard around their main part would start themselves
+    again and again. The worker has its own session, so Ctrl-C in a terminal does not reach it; the driver ends it. If
+    the driver is killed, the worker finishes its task, keeps the result, and ends. Its stderr is dropped: a problem of
+    a task is returned as its result, and a worker that is ended during its start writes tracebacks of multiprocessing.
     """
 
     async def _start(self) -> None:
@@ -79,10 +81,10 @@ class DetachedWorker(SubprocessWorker):
 
 
 def _local_cluster(workers: int | None) -> SpecCluster:
-    # Any free port for the pages of dask, since its usual one may be taken
+    # Any free port for the pages of dask, because its usual one may be taken
     local = {"host": "127.0.0.1", "dashboard": False, "dashboard_address": "127.0.0.1:0"}
     worker = {"cls": DetachedWorker, "options": {"worker_kwargs": {**local, "nthreads": 1, "memory_limit": 0}}}
-    # No task waits at a busy worker while another is idle: they run for seconds, handing one over takes milliseconds
+    # No task waits at a busy worker while another is idle: tasks run for seconds, moving one takes milliseconds
     with dask.config.set({"distributed.scheduler.worker-saturation": 1.0}):
         return SpecCluster(
             workers=dict.fromkeys(range(workers or len(os.sched_getaffinity(0))), worker),
@@ -93,7 +95,7 @@ def _local_cluster(workers: int | None) -> SpecCluster:
 
 @contextlib.contextmanager
 def _connect(scheduler: str) -> Iterator[Client]:
-    # dask gives the second a level of its own, and logs a scheduler that goes away there with a traceback
+    # dask gives the second logger its own level, and logs there a lost scheduler with a traceback
     logs = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
     levels = [log.level for log in logs]
     for log in logs:

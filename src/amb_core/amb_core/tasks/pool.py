@@ -1,4 +1,4 @@
-"""Tasks on a cluster: handed in, and collected as they finish."""
+"""Tasks on a cluster: submitted, and collected as they finish."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from amb_core.tasks.cluster import open_cluster
 from amb_core.tasks.task import R, Task
 
 START_TIMEOUT = 120.0  # s, ten times what a process takes to start on a busy machine
-ABSENCE = 10.0  # s without workers after which a scheduler that is not ours is waited for with a warning
-PREFIX = "amb-task-"  # of the names that dask has for the tasks, before their keys
+ABSENCE = 10.0  # s without workers after which a warning reports that an external scheduler has none
+PREFIX = "amb-task-"  # of the names of the tasks in dask, before their keys
 
 logger = logging.getLogger(__name__)
 
 
 class TaskPool(Generic[R]):
-    """Runs tasks with results of one type on a cluster, which is there from the first task on until the pool is closed.
+    """Runs tasks with results of one type on a cluster, which exists from the first task until the pool is closed.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class TaskPool(Generic[R]):
         self._resources = contextlib.ExitStack()
         self._client: Client | None = None
         self._last_seen = 0.0  # when there was a worker
-        self._told = False  # whether it was said since that there is none
+        self._told = False  # whether a warning has been logged since that there is none
         self._waiting: dict[str, Future[Any]] = {}
         self._finished: queue.Queue[Future[Any]] = queue.Queue()
 
@@ -64,16 +64,16 @@ class TaskPool(Generic[R]):
         future.add_done_callback(self._finished.put)
 
     def cancel(self, key: str) -> None:
-        """Do not run a task, if it has not begun yet, and forget its result."""
+        """Cancel a task if it has not begun yet, and forget its result."""
         self._waiting.pop(key).cancel()
 
     def next_finished(self, timeout: float) -> tuple[str, R | TaskError] | None:
-        """Key of a finished task with its result, or why there is none; None if nothing finished in time (s).
+        """Key of a finished task with its result, or with the error; None if nothing finished in time (s).
 
         Raises
         ------
         TaskError
-            If the processes of our own cluster do not come up.
+            If the processes of the local cluster do not start.
         """
         try:
             future = self._finished.get(timeout=timeout)
@@ -92,7 +92,7 @@ class TaskPool(Generic[R]):
                 raise
             reason = " ".join(str(problem).splitlines()[:1])
             return key, TaskError(
-                f"the scheduler {self._scheduler} or its workers cannot take up the work ({reason}); start them in an "
+                f"the scheduler {self._scheduler} or its workers cannot run the tasks ({reason}); start them in an "
                 "environment with this version of amb_core and of its libraries"
             )
         except KilledWorker:
@@ -101,14 +101,14 @@ class TaskPool(Generic[R]):
             return key, TaskError(f"the scheduler {self._scheduler or ''} is gone; finished results are kept")
 
     def _check_workers(self) -> None:
-        """A cluster of others may get workers later; where ours has none, they and their successors have failed."""
+        """An external cluster may get workers later; a local one without workers has failed, restarts included."""
         if self._client is None or self._has_workers(self._client):
             self._last_seen, self._told = time.monotonic(), False
             return
         absent = time.monotonic() - self._last_seen
         if self._scheduler is None and absent > START_TIMEOUT:
             raise TaskError(
-                f"no worker process has come up within {START_TIMEOUT:g} s; `python -m dask worker` should run in this "
+                f"no worker process has started within {START_TIMEOUT:g} s; `python -m dask worker` should run in this "
                 "environment"
             )
         if self._scheduler is not None and absent > ABSENCE and not self._told:
@@ -124,7 +124,7 @@ class TaskPool(Generic[R]):
     def _has_workers(client: Client) -> bool:
         try:
             return bool(client.scheduler_info()["workers"])
-        except OSError:  # the scheduler is gone, as the futures will tell
+        except OSError:  # the scheduler is gone; the futures will report it
             return True
 
     def _open(self) -> Client:

@@ -1,4 +1,4 @@
-"""What else than parameters decides a result: the code, the libraries, and the files that parameters name."""
+"""Everything but parameters that determines a result: the code, the libraries, and the files named by parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LIBRARIES = ("llvmlite", "numba", "numpy", "scipy")
 def code_version(package: str = "amb_core") -> str:
     """Checksum of all modules of a package, and of the versions of Python and libraries.
 
-    Of all of them: a list of those that a result depends on would be wrong one day, without a word.
+    It includes all modules: a list of those that a result depends on would become wrong unnoticed.
     """
     (root,) = map(Path, importlib.import_module(package).__path__)
     digest = hashlib.sha256(sys.version.encode())

@@ -1,4 +1,4 @@
-"""The one way to run tasks: kept results are taken from the disk, the others computed on a cluster and kept."""
+"""Runs tasks: stored results are read from disk, the others are computed on a cluster and stored."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from amb_core.tasks.task import R, Task
 if TYPE_CHECKING:
     from amb_core.tasks.pool import TaskPool
 
-POLL = 0.1  # s; how long a wish to end, or workers that have failed, may go unnoticed
+POLL = 0.1  # s; interval of the checks for a cancellation and for failed workers
 
 
 def _always() -> bool:
@@ -23,21 +23,21 @@ def _always() -> bool:
 
 @dataclass(frozen=True)
 class Request(Generic[R]):
-    """A task, and what becomes of its result.
+    """A task, and the use of its result.
 
     Attributes
     ----------
     task : Task
         What to run. Requests with the same task share one run.
     take : callable
-        Called in the thread that runs the tasks, with the result, or why there is none, and whether the result was
-        kept before. Returns what else is to be run.
+        Called in the thread that runs the tasks, with the result or the error, and whether the result was stored
+        before. Returns further requests.
     priority : int
         Those of higher priority run first.
     wanted : callable
-        Whether the result is still wanted; once no request for a task wants it, it is not begun.
+        Whether the result is still needed; if no request for a task needs it, the task is not begun.
     reuse : bool
-        Whether a kept result will do.
+        Whether a stored result may be used.
     """
 
     task: Task[R]
@@ -56,25 +56,25 @@ def run(
     cancelled: Callable[[], bool] | None = None,
     meanwhile: Callable[[], None] | None = None,
 ) -> None:
-    """Run tasks and all that their results ask for.
+    """Run tasks and the further tasks that their results require.
 
     Parameters
     ----------
     requests : iterable of Request
-        What to run first.
+        The first tasks.
     cache : ResultCache
-        Where results are kept.
+        Where results are stored.
     scheduler, workers : optional
         As for `open_cluster`.
     cancelled : callable, optional
-        Asked ten times a second; once it is true, this returns. Results so far are kept.
+        Called ten times per second; once it returns true, this function returns. Results so far are stored.
     meanwhile : callable, optional
         Called once, while the cluster is busy with the first tasks.
 
     Raises
     ------
     TaskError
-        If the scheduler does not answer, or our own processes do not come up.
+        If the scheduler does not answer, or the local processes do not start.
     """
     from amb_core.tasks.pool import TaskPool  # dask takes half a second to import
 
@@ -97,7 +97,7 @@ class _UnderWay(Generic[R]):
         self._pool, self._cache = pool, cache
 
     def ask(self, requests: Iterable[Request[R]]) -> None:
-        """Get tasks under way; those with kept results are finished at once, and may ask for more."""
+        """Start tasks; those with stored results finish at once, and may request more."""
         asked = deque(requests)
         while asked:
             request = asked.popleft()
@@ -115,7 +115,7 @@ class _UnderWay(Generic[R]):
                 asked.extend(request.take(kept, True))
 
     def finish(self, key: str, result: R | TaskError) -> None:
-        """Hand on a result, cancel what it has made needless, and ask for what it needs."""
+        """Deliver a result, cancel tasks that are no longer needed, and start those that it requires."""
         for request in self.waiting.pop(key):
             if not isinstance(result, TaskError):
                 self._cache.ensure(key, request.task, result)

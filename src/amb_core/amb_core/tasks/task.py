@@ -1,4 +1,4 @@
-"""A task: the unit of work on a cluster, and of what is kept on disk."""
+"""A task: the unit of work on a cluster, and of the results on disk."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ R = TypeVar("R")
 
 
 class Task(ABC, Generic[R]):
-    """A computation whose result of type R depends on nothing but what `describe` tells."""
+    """A computation with a result of type R that depends only on the content of `describe`."""
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """Everything that decides the result as plain JSON values: parameters, files they name, version of the code."""
+        """What determines the result, as plain JSON values: parameters, files they name, version of the code."""
 
     @abstractmethod
     def run(self) -> R:
