@@ -315,7 +315,7 @@ def test_a_region_other_than_a_is_warned_of_with_the_steps_to_keep() -> None:
     assert_finding(check_region(detrend(touching)), WARNING, "region D (delevitated)")
     micrometres = replace(loop_record(), position=1e6 * loop_record().position)
     advice = check_region(IdentificationData.from_record(micrometres)).advice
-    assert advice == "a linear model holds in region A only, but no step is: check the units, or excite less"
+    assert advice == "a linear model holds in region A only, but no step is in it: check the units, or excite less"
 
 
 def test_what_cannot_be_judged_says_why() -> None:

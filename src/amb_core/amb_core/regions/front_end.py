@@ -107,7 +107,7 @@ class FrontEnd:
         return 4 * self._factor
 
     def take(self, reference: NDArray[np.float64], position: NDArray[np.float64]) -> bool:
-        """Add an interval of reference and position (m), shape (interval, 2) each; returns true with enough past."""
+        """Add an interval of reference and position (m), shape (interval, 2) each; true if the past suffices."""
         steps = self._interval
         self._raw[:-steps] = self._raw[steps:].copy()
         self._raw[-steps:, :2] = reference

@@ -1,4 +1,4 @@
-"""The inputs of the past: they give an onset that is found afterwards the input frequency at its step."""
+"""Past inputs: an onset that is found afterwards gets the input frequency at its step."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class MapProgress:
     total : int
         Sweeps that the results so far require; it grows when boundaries need more.
     reused : int
-        Number of these `done` that were finished earlier and only read.
+        Number of done sweeps that were finished earlier and only read.
     map : RegionMap or None
         The sweeps so far of the map that the last finished sweep belongs to; None before the first.
     """

@@ -38,7 +38,11 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
         first = min((entry for entry in found if entry[1] == index), key=lambda entry: entry[2].step)[2]
         resonance = region.name == "D" and onset.resonance
         some_before = first.step > data.experiments[index].first_step
-        keep = f": keep the steps before {first.step} (window)" if some_before else ", but no step is: check the units"
+        keep = (
+            f": keep the steps before {first.step} (window)"
+            if some_before
+            else ", but no step is in it: check the units"
+        )
         return Finding(
             "region",
             Severity.WARNING,
