@@ -14,7 +14,7 @@ PAPER_MAP = Path(__file__).parent / "data" / "paper_map.json"
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)  # regions: twelve sweeps of 20 s
-@pytest.mark.parametrize("page", ["excitation", "identification", "regions", "subharmonics"])
+@pytest.mark.parametrize("page", ["distortion", "excitation", "identification", "regions", "subharmonics"])
 def test_the_examples_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "results" / "map").mkdir(parents=True)
     shutil.copy(PAPER_MAP, tmp_path / "results" / "map" / "map.json")  # what `amb map` leaves

@@ -60,6 +60,10 @@ COMMANDS = {
         "subharmonics:subharmonics",
         "Put three tones on the reference and look for their products in the steady state of the position.",
     ),
+    "distortion": (
+        "distortion:distortion",
+        "Measure nonlinear distortion: how much of the rotor's motion no linear model can explain.",
+    ),
     "bag": (
         "bag:app",
         "Inspect and play bags.",

@@ -13,6 +13,15 @@ from amb_core.parameters import Declaration, Parameters, declarations
 
 ParamsOption = Annotated[Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.")]
 
+ChangeOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="Parameter with another value, as rotor.gravity=0 or controller.current_limit=10; may be repeated.",
+        metavar="NAME=VALUE",
+    ),
+]
+
 Command = Callable[..., None]
 
 

@@ -12,8 +12,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.commands.inputs import load_loop, typed_value
-from amb_bringup.commands.options import ParamsOption, declared_options
+from amb_bringup.commands.inputs import load_changed_loop
+from amb_bringup.commands.options import ChangeOption, ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
 from amb_core.errors import ParameterError, SpectrumError
@@ -48,14 +48,7 @@ RIVAL = 4  # a product of an order that much higher than another's on the same l
 def subharmonics(
     given: dict[str, Any],
     params: ParamsOption = None,
-    change: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            help="Parameter with another value, as rotor.gravity=0 or controller.current_limit=10; may be repeated.",
-            metavar="NAME=VALUE",
-        ),
-    ] = None,
+    change: ChangeOption = None,
     bag: Annotated[
         Path | None, typer.Option(help="Bag whose last experiment is analysed; nothing is simulated.")
     ] = None,
@@ -91,7 +84,7 @@ def subharmonics(
     if bag is not None:
         results = {"bag": {"measured": _analyse_bag(bag, settings)}}
     else:
-        loop = _load(params, change or [])
+        loop = load_changed_loop(params, change or [])
         with Stages(console) as stages:
             results = _simulate(stages, *loop, settings, causes)
     for name, tests in results.items():
@@ -107,17 +100,6 @@ def subharmonics(
             console.print(_surface_line(name, found))
         _write_surfaces(out, results, surfaces)
     console.print(f"summary.json, figures: {out}")
-
-
-def _load(params: Path | None, change: list[str]) -> tuple[PlantParameters, ControllerParameters]:
-
-    values = {}
-    for text in change:
-        name, sign, value = text.partition("=")
-        if not (name and sign and value):
-            raise ParameterError(f"--set {text}: must be a name and its value, as controller.current_limit=10")
-        values[name] = typed_value(value)
-    return with_values(*load_loop(params), values)
 
 
 def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectrum:

@@ -6,6 +6,7 @@
 from amb_core.figures.bode import bode_chart
 from amb_core.figures.chart import Chart
 from amb_core.figures.comparison import comparison_chart, save_validation_figures
+from amb_core.figures.distortion import distortion_chart
 from amb_core.figures.force import force_chart, force_speed_chart
 from amb_core.figures.loop import orbit_chart, response_chart, save_loop_figures
 from amb_core.figures.order import order_chart
@@ -27,6 +28,7 @@ __all__ = [
     "Chart",
     "bode_chart",
     "comparison_chart",
+    "distortion_chart",
     "force_chart",
     "force_speed_chart",
     "map_chart",

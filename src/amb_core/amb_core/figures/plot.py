@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from functools import singledispatch
 
+from amb_core.distortion import Distortion
 from amb_core.errors import AmbError
 from amb_core.figures.bode import bode_chart
 from amb_core.figures.chart import Chart
+from amb_core.figures.distortion import distortion_chart
 from amb_core.figures.loop import response_chart
 from amb_core.figures.order import order_chart
 from amb_core.figures.poles import poles_chart
@@ -31,10 +33,10 @@ def plot(result: object) -> Chart:
 
     Parameters
     ----------
-    result : LoopRecord, Identification, Validation, FrequencyResponse, OrderSelection, RegionMap, SubharmonicSpectrum \
-or SubharmonicSurface
+    result : LoopRecord, Identification, Validation, FrequencyResponse, OrderSelection, RegionMap, Distortion, \
+SubharmonicSpectrum or SubharmonicSurface
         Drawn are the response, the poles, the residuals, the Bode diagram, the criterion over the order, the map, the
-        spectrum and the surface.
+        lines, the spectrum and the surface.
 
     Raises
     ------
@@ -73,6 +75,11 @@ def _(result: OrderSelection) -> Chart:
 @plot.register
 def _(result: RegionMap) -> Chart:
     return map_chart(result)
+
+
+@plot.register
+def _(result: Distortion) -> Chart:
+    return distortion_chart(result)
 
 
 @plot.register

@@ -1,0 +1,76 @@
+"""Distortion of the simulated bearing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from amb_core.distortion.measurement import Distortion, PeriodicResponse, measure_distortion
+from amb_core.distortion.settings import DistortionSettings
+from amb_core.distortion.signals import EXPERIMENTS, Lines, lines_of, reference_of
+from amb_core.errors import SpectrumError
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.plant import Plant, PlantParameters
+from amb_core.simulation import simulate
+
+
+def simulate_distortion(
+    plant: PlantParameters,
+    controller: ControllerParameters,
+    settings: DistortionSettings,
+    progress: Callable[[int, int], None] | None = None,
+) -> Distortion:
+    """Simulate the experiments and measure the distortions.
+
+    Parameters
+    ----------
+    plant, controller : PlantParameters, ControllerParameters
+        The loop.
+    settings : DistortionSettings
+        The multisines.
+    progress : callable, optional
+        Called as progress(done, total) before the first and after every experiment.
+
+    Raises
+    ------
+    SpectrumError
+        If the settings do not fit the loop, or the rotor delevitates.
+    PlantError, ParameterError
+        As `simulate`.
+    """
+    lines = lines_of(settings, plant.integration.sample_rate)
+    total = settings.realisations * len(EXPERIMENTS)
+    bearing, law = Plant(plant), PdController(controller)
+    responses: list[list[PeriodicResponse]] = []
+    for realisation in range(settings.realisations):
+        responses.append([])
+        for experiment in range(len(EXPERIMENTS)):
+            if progress is not None:
+                progress(realisation * len(EXPERIMENTS) + experiment, total)
+            responses[-1].append(_respond(bearing, law, settings, lines, realisation, experiment))
+    if progress is not None:
+        progress(total, total)
+    return measure_distortion(responses, lines, bearing.sample_time)
+
+
+def _respond(
+    plant: Plant,
+    controller: PdController,
+    settings: DistortionSettings,
+    lines: Lines,
+    realisation: int,
+    experiment: int,
+) -> PeriodicResponse:
+    rest = round(settings.rest / plant.sample_time)
+    reference = reference_of(settings, lines, realisation, experiment)
+    excitation = np.tile(reference, (settings.settling_periods + settings.periods, 1))
+    record = simulate(plant, controller, rest + len(excitation), excitation, rest)
+    if plant.delevitated:
+        raise SpectrumError(
+            f"the rotor delevitates at {record.steps * plant.sample_time:.3g} s in experiment {experiment + 1} of "
+            f"realisation {realisation + 1} with an rms of {settings.rms:g} m; allowed: a smaller one"
+        )
+    first = rest + settings.settling_periods * lines.steps
+    shape = (settings.periods, lines.steps, 2)
+    return PeriodicResponse(reference, record.current[first:].reshape(shape), record.position[first:].reshape(shape))

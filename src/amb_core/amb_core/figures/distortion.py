@@ -1,0 +1,57 @@
+"""Linear response, noise and nonlinear distortions over frequency, an axis in each panel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from amb_core.distortion import Distortion
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Item, Panel, Points, Table, Values
+from amb_core.figures.style import BLUE, GREEN, ORANGE, REFERENCE, VERMILION, Marker
+from amb_core.units import UM
+
+FLOOR = 1e-6  # um, below is nothing to see
+
+
+def distortion_chart(distortion: Distortion, title: str = "Linear response and nonlinear distortions") -> Chart:
+    """Peak amplitudes of the lines in the position, in um, on logarithmic axes.
+
+    Parameters
+    ----------
+    distortion : Distortion
+        The measurement.
+    title : str
+        Title of the figure.
+    """
+    panels, rows = [], []
+    ends = (0.8 * min(distortion.odd_frequency[0], distortion.frequency[0]), 1.2 * distortion.frequency[-1])
+    kinds: tuple[tuple[str, Values, Values, str, Marker], ...] = (
+        ("linear response", distortion.frequency, distortion.linear, BLUE, "circle"),
+        ("distortion at excited lines", distortion.frequency, distortion.stochastic, GREEN, "triangle"),
+        ("odd distortion", distortion.odd_frequency, distortion.odd, ORANGE, "square"),
+        ("even distortion", distortion.even_frequency, distortion.even, VERMILION, "diamond"),
+        ("noise", distortion.frequency, distortion.noise, REFERENCE.colour, "cross"),
+    )
+    for axis, name in enumerate("xy"):
+        items: list[Item] = []
+        for label, frequency, level, colour, marker in kinds:
+            seen = UM * level[:, axis] > FLOOR
+            if seen.any():
+                items.append(Points(frequency[seen], UM * level[seen, axis], label, colour, marker, filled=False))
+        heading = f"{name}: distortion {100.0 * distortion.ratio[axis]:.2g} % of the linear response"
+        panels.append(
+            Panel(Axis("frequency (Hz)", log=True, limits=ends), Axis(f"{name} (µm)", log=True), tuple(items), heading)
+        )
+        rows += [
+            (name, label, f"{100.0 * ratio[axis]:.3g}")
+            for label, ratio in (
+                ("all distortion", distortion.ratio),
+                ("of even order", distortion.even_ratio),
+                ("of odd order", distortion.odd_ratio),
+                ("noise of one period", distortion.noise_ratio),
+            )
+        ]
+    highest = float(UM * np.max(distortion.linear))
+    alt = f"Lines of the position: the linear response reaches {highest:.3g} µm. {distortion.summary.capitalize()}."
+    table = Table(("axis", "part", "share of the linear response (%)"), tuple(rows))
+    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 7.0), table=table)
