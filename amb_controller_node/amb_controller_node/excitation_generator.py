@@ -1,7 +1,7 @@
-"""Node `excitation_generator`: the excitations of amb_core as a service, and what a region map says of them.
+"""Node `excitation_generator`: the excitations of amb_core as a service, and their prediction from a region map.
 
-A request is checked and published as a definition, from which the controller makes the samples; the checksum shows that
-they are the same. The answer waits for the controller's word: only the controller knows which step is still to come.
+A request is checked and published as a definition. The controller makes the samples from it, and the checksum proves
+that they are the same. The response waits for the controller's answer: only the controller knows the next step.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 P = TypeVar("P", bound=Parameters)
 
-CONTROLLER_SLOWNESS = 5.0  # longest time that a controller takes for samples, as a multiple of that of the generator
+CONTROLLER_SLOWNESS = 5.0  # longest time of a controller for the samples, relative to the time of the generator
 
 REQUEST_FIELDS = [
     name for name in StartExcitation.Request.get_fields_and_field_types() if name not in ("kind", "run", "first_step")
@@ -85,7 +85,7 @@ class ExcitationGeneratorNode(Node):
         run = request.run or self._current_run()
         started = time.monotonic()
         message = self._message(excitation, run, request.first_step)
-        # The controller makes the same samples, and has a loop to answer meanwhile.
+        # The controller makes the same samples while it answers the loop.
         status = self._publish(message, longer_by=CONTROLLER_SLOWNESS * (time.monotonic() - started))
         response.success = True
         response.run = status.run
@@ -108,7 +108,7 @@ class ExcitationGeneratorNode(Node):
     def _on_preview(
         self, request: PreviewExcitation.Request, response: PreviewExcitation.Response
     ) -> PreviewExcitation.Response:
-        # Loads what a generator that only starts excitations does not need.
+        # Imported here: a generator that only starts excitations does not need it.
         from amb_core.excitation_design import check_excitation
         from amb_core.loop.control import ControllerParameters
         from amb_core.plant import PlantParameters
@@ -134,7 +134,7 @@ class ExcitationGeneratorNode(Node):
         return response
 
     def _excitation(self, request: StartExcitation.Request | PreviewExcitation.Request) -> ExcitationParameters:
-        """The excitation that a request describes."""
+        """The requested excitation."""
         return excitation_from_request(request.kind, {name: getattr(request, name) for name in REQUEST_FIELDS})
 
     def _region_map(self, path: str) -> RegionMap:
@@ -145,7 +145,7 @@ class ExcitationGeneratorNode(Node):
             return RegionMap.load(path)
         if self._last_map is None:
             raise RegionError(
-                f"no region map heard on {self._map_subscription.topic_name}; call region_monitor/build_map first, "
+                f"no region map received on {self._map_subscription.topic_name}; call region_monitor/build_map first, "
                 "or name the file of a map"
             )
         from amb_core.recording.messages.region_map import region_map_from_message
@@ -153,7 +153,7 @@ class ExcitationGeneratorNode(Node):
         return region_map_from_message(self._last_map)
 
     def _live_set(self, model: type[P], node: str, notes: list[str]) -> P | None:
-        """Parameters of the loop that runs, None (for those of the map) if its node does not tell them."""
+        """Parameters of the running loop, None (for those of the map) if its node does not report them."""
         try:
             return self._remote_parameters.read_set(model, node, self._settings.parameter_timeout)
         except ParameterError as problem:
@@ -161,20 +161,20 @@ class ExcitationGeneratorNode(Node):
             return None
 
     def _message(self, excitation: ExcitationParameters, run: int, first_step: int) -> Excitation:
-        """The definition of an excitation, with number and checksum of its samples; these are not kept."""
+        """The definition of an excitation, with number and checksum of its samples; the samples are not kept."""
         return fill_excitation(Excitation(), excitation, run, first_step, self._settings.sample_rate)
 
     def _current_run(self) -> int:
         timeout = self._settings.answer_timeout
         if not self._run_known.wait(timeout):
             raise ExcitationError(
-                f"no word within {timeout:g} s on {self._state_subscription.topic_name} about the present run; "
+                f"no message within {timeout:g} s on {self._state_subscription.topic_name} with the current run; "
                 "is the simulator running? Or give the run in the request"
             )
         return self._run
 
     def _publish(self, message: Excitation, longer_by: float = 0.0) -> ExcitationStatus:
-        """Publish an excitation and return the controller's answer, which may come later by some time (s).
+        """Publish an excitation and return the controller's answer, which may take longer by some time (s).
 
         Raises
         ------

@@ -1,8 +1,8 @@
-"""The excitation as the controller takes it: messages checked, samples made from definitions, played step by step.
+"""The controller's side of an excitation: checks messages, makes samples from definitions, plays them step by step.
 
-The samples of a definition are made in a worker, so that the loop goes on meanwhile; the answer follows when they are
-ready. Only a controller that joins a run in which an excitation is already under way holds its answers to positions
-until it has the samples: the samples of the loop then do not depend on how long that takes.
+A worker makes the samples of a definition, so the loop continues meanwhile. The answer follows when they are ready.
+There is one exception: a controller may join a run in which an excitation is already active. It then delays its answers
+to positions until it has the samples, so that the samples of the loop do not depend on how long that takes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from amb_ros.qos import EVERY_STATE
 from amb_ros.subscriptions import create_subscription
 
 LONGEST_KIND = 50  # characters of it that are repeated in an answer
-JOIN_TIME = 1.0  # s of wall-clock time that a controller which joins a run waits for the excitation under way in it
+JOIN_TIME = 1.0  # s of wall-clock time for which a controller that joins a run waits for its active excitation
 
 Window = Callable[[int], tuple[int, NDArray[np.float64]]]
 
@@ -45,7 +45,7 @@ class ExcitationInput:
     position : callable
         Returns the present run and the last step that needs no answer, 0 and -1 before the first position.
     resume : callable
-        Called when an answer to a position need not be held any longer.
+        Called when an answer to a position need not be delayed any longer.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class ExcitationInput:
         )
 
     def close(self) -> None:
-        """Call off what is under way."""
+        """Cancel the work in progress."""
         self._pending = None
         self._worker.shutdown(wait=False, cancel_futures=True)
 
@@ -89,7 +89,7 @@ class ExcitationInput:
         return x, y
 
     def holds(self, run: int, step: int) -> bool:
-        """Whether the answer to a position must wait for the samples of an excitation that is under way."""
+        """Whether the answer to a position must wait for the samples of an active excitation."""
         if not self._joined:
             if step == 0:
                 self._end_joining()
@@ -155,7 +155,7 @@ class ExcitationInput:
             pending.window = playback.window
         except ExcitationError as problem:
             pending.problem = str(problem)
-        except Exception as problem:  # whatever happens, the sender gets an answer and the loop goes on
+        except Exception as problem:  # in every case the sender gets an answer and the loop continues
             self._node.get_logger().error(traceback.format_exc())
             pending.problem = f"internal error while its samples were made: {problem!r}"
         executor = self._node.executor
@@ -163,7 +163,7 @@ class ExcitationInput:
             executor.create_task(self._finish, pending)
 
     def _finish(self, pending: _Pending) -> None:
-        """Apply an excitation whose samples are there, from the step that is next now; answer it."""
+        """Apply an excitation with finished samples from the next step onwards, and answer it."""
         if pending is not self._pending:
             return  # it was replaced and answered meanwhile
         self._pending = None
@@ -203,7 +203,7 @@ class ExcitationInput:
         self._end_joining()
 
     def _end_joining(self) -> None:
-        """An excitation under way is known now, or there is none."""
+        """From now on an active excitation is known, or there is none."""
         if self._joined:
             return
         self._joined = True
@@ -212,7 +212,7 @@ class ExcitationInput:
         self._release()
 
     def _release(self) -> None:
-        """Let the loop go on if nothing holds it any longer."""
+        """Let the loop continue if nothing delays it any longer."""
         if self.holding and self._joined and (self._pending is None or not self._pending.joins):
             self.holding = False
             self._resume()
@@ -222,7 +222,7 @@ Identity = tuple[int, int, str, str, int, int, int]
 
 
 def _identity(message: Excitation) -> Identity:
-    """What makes an excitation the same as another: the first step, which may be resolved, comes last."""
+    """Fields that are equal in two copies of an excitation; last the first step, which may be resolved."""
     return (
         message.run, message.id, message.kind, message.description, message.steps or len(message.reference_x),
         message.checksum, message.first_step,
@@ -235,8 +235,8 @@ class _Pending:
 
     run: int
     first_step: int
-    joins: bool  # it was under way before this controller was there
-    late: bool  # and came when the controller had answered some of its steps without it
+    joins: bool  # it was active before this controller started
+    late: bool  # and arrived after the controller had answered some of its steps without it
     identity: Identity
     status: ExcitationStatus
     checked: Checked
@@ -245,7 +245,7 @@ class _Pending:
 
 
 class _Playing:
-    """An excitation being applied, with a window of its samples as plain floats, which are quick to take one by one."""
+    """An excitation being applied, with a window of its samples as plain floats for fast access."""
 
     __slots__ = ("_window", "first_step", "identity", "run", "stop", "window_size", "window_step", "x", "y")
 
@@ -261,7 +261,7 @@ class _Playing:
         self._window = window
 
     def load(self, step: int) -> bool:
-        """Take the window with the sample of a step; false if there is none."""
+        """Load the window with the sample of a step; false if there is none."""
         if not self.first_step <= step < self.stop:
             return False
         first, samples = self._window(step - self.first_step)

@@ -1,4 +1,4 @@
-"""Messages of the topic excitation as a controller reads and checks them: whatever comes gets one line of an answer."""
+"""Reads and checks the messages of the topic excitation for a controller: each one gets an answer of one line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LONGEST_ANSWER = 400  # characters
 
 @dataclass(frozen=True)
 class Checked:
-    """What a message asks for.
+    """The content of a checked message.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class Checked:
     checksum : int
         That of the sender; 0 if none.
     excitation : Excitation or None
-        What its samples are to be made from.
+        Definition from which its samples are made.
     samples : ndarray, shape (n, 2)
-        Those that it brought along (m); empty with a definition and for a stop.
+        Samples in the message (m); empty with a definition and for a stop.
     """
 
     steps: int
@@ -60,7 +60,7 @@ def read(data: bytes) -> Excitation | ExcitationStatus:
 
 
 def check(message: Excitation, sample_rate: float, run: int, step: int) -> Checked:
-    """What a message asks for, all but its samples checked.
+    """The content of a message; everything is checked except samples made from a definition.
 
     Parameters
     ----------
@@ -106,13 +106,14 @@ def _check_place(message: Excitation, run: int, step: int) -> None:
         raise ExcitationError(f"meant for run {message.run}; the present run is {run}")
     if message.first_step < Excitation.FROM_NEXT_STEP:
         raise ExcitationError(
-            f"first_step = {message.first_step}; allowed: a step of the future, or {Excitation.FROM_NEXT_STEP}"
+            f"first_step = {message.first_step}; allowed: a future step, or {Excitation.FROM_NEXT_STEP}"
         )
     if message.run == run and Excitation.FROM_NEXT_STEP < message.first_step <= step:
         raise ExcitationError(f"first_step = {message.first_step} is in the past; allowed: {step + 1} or later")
     if message.first_step + message.steps > HIGHEST_STEP:
         raise ExcitationError(
-            f"first_step = {message.first_step} and steps = {message.steps} lead beyond step {HIGHEST_STEP}"
+            f"first_step = {message.first_step} with steps = {message.steps} exceeds the last allowed step "
+            f"{HIGHEST_STEP}"
         )
 
 
@@ -139,13 +140,13 @@ def _inline(message: Excitation) -> Checked:
 
 
 def _line(text: str) -> str:
-    """One line of bounded length, whatever texts of others are in it."""
+    """One line of limited length, also if it quotes texts of the sender."""
     line = " ".join(text.split())
     return line if len(line) <= LONGEST_ANSWER else f"{line[: LONGEST_ANSWER - 4]} ..."
 
 
 def _address(data: bytes) -> tuple[int, int]:
-    """Run and id of a serialized Excitation (CDR, little endian) whose rest is not to be read; 0 if not even these."""
+    """Run and id of a serialized Excitation (CDR, little endian) that cannot be read completely; 0 if unreadable."""
     try:
         (frame,) = struct.unpack_from("<I", data, 12)
         run = 4 + -(-(12 + frame) // 8) * 8  # after the CDR header, stamp and frame_id; members are aligned

@@ -1,8 +1,8 @@
 """Node `pd_controller`: the control law of amb_core behind topics.
 
 It answers every position with the current reference of the same run and step, adds the excitation to the nominal
-reference, and publishes telemetry in blocks. A position that comes twice gets the same answer; a new run, or a gap in
-the steps, starts the law afresh.
+reference, and publishes telemetry in blocks. A position that arrives twice gets the same answer. A new run, or a gap in
+the steps, restarts the control law.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from amb_ros.sample_messages import pack_current, unpack_position
 
 SIGNALS = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
-LARGEST_POSITION = 1.0  # m; far beyond every clearance, and far below what would overflow in the law
+LARGEST_POSITION = 1.0  # m; far above every clearance, and far below values that would overflow in the control law
 
 
 class PdControllerNode(Node):
@@ -38,7 +38,7 @@ class PdControllerNode(Node):
         )
         self._settings = declare(self, PdControllerParameters, self._on_parameters)
         self._controller = PdController(self._settings)
-        self._controller.update(0.0, 0.0, 0.0, 0.0)  # compile before the first position comes
+        self._controller.update(0.0, 0.0, 0.0, 0.0)  # compile before the first position arrives
         self._run = 0
         self._step = -1  # last step answered
         self._gaps = 0
@@ -53,7 +53,7 @@ class PdControllerNode(Node):
 
         self._current_publisher = self.create_publisher(CurrentReference, topics.CURRENT_REFERENCE, STREAM)
         self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
-        # Before the positions, so that an excitation under way is known as early as they are.
+        # Before the positions, so that an active excitation is known as early as they are.
         self._excitation = ExcitationInput(self, self._settings.sample_rate, self._place, self._answer_held)
         self._position_subscription = self.create_subscription(
             RotorPosition, topics.POSITION, self._on_position, STREAM, raw=True
@@ -66,7 +66,7 @@ class PdControllerNode(Node):
         )
 
     def destroy_node(self) -> None:
-        """Call off an excitation that is being made, and end the node."""
+        """Cancel an excitation that is being made, and end the node."""
         self._excitation.close()
         super().destroy_node()
 
@@ -101,7 +101,7 @@ class PdControllerNode(Node):
             self._check_sample_rate(time)
 
     def _place(self) -> tuple[int, int]:
-        """The present run, and the last step that needs no answer of this controller any more."""
+        """The present run, and the last step that needs no answer from this controller any more."""
         if self._held:
             run, step, *_ = unpack_position(self._held)
             return run, step - 1
@@ -124,7 +124,7 @@ class PdControllerNode(Node):
         self._rate_error = ""
 
     def _refuse_position(self, run: int, step: int, x: float, y: float) -> None:
-        """Leave a position unanswered that would spoil the state of the law, and report it until the next run."""
+        """Do not answer a position that would corrupt the controller state, and report it until the next run."""
         self._refused_positions += 1
         error = (
             f"position x = {x:g} m, y = {y:g} m at step {step} of run {run} is not answered; allowed: finite values up "
@@ -139,7 +139,9 @@ class PdControllerNode(Node):
         rate = self._settings.sample_rate
         if not abs(period * rate - 1.0) <= 1e-3:  # NaN too
             found = f"at {1.0 / period:g} Hz" if period > 0.0 else f"with time {period:g} s at step 1"
-            self._rate_error = f"positions come {found}, the controller is set to sample_rate = {rate:g} Hz"
+            self._rate_error = (
+                f"positions arrive {found}, but the controller has sample_rate = {rate:g} Hz; set both to the same rate"
+            )
             self.get_logger().error(self._rate_error)
 
     def _on_parameters(self, parameters: PdControllerParameters) -> None:
@@ -153,7 +155,7 @@ class PdControllerNode(Node):
             self._telemetry_publisher.publish(self._telemetry.take(self._run))
 
     def _on_flush_timer(self) -> None:
-        """Publish a partial block when no sample has come since the last look: the run is paused or over."""
+        """Publish a partial block if no sample has arrived since the last call: the run is paused or over."""
         if self._step == self._flushed_step:
             self._flush()
         self._flushed_step = self._step

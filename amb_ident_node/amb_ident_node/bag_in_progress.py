@@ -1,4 +1,4 @@
-"""A recording in progress: the bag, where it begins, how it failed. For several threads, free of ROS."""
+"""A recording in progress: the bag, its beginning and its failure. Thread-safe, without ROS."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from amb_ident_node.completeness import Mark
 
 
 class BagInProgress:
-    """A bag being recorded. Messages are held back until it is known where the recording begins.
+    """A bag being recorded. Messages are buffered until the beginning of the recording is known.
 
     Parameters
     ----------
@@ -44,22 +44,22 @@ class BagInProgress:
         return self._writer.messages
 
     def begin(self, origin: Mark | None, first: Mapping[str, bytes]) -> None:
-        """Begin at a place in a run, None if it is not known, with the present states of some topics."""
+        """Begin at a place in a run (None if unknown), with the current states of some topics."""
         with self._lock:
             self._origin = origin
             held, self._held = self._held or [], None
             came = {(topic, data) for topic, data, _, _ in held}
             for topic, data in first.items():
-                if (topic, data) not in came:  # a present state that came just now is not written twice
+                if (topic, data) not in came:  # a current state that has just arrived is not written twice
                     self._write(topic, data, time.time_ns())
             for topic, data, end, received in held:
                 if not self._is_older(end):
                     self._write(topic, data, received)
 
     def write(self, topic: str, data: bytes, end: Mark | None = None) -> None:
-        """Append a message as received; left out if it ends before the recording begins.
+        """Append a message as received; it is left out if it ends before the recording begins.
 
-        The first failure ends the recording and stays in `failure`.
+        The first failure ends the recording and is kept in `failure`.
         """
         with self._lock:
             if self._held is not None:
@@ -83,9 +83,9 @@ class BagInProgress:
         Raises
         ------
         BagError
-            If it cannot be written to its end.
+            If the bag cannot be completed.
         """
-        if self._held is not None:  # ended before it was known where it begins
+        if self._held is not None:  # ended before its beginning was known
             self.begin(None, {})
         with self._lock:
             if not self._closed:
@@ -93,13 +93,13 @@ class BagInProgress:
                 self._writer.close()
 
     def discard(self) -> None:
-        """Close the bag and remove it, as far as the disk allows."""
+        """Close and remove the bag; errors of the disk are ignored."""
         with contextlib.suppress(BagError):
             self.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _is_older(self, end: Mark | None) -> bool:
-        """Whether a message that ends there is of an earlier run, or of steps before the recording."""
+        """Whether a message that ends there belongs to an earlier run, or to steps before the recording."""
         if end is None or self._origin is None:
             return False
         return (end.run, end.step) <= (self._origin.run, self._origin.step)
@@ -117,7 +117,7 @@ class BagInProgress:
 
 
 def require_free_space(folder: Path, minimum: float) -> None:
-    """Refuse a bag on a disk that is full, or will soon be.
+    """Refuse a bag on a disk that is full or almost full.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Which messages a recording lacks, topic by topic. Free of ROS.
+"""Which messages are missing from a recording, topic by topic. Without ROS.
 
-Steps show what is missing on telemetry, on the states of the plant and on the clock; elsewhere messages are counted by
-their publisher. Whatever was published from the start of the recording up to an awaited step must have arrived.
+On telemetry, plant states and clock the step numbers show what is missing. On the other topics the publisher counts its
+messages. Everything published from the start of the recording up to an awaited step must have arrived.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Mark:
 class TelemetryAccount:
     """Blocks of telemetry, by their steps.
 
-    As long as the beginning of the recording is not known, that of the first run may start anywhere.
+    Until the beginning of the recording is known, the first run may start at any step.
     """
 
     def __init__(self) -> None:
@@ -42,16 +42,16 @@ class TelemetryAccount:
 
     @property
     def runs(self) -> list[int]:
-        """Runs with telemetry, in the order in which they came."""
+        """Runs with telemetry, in the order of arrival."""
         return list(self._coverage)
 
     @property
     def conflict(self) -> str:
-        """What is wrong where steps came more than once; empty if nothing."""
+        """Steps that arrived more than once with different samples, as text; empty if there are none."""
         return self._repeated.conflict
 
     def begin(self, origin: Mark | None) -> None:
-        """The recording begins there: that run must be there from that step onwards, later ones from step 0."""
+        """The recording begins there: it must have that run from that step onwards, and later runs from step 0."""
         self._origin = origin
         if origin is not None:
             self._coverage = {run: coverage for run, coverage in self._coverage.items() if run >= origin.run}
@@ -64,11 +64,11 @@ class TelemetryAccount:
         self._repeated.add(run, block)
 
     def stop(self, run: int) -> int:
-        """Step after the last one known of a run; 0 if none is."""
+        """Step after the last known one of a run; 0 if none is known."""
         return self._coverage[run].stop if run in self._coverage else 0
 
     def first_step(self, run: int) -> int:
-        """First step of a run that belongs into the recording."""
+        """First step of a run that belongs to the recording."""
         if self._origin is not None and run == self._origin.run:
             return self._origin.step
         if self._origin is None and run == next(iter(self._coverage), None):
@@ -76,7 +76,10 @@ class TelemetryAccount:
         return 0
 
     def first_due(self, run: int) -> int:
-        """First step of a run whose other messages belong into the recording: those of its beginning came before."""
+        """First step of a run from which its other messages belong to the recording.
+
+        The messages of the very beginning arrived before the recording.
+        """
         return self.first_step(run) + 1 if self._origin is None or run == self._origin.run else 0
 
     def reached(self, awaited: Mark) -> bool:
@@ -84,7 +87,7 @@ class TelemetryAccount:
         return self.stop(awaited.run) >= awaited.step
 
     def lacks(self, awaited: Mark | None = None) -> list[str]:
-        """What is missing, one text a run."""
+        """What is missing, one text per run."""
         stops = {run: coverage.stop for run, coverage in self._coverage.items()}
         if awaited is not None:
             stops[awaited.run] = max(stops.get(awaited.run, 0), awaited.step)
@@ -97,7 +100,7 @@ class TelemetryAccount:
 
 
 class PeriodicAccount:
-    """Messages that come every so many steps of a run.
+    """Messages that are published every so many steps of a run.
 
     Parameters
     ----------
@@ -111,7 +114,7 @@ class PeriodicAccount:
         self._seen: dict[int, StepCoverage] = {}
 
     def expect(self, run: int, every: int) -> None:
-        """In this run a message comes at every multiple of `every` steps; 0: none comes."""
+        """In this run a message is due at every multiple of `every` steps; 0: none is due."""
         self._every[run] = every
 
     def note(self, run: int, step: int) -> None:
@@ -126,7 +129,7 @@ class PeriodicAccount:
         return not every or self._coverage(awaited.run).stop > awaited.step // every
 
     def lacks(self, run: int, first: int, stop: int) -> list[str]:
-        """What is missing of the messages due at the steps from `first` up to, not including, `stop`."""
+        """Missing messages among those due at the steps from `first` up to, not including, `stop`."""
         every = self._every.get(run, 0)
         if not every:
             return []
@@ -141,7 +144,7 @@ class PeriodicAccount:
 
 
 class SequenceAccount:
-    """Messages that their publisher counts; listens before a recording starts, so that its beginning is known.
+    """Messages that their publisher counts. It also counts before a recording starts: then a gap at its start shows.
 
     Parameters
     ----------
@@ -159,8 +162,8 @@ class SequenceAccount:
         self._gaps.clear()
 
     def note(self, sequence: int) -> None:
-        """A message has arrived. A lower number than before is that of a publisher that was started again."""
-        if sequence in (0, self.last):  # of a publisher that does not count; the same message again
+        """A message has arrived. A lower number than before comes from a publisher that was restarted."""
+        if sequence in (0, self.last):  # a publisher that does not count; the same message again
             return
         if self.last and sequence > self.last + 1:
             self._gaps.append((self.last + 1, sequence))
@@ -179,14 +182,14 @@ class SequenceAccount:
 class AnswerAccount:
     """The controller's answers to excitations: each excitation of a recording needs one."""
 
-    KEPT = 1000  # answers that came before their excitation, or before the recording
+    KEPT = 1000  # answers that arrived before their excitation, or before the recording
 
     def __init__(self) -> None:
         self._unanswered: dict[tuple[int, int], None] = {}
         self._answers: dict[tuple[int, int], None] = {}
 
     def start(self) -> None:
-        """A recording starts here: what was not answered before is not awaited."""
+        """A recording starts here: earlier excitations without an answer are ignored."""
         self._unanswered.clear()
 
     def note_excitation(self, run: int, number: int) -> None:

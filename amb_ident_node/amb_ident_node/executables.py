@@ -1,4 +1,4 @@
-"""Where the executables of the package start: it imports no node, so that Ctrl-C is handled before that is done."""
+"""Entry points of the executables. The module imports no node: Ctrl-C is handled before that slow import."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Node `identifier`: models of the plant from the last experiment or from a bag, and their validation.
 
-The computations run in workers; meanwhile the node goes on listening and answers its other services.
+The computations run in workers. Meanwhile the node receives telemetry and answers its other services.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ P = TypeVar("P", bound=Parameters)
 class IdentifierParameters(Parameters):
     """Parameters of the node."""
 
-    order: int = quantity(10, "-", "number of states where a request names none", 1, 30)
-    method: Method = choice("pem", "method where a request names none")
+    order: int = quantity(10, "-", "number of states if a request gives none", 1, 30)
+    method: Method = choice("pem", "method if a request gives none")
     max_steps: int = quantity(
         1_200_000, "-", "steps of telemetry that are kept; older ones are dropped", 1_000, 100_000_000
     )
@@ -75,9 +75,9 @@ class IdentifierNode(Node):
         self._live = LiveExperiment(self._settings.max_steps)
         self._malformed = 0
         self._identification: Identification | None = None
-        self._model: msg.StateSpaceModel | None = None  # that of the identification, as it was published
+        self._model: msg.StateSpaceModel | None = None  # of the last identification, as it was published
         self._models = 0  # published
-        self._stage = ""  # of the identification under way
+        self._stage = ""  # of the identification in progress
         self._ending = threading.Event()
         self._remote_parameters = RemoteParameters(self)
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
@@ -99,7 +99,7 @@ class IdentifierNode(Node):
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report, exclusive=(topics.TELEMETRY,))
 
     def destroy_node(self) -> None:
-        """Call off what is under way, without waiting for it, and end the node."""
+        """Cancel the work in progress, without waiting for it, and end the node."""
         self._ending.set()
         for worker in (self._worker, self._validator):
             worker.shutdown(wait=False, cancel_futures=True)
@@ -169,12 +169,12 @@ class IdentifierNode(Node):
         response.unstable_poles = len(model.unstable_poles())
         return response
 
-    # -- work of the workers
+    # -- in the workers
 
     def _identify(
         self, request: Any, answer: Any, progress: Callable[[IdentificationProgress], None], ended: Callable[[], bool]
     ) -> None:
-        """Identify as a request of the service or the action asks, and fill in its response or result."""
+        """Identify according to a request of the service or the action, and fill in its response or result."""
 
         def tell(told: IdentificationProgress) -> None:
             self._stage = f"{told.stage}, {told.done} of {told.total}"
@@ -214,7 +214,7 @@ class IdentifierNode(Node):
         self._check_sources(request)
 
     def _check_sources(self, request: Any) -> None:
-        """Refuse steps that no data have, a bag that does not exist, and a parameter file that is none."""
+        """Refuse impossible steps, a bag that does not exist, and an invalid parameter file."""
         if request.first_step < -1:
             raise IdentificationError(f"first_step = {request.first_step} is not allowed; allowed: -1 or more")
         if request.bag and not os.path.exists(request.bag):  # noqa: PTH110  # Path.exists raises on long names
@@ -223,19 +223,19 @@ class IdentifierNode(Node):
             self._named_controller(request.controller)
 
     def _arguments(self, request: Any) -> tuple[int | Literal["auto"], str]:
-        """Order and method that a request asks for."""
+        """Requested order and method."""
         order: int | Literal["auto"] = "auto" if request.auto_order else request.order or self._settings.order
         return order, request.method or self._settings.method
 
     def _loop(self, request: Any, with_plant: bool = False) -> tuple[RecordedLoop, str]:
-        """What a request is about, from its bag or from the current run, and what to remark on it.
+        """The requested data, from a bag or from the current run, and a remark on them.
 
         Raises
         ------
         BagError, IdentificationError
             If there are no such data, or their controller is not known.
         ParameterError
-            If the controller that the request names does not give its parameters.
+            If the parameters of the requested controller are not available.
         """
         if request.bag:
             loop = read_loop(request.bag, first_step=request.first_step, steps=request.steps)
@@ -255,13 +255,13 @@ class IdentifierNode(Node):
         return loop, remark
 
     def _named_controller(self, name: str) -> ControllerParameters:
-        """The controller that a request names."""
+        """The controller named in a request."""
         if is_named_set(name):
             return named_controller(name, self._settings.controller.rsplit("/", 1)[-1])
         return self._remote_parameters.read_set(ControllerParameters, name, self._settings.parameter_timeout)
 
     def _read(self, parameters: type[P], node: str) -> P | None:
-        """Parameters of a node that runs; None where it does not give them."""
+        """Parameters of a running node; None if it does not report them."""
         try:
             return self._remote_parameters.read_set(parameters, node, self._settings.parameter_timeout)
         except ParameterError as problem:
@@ -277,7 +277,7 @@ class IdentifierNode(Node):
             "first step": first,
             "steps": stop - first,
             "malformed blocks": self._malformed,
-            "identification": self._stage or "none under way",
+            "identification": self._stage or "none in progress",
         }
         if self._live.conflict:
             return diagnostics.ERROR, self._live.conflict, values

@@ -1,6 +1,6 @@
-"""What a recorder has heard: each message is noted in the account of its topic. For several threads, free of ROS.
+"""What a recorder has received: each message is noted in the account of its topic. Thread-safe, without ROS.
 
-The ledger outlives a recording, since what comes next on a topic shows only against what came before.
+The ledger outlives a recording: a gap at the beginning shows only in comparison with the messages before it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ COUNTED = {
     topics.MODEL: "sequence",
     topics.EXCITATION: "id",
 }
-"""Topics whose messages their publisher counts, and in which field."""
+"""Topics with messages that their publisher counts, and the field with the count."""
 
 
 class Ledger:
@@ -34,7 +34,7 @@ class Ledger:
     Attributes
     ----------
     state : SimulatorState or None
-        The last one heard.
+        The last one received.
     """
 
     def __init__(self) -> None:
@@ -54,11 +54,11 @@ class Ledger:
         self._monitor = (0, 0, 0)  # run, next step and messages of the region monitor, as it reports them
         self._ended = False
         self._last_clock = 0, 0  # run and step
-        self._early_clocks: deque[int] = deque(maxlen=KEPT_CLOCKS)  # of a run whose state has not been heard yet
+        self._early_clocks: deque[int] = deque(maxlen=KEPT_CLOCKS)  # of a run without a state so far
         self.start()
 
     def start(self) -> None:
-        """A recording starts: what comes from now on belongs to it."""
+        """A recording starts: messages from now on belong to it."""
         with self._changed:
             self._monitor_reports = False
             self._malformed = 0
@@ -87,14 +87,14 @@ class Ledger:
             self._changed.notify_all()
 
     def note_monitor(self, run: int, next_step: int, messages: int) -> None:
-        """The region monitor reports how far it is, and how many messages it has published."""
+        """The region monitor reports its progress, and how many messages it has published."""
         with self._changed:
             self._monitor = run, next_step, messages
             self._monitor_reports = True
             self._changed.notify_all()
 
     def end(self) -> None:
-        """Whoever waits need not wait any more."""
+        """Release all waiting threads."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
@@ -107,16 +107,16 @@ class Ledger:
 
     @property
     def has_monitor(self) -> bool:
-        """Whether a region, or a report of the region monitor, was heard in this recording."""
+        """Whether a region, or a report of the region monitor, was received in this recording."""
         with self._changed:
             return bool(self._regions) or self._monitor_reports
 
     def wait_for(
         self, awaited: Mark, published: Collection[str], timeout: float, in_vain: Callable[[], bool] = lambda: False
     ) -> None:
-        """Wait until everything up to a place in a run has arrived on the topics published.
+        """Wait until everything up to a place in a run has arrived on the published topics.
 
-        Ends before where the time (s) is over, `end` was called, or it is in vain.
+        Returns earlier after the timeout (s), after a call of `end`, or when `in_vain` returns true.
         """
         with self._changed:
             self._changed.wait_for(
@@ -124,18 +124,18 @@ class Ledger:
             )
 
     def lacks(self, awaited: Mark | None = None, published: Collection[str] = ()) -> list[str]:
-        """What is missing, one text a topic and run; up to a place in a run where one is given."""
+        """What is missing, one text per topic and run; optionally up to a place in a run."""
         with self._changed:
             texts = self._telemetry.lacks(awaited)
             runs = {run: self._telemetry.stop(run) for run in self._telemetry.runs}
             if awaited is not None:
-                # A run that goes on has telemetry beyond the awaited step, whose other messages may be under way.
+                # A run that continues has telemetry after the awaited step. Its other messages may not be here yet.
                 runs[awaited.run] = awaited.step
             for run, stop in runs.items():
                 first = self._telemetry.first_due(run)
                 closed = stop + 1 if self._simulator_reached(Mark(run, stop)) else stop
                 texts += self._plant_states.lacks(run, first, closed)
-                texts += self._clocks.lacks(run, max(first, 1), stop)  # that of step 0 comes before the run is known
+                texts += self._clocks.lacks(run, max(first, 1), stop)  # step 0: before the run is known
             for account in self._counted.values():
                 texts += account.lacks()
             if awaited is not None:
@@ -154,11 +154,11 @@ class Ledger:
 
     @property
     def conflict(self) -> str:
-        """Steps that came twice with different samples, as text; empty if none did."""
+        """Steps that arrived twice with different samples, as text; empty if there are none."""
         with self._changed:
             return self._telemetry.conflict
 
-    # -- what a message says; called with the lock held
+    # -- content of the messages; called with the lock held
 
     def _note_telemetry(self, message: Any) -> None:
         try:
@@ -184,7 +184,7 @@ class Ledger:
         self._clocks.expect(state.run, state.clock_steps)
 
     def _note_clock(self, message: Any) -> None:
-        """Note a clock, which does not carry its run: where time goes back, that of a run not heard of yet."""
+        """Note a clock. It does not carry its run: if the time goes back, it belongs to a run not known yet."""
         if self.state is None or not self.state.sample_time > 0.0:
             return
         steps = stamped_time(message.clock) / self.state.sample_time
@@ -201,7 +201,7 @@ class Ledger:
     def _note_region(self, message: Any) -> None:
         self._regions[message.run] = max(self._regions.get(message.run, 0), message.next_step)
 
-    # -- how far it has come; called with the lock held
+    # -- progress; called with the lock held
 
     def _late(self, awaited: Mark, published: Collection[str]) -> bool:
         last_clock = Mark(awaited.run, max(awaited.step - 1, 0))
@@ -219,11 +219,11 @@ class Ledger:
         return state is not None and (state.run, state.step) >= (place.run, place.step)
 
     def _state_awaited(self, published: Collection[str]) -> bool:
-        """Whether a simulator reports where it stands; a rig on the same topics need not."""
+        """Whether a simulator reports its state; a test rig on the same topics need not."""
         return self.state is not None and topics.SIMULATOR_STATE in published
 
     def _regions_reached(self, awaited: Mark) -> bool:
         if self._regions.get(awaited.run, 0) >= awaited.step:
             return True
-        run, next_step, messages = self._monitor  # of a run too short for a region, it has nothing to publish
+        run, next_step, messages = self._monitor  # in a run too short for a region it has nothing to publish
         return run == awaited.run and next_step >= awaited.step and messages <= self._counted[topics.REGION].last

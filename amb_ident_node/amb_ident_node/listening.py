@@ -1,4 +1,4 @@
-"""The experiment of the current run, as telemetry tells it: kept, and handed over once it has all come. Free of ROS."""
+"""The experiment of the current run: telemetry is kept, and returned once all of it has arrived. Without ROS."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from amb_core.loop.experiments import AppliedExcitation, ExperimentBuffer, selec
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps
 
-QUIET = 0.2  # s; telemetry of a run that has just ended may still be under way: as long as nothing comes, it is not
+QUIET = 0.2  # s without telemetry, after which all telemetry of a run that has just ended is taken to have arrived
 LONGEST_ARRIVAL = 2.0  # s
 
 
 class LiveExperiment:
-    """Telemetry and excitations of the current run; safe for several threads.
+    """Telemetry and excitations of the current run; thread-safe.
 
     Parameters
     ----------
@@ -41,38 +41,38 @@ class LiveExperiment:
 
     @property
     def conflict(self) -> str:
-        """Steps that came twice with different samples, as text; empty if none did."""
+        """Steps that arrived twice with different samples, as text; empty if there are none."""
         return self._repeated.conflict
 
     def add_block(self, run: int, block: LoopRecord) -> None:
-        """Take in a block of telemetry."""
+        """Add a block of telemetry."""
         self._repeated.add(run, block)
         self._buffer.add_block(run, block)
         with self._arrived:
             self._arrived.notify_all()
 
     def add_excitation(self, excitation: AppliedExcitation) -> None:
-        """Take in an excitation as the controller answered it."""
+        """Add an excitation as the controller answered it."""
         self._buffer.add_excitation(excitation)
 
     def data(self, first_step: int, steps: int) -> IdentificationData:
-        """The samples asked for, as `select_window` takes them; waits a moment for those that are under way.
+        """The requested samples, selected as by `select_window`; waits a moment for samples that are still to arrive.
 
         Raises
         ------
         IdentificationError
-            If there are none, or they are not all there.
+            If there are none, or some are missing.
         """
         self._wait_for_arrival()
         run = self._buffer.run
         if run is None:
-            raise IdentificationError("no telemetry heard yet; run an experiment first or name a bag")
+            raise IdentificationError("no telemetry received yet; run an experiment first or name a bag")
         window = select_window(self._buffer.available, self._buffer.experiment, first_step, steps)
         source = f"run {run}, steps {window[0]} to {window[1] - 1}"
         return IdentificationData.from_record(self._buffer.record(*window), source)
 
     def _wait_for_arrival(self) -> None:
-        """Wait until the telemetry of the last experiment is there, or until no more comes."""
+        """Wait until the telemetry of the last experiment is complete, or until no more arrives."""
         deadline = time.monotonic() + LONGEST_ARRIVAL
         with self._arrived:
             while time.monotonic() < deadline:

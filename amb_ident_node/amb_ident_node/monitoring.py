@@ -1,4 +1,4 @@
-"""Regions of a loop that is watched: runs, gaps, delevitation, and which states are worth telling. Free of ROS."""
+"""Regions of a monitored loop: runs, gaps, delevitation, and which states are published. Without ROS."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from amb_core.regions import RegionClassifier, RegionParameters, RegionState
 class RegionWatch:
     """Classifies the telemetry of one run after the other.
 
-    What it returns depends on the samples alone, not on the blocks in which they come.
+    The result depends on the samples alone, not on how they are divided into blocks.
 
     Parameters
     ----------
     parameters : RegionParameters
         Thresholds and times of the classifier.
     publish_period : float
-        Run time (s) after which a state is told that says nothing new.
+        Run time (s) after which an unchanged state is returned again.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class RegionWatch:
     refused : int
         Blocks that were not classified.
     problem : str
-        What was last missing from the telemetry of this run or wrong with it; empty if nothing.
+        The last gap or error in the telemetry of this run; empty if there is none.
     next_step : int
-        Step that continues the telemetry of this run: all before it have been taken in.
+        Step that continues the telemetry of this run: all steps before it have been processed.
     """
 
     def __init__(self, parameters: RegionParameters, publish_period: float) -> None:
@@ -58,14 +58,14 @@ class RegionWatch:
         self._told_periods = -1
 
     def add_block(self, run: int, block: LoopRecord) -> list[RegionState]:
-        """Take in a block of telemetry; the states to tell, oldest first.
+        """Process a block of telemetry. Returns the states to publish, oldest first.
 
-        A block of another run starts afresh. One that does not continue the last restarts the classification.
+        A block of another run starts a new classification. A block that does not continue the last one restarts it.
 
         Raises
         ------
         RegionError
-            If the block cannot be classified, such as for a sample that is not finite; it is left out.
+            If the block cannot be classified, for example because a sample is not finite; it is left out.
         """
         try:
             if run != self.run or block.sample_time != self.sample_time or self._classifier is None:
@@ -84,22 +84,22 @@ class RegionWatch:
 
     @property
     def conflict(self) -> str:
-        """Steps of this run that came twice with different samples; empty if none did."""
+        """Steps of this run that arrived twice with different samples; empty if there are none."""
         return self._repeated.conflict
 
     def stand(self, run: int, step: int) -> list[RegionState]:
-        """Take in that the simulator stands still before a step; the states to tell.
+        """Note that the simulator stands still before a step. Returns the states to publish.
 
-        Once all telemetry up to there has come, the last state is returned even if it says nothing new: so a listener
-        knows that no other one will follow.
+        Once all telemetry up to that step has arrived, the last state is returned even if it has not changed. A
+        listener then knows that no other one will follow.
         """
         self._standing = (run, step)
         return self._returned([])
 
     def delevitate(self, run: int, step: int) -> list[RegionState]:
-        """Take in that the rotor of a run delevitated before a step; the states to tell.
+        """Note that the rotor of a run delevitated before a step. Returns the states to publish.
 
-        Its position there is not in the telemetry, which may come later than this.
+        The telemetry does not contain the position there, and may arrive after this call.
         """
         self._delevitated = (run, step)
         return self._returned(self._end_of_run())
@@ -128,7 +128,7 @@ class RegionWatch:
         return self._worth_telling([self._classifier.delevitate()])
 
     def _returned(self, states: list[RegionState]) -> list[RegionState]:
-        """These states, or the last one where the run stands still and the last one was returned too early."""
+        """These states, or the last one if the run stands still and the last one was returned too early."""
         if not states and self._standing == (self.run, self.next_step) and self._told_step < self.next_step:
             states = [self.state] if self.state is not None else []
         if states:
@@ -136,7 +136,7 @@ class RegionWatch:
         return states
 
     def _worth_telling(self, states: list[RegionState]) -> list[RegionState]:
-        """Those in which something changed, and one a period."""
+        """The states in which something changed, and one per period."""
         chosen = []
         for state in states:
             periods = math.floor((state.step + 1) * self.sample_time / self._period + 1e-6)
@@ -148,6 +148,6 @@ class RegionWatch:
 
 
 def _marks(state: RegionState) -> tuple[object, ...]:
-    """What is told at once when it changes."""
+    """What is published at once when it changes."""
     axes = [(axis.region, axis.since.step, axis.sampling_beat) for axis in (state.x, state.y)]
     return (state.region, state.since.step, state.settled, *axes)

@@ -1,4 +1,4 @@
-"""Which topics a recorder listens to, how the workbench publishes them, and where in a run their messages belong."""
+"""The topics of a recorder, how the workbench publishes them, and where in a run their messages belong."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
 PARAMETER_EVENTS, ROSOUT, DIAGNOSTICS = "/parameter_events", "/rosout", "/diagnostics"
 LAST_STEP = 2**64 - 1
 REGION_MESSAGES = "region messages"
-"""Under this name the monitor's diagnostics count what it has published, which a recorder compares with its own."""
+"""Key of the monitor's diagnostics for the number of its messages; a recorder compares it with its own count."""
 
 
 class RecordedTopic(NamedTuple):
@@ -39,7 +39,7 @@ class RecordedTopic(NamedTuple):
     type : type
         Its message.
     offered : QoSProfile
-        As the nodes of the workbench publish it.
+        Quality of service with which the nodes of the workbench publish it.
     """
 
     name: str
@@ -53,7 +53,7 @@ class RecordedTopic(NamedTuple):
 
     @property
     def latched(self) -> bool:
-        """Whether its last message is a state that every bag needs, however old it is."""
+        """Whether its last message is a state that every bag needs, regardless of its age."""
         return self.offered in (LATCHED, EVERY_STATE)
 
     @property
@@ -63,7 +63,7 @@ class RecordedTopic(NamedTuple):
 
     @property
     def requested(self) -> QoSProfile:
-        """As offered, with room for a burst."""
+        """As offered, with a longer queue for bursts."""
         return EVERY_STATE if self.latched else self.offered
 
 
@@ -82,11 +82,11 @@ RECORDED = (
     RecordedTopic(DIAGNOSTICS, DiagnosticArray, STREAM),
 )
 OF_THE_GRAPH = (topics.TELEMETRY, topics.PLANT_STATE, topics.REGION, topics.SIMULATOR_STATE, topics.CLOCK)
-"""Topics that follow the steps of a run: what is published up to an awaited step must have arrived."""
+"""Topics that follow the steps of a run: everything published up to an awaited step must have arrived."""
 
 
 def end_of(message: Any) -> Mark | None:
-    """Where in which run a message ends, None where that does not decide whether it belongs into a recording."""
+    """Run and step at which a message ends; None if that does not decide whether it belongs to a recording."""
     if isinstance(message, LoopSamples):
         return Mark(message.run, message.first_step + len(message.position_x))
     if isinstance(message, PlantState | SimulatorState):

@@ -1,7 +1,7 @@
-"""Node `recorder`: a bag of what the loop did and of all that is needed to understand it later.
+"""Node `recorder`: bags with the samples of the loop and everything that is needed to analyse them later.
 
-It listens from its start onwards, so that a recording begins without the time that discovery takes, and keeps the last
-message of latched topics to put it first into every bag. What a bag must hold, the ledger knows.
+It subscribes when it starts, so a recording need not wait for discovery. It keeps the last message of each latched
+topic and writes it first into every bag. The ledger knows which messages a bag must contain.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ from amb_ros.services import create_service
 from amb_ros.subscriptions import create_subscription
 
 DISCOVERY_TIMEOUT = 2.0  # s
-DISCOVERY_QUIET = 1.0  # s without a new publisher after which all are taken to be known
-DISCOVERY_END = 10.0  # s after the start of the node, from which all are
-LONGEST_PAUSE = 30.0  # s, between attempts to read the parameters of a node; it doubles from one to the next
+DISCOVERY_QUIET = 1.0  # s without a new publisher, after which all are assumed to be known
+DISCOVERY_END = 10.0  # s after the start of the node, after which all are assumed to be known
+LONGEST_PAUSE = 30.0  # s, between attempts to read the parameters of a node; the pause doubles each time
 DEFAULT_STOP_TIMEOUT = 10.0  # s
 LONGEST_STOP_TIMEOUT = 3600.0  # s
 
@@ -61,10 +61,10 @@ LONGEST_STOP_TIMEOUT = 3600.0  # s
 class RecorderParameters(Parameters):
     """Parameters of the node."""
 
-    directory: str = choice("bags", "folder for bags that are asked for without a path or with a relative one")
+    directory: str = choice("bags", "folder for bags that are requested without a path or with a relative path")
     record_on_start: bool = switch(False, "start a bag named by date as soon as the node is up")
     chunk_period: float = quantity(
-        0.5, "s", "period of writing to the disk: what a killed recorder may lose", 0.05, 10.0
+        0.5, "s", "period of writing to the disk; a killed recorder loses at most this much", 0.05, 10.0
     )
     parameter_timeout: float = quantity(
         2.0, "s", "longest wait for an answer about the parameters or the state of a node", 0.05, 10.0
@@ -85,10 +85,10 @@ class RecorderNode(Node):
         self._plant_state: tuple[Mark, bytes] | None = None  # the last one
         self._conflicts: dict[str, None] = {}  # seen while this bag was recorded
         self._published: set[str] = set()  # topics that had a publisher while this bag was recorded
-        self._switching = threading.Lock()  # a message falls either before or into a bag that starts
+        self._switching = threading.Lock()  # a message belongs either to a starting bag or to the time before it
         self._remote_parameters = RemoteParameters(self)
         self._described: set[str] = set()  # nodes whose parameters are in this bag
-        self._attempts: Counter[str] = Counter()  # in vain, to read those of a node
+        self._attempts: Counter[str] = Counter()  # failed attempts to read those of a node
         self._next_attempt: dict[str, float] = {}  # in the steady clock (s)
         self._definitions = {topic.type_name: message_definition(topic.type_name) for topic in RECORDED}
         # One worker: a start and a stop never run at the same time.
@@ -108,11 +108,11 @@ class RecorderNode(Node):
             self._worker.submit(self._start_by_itself)
 
     def destroy_node(self) -> None:
-        """Close the bag, then the node; a stop that waits need not wait any longer."""
+        """Close the bag, then the node; a waiting stop request returns."""
         self._ledger.end()
         self._close()
         self._worker.shutdown()
-        self._close()  # a start may have been under way
+        self._close()  # a start may have been in progress
         super().destroy_node()
 
     def _subscribe(self, name: str, topic: RecordedTopic) -> Subscription:
@@ -143,7 +143,7 @@ class RecorderNode(Node):
             self._ledger.note(topic.name, message)
 
     def _is_of_the_graph(self, array: DiagnosticArray) -> bool:
-        """Whether diagnostics are of nodes in this namespace; the region monitor's tell how far it is."""
+        """Whether diagnostics are of nodes in this namespace. Those of the region monitor report its progress."""
         prefix = self.get_namespace().strip("/") + "/"
         for status in array.status:
             values = {item.key: item.value for item in status.values}
@@ -207,7 +207,7 @@ class RecorderNode(Node):
         Raises
         ------
         BagError
-            If one is being recorded already, or this one cannot be made.
+            If a recording is in progress already, or this bag cannot be created.
         """
         if self._recording is not None:
             raise BagError(f"already recording {self._recording.folder}; stop that first")
@@ -246,7 +246,7 @@ class RecorderNode(Node):
         return BagInProgress(writer)
 
     def _begin(self, recording: BagInProgress, first: dict[str, bytes]) -> None:
-        """Find out where in which run the recording begins, and write what is known of this place."""
+        """Determine the run and step at which the recording begins, and write the current states."""
         state = self._ask_for_state()
         exact = state is not None
         if state is None:
@@ -254,7 +254,7 @@ class RecorderNode(Node):
             exact = state is not None and state.mode == SimulatorState.PAUSED
         origin = None if state is None else Mark(state.run, state.step if exact else 0)
         with self._switching:
-            # The state of the plant at the very step at which the simulator stands came when it arrived there.
+            # The plant state of the simulator's present step was published when the simulator reached that step.
             if origin is not None and self._plant_state is not None:
                 end, data = self._plant_state
                 if end == Mark(origin.run, origin.step + 1):
@@ -263,7 +263,7 @@ class RecorderNode(Node):
             recording.begin(origin, first)
 
     def _awaited(self, run: int, step: int) -> Mark | None:
-        """The place in a run up to which a recording must hold everything; None if there is none to be known."""
+        """The place in a run up to which a recording must contain everything; None if it cannot be known."""
         now = self._ask_for_state() or self._ledger.state
         run = run or (now.run if now is not None else self._ledger.last_run)
         if not step and now is not None and run == now.run:
@@ -271,17 +271,17 @@ class RecorderNode(Node):
         return Mark(run, step) if step else None
 
     def _ask_for_state(self) -> SimulatorState | None:
-        """Where the simulator stands at this moment, as it says; None if there is none to say it."""
+        """The present state of the simulator, as it reports it; None without an answer."""
         if not self._state_client.service_is_ready():
             return None
         answer = ask(self._state_client, GetState.Request(), self._settings.parameter_timeout)
         return None if answer is None or not answer.success else answer.state
 
     def _note_published(self) -> None:
-        """Note which of the topics that follow the steps of a run somebody publishes.
+        """Note which of the topics that follow the steps of a run have a publisher.
 
-        Those that were published before count as well: a recorder that was held up for long does not see their
-        publishers for a while, and lacks their messages all the more.
+        Topics that had one earlier count as well: a recorder that was blocked for long does not see their publishers
+        for a while, and misses their messages.
         """
         self._published |= {name for name in OF_THE_GRAPH if self.count_publishers(self._full_name(name))}
         if self._ledger.has_monitor:
@@ -292,7 +292,7 @@ class RecorderNode(Node):
         self._conflicts.update((text, None) for text in found if text)
 
     def _offered(self, name: str, topic: RecordedTopic) -> list[dict[str, Any]]:
-        """How the publishers of a topic offer it; as the workbench does where there is none yet."""
+        """Quality of service that the publishers of a topic offer; the workbench's own if there is none yet."""
         profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
         offered: list[dict[str, Any]] = []
         for profile in profiles or [topic.offered]:
@@ -318,10 +318,10 @@ class RecorderNode(Node):
         while (waiting := self._unconnected_topics()) and time.monotonic() < deadline:
             time.sleep(0.01)
         for name in waiting:
-            self.get_logger().warning(f"not connected to every publisher of {name}; do their QoS settings fit?")
+            self.get_logger().warning(f"not connected to every publisher of {name}; are their QoS settings compatible?")
 
     def _wait_for_discovery(self) -> None:
-        """Wait, soon after the start of the node, until no publisher turns up any more: it may not know all of them."""
+        """Wait, soon after the start of the node, until no new publisher appears: some may not be known yet."""
         known, quiet_since = -1, time.monotonic()
         while (now := time.monotonic()) < min(quiet_since + DISCOVERY_QUIET, self._born + DISCOVERY_END):
             found = sum(map(self.count_publishers, self._topics))
@@ -334,7 +334,7 @@ class RecorderNode(Node):
         waiting = []
         for name, subscription in self._subscriptions_by_name.items():
             offers = [end.qos_profile.durability for end in self.get_publishers_info_by_topic(name)]
-            # Those without history are heard by a subscription of their own.
+            # Publishers without history have a subscription of their own.
             fitting = (
                 offers.count(DurabilityPolicy.TRANSIENT_LOCAL) if self._topics[name].keeps_history else len(offers)
             )
@@ -343,13 +343,13 @@ class RecorderNode(Node):
         return waiting
 
     def _undescribed_nodes(self) -> list[str]:
-        """Those nodes of the workbench whose parameters the bag lacks."""
+        """Nodes of the workbench without parameters in the bag."""
         return [name for name in self._remote_parameters.nodes() if name not in self._described]
 
     def _read_parameters(self, nodes: Iterable[str], timeout: float) -> dict[str, dict[str, ParameterValue]]:
-        """The parameters of nodes, as far as they tell them.
+        """The parameters of nodes, where available.
 
-        Reading them also proves that those nodes have heard of this one, and so that nothing they publish is missed.
+        Reading them also proves that those nodes have discovered this one, so nothing that they publish is missed.
         """
         parameters = {}
         for name in nodes:
@@ -361,11 +361,11 @@ class RecorderNode(Node):
             except ParameterError as problem:
                 self._attempts[name] += 1
                 self._next_attempt[name] = time.monotonic() + min(2.0 ** self._attempts[name], LONGEST_PAUSE)
-                self.get_logger().warning(f"{problem} The bag lacks them.")
+                self.get_logger().warning(f"{problem} They are missing from the bag.")
         return parameters
 
     def _describe(self, nodes: Iterable[str], timeout: float) -> None:
-        """Write the parameters of nodes that the bag lacks so far, such as of those that started after it."""
+        """Write the parameters of nodes that are missing from the bag, such as those that started after it."""
         recording = self._recording
         if recording is not None:
             for node, values in self._read_parameters(nodes, timeout).items():

@@ -1,6 +1,7 @@
-"""Node `region_monitor`: in which region the bearing runs, live, and region maps as an action.
+"""Node `region_monitor`: the region in which the bearing runs, live, and region maps as an action.
 
-The classifier takes telemetry in the node's own thread; a map is built in a worker, so that the regions go on.
+The classifier processes telemetry in the node's own thread. A map is built in a worker while the classification
+continues.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ MEANINGS = {
 
 
 class RegionMonitorParameters(RegionParameters):
-    """Parameters of the node: those of the classifier, and how it appears in the graph."""
+    """Parameters of the node: those of the classifier, and of its interface to the graph."""
 
     publish_period: float = quantity(0.05, "s", "run time between messages on region while nothing changes", 0.002, 0.1)
     simulator: str = choice("simulator", "node whose parameters describe the plant of a map, relative or full name")
@@ -74,7 +75,7 @@ class RegionMonitorNode(Node):
         self._malformed = 0
         self._sequence = 0  # of the last message on region
         self._maps = 0  # published
-        self._building = ""  # how far the map under way is
+        self._building = ""  # progress of the map in progress
         self._ending = threading.Event()
         self._remote_parameters = RemoteParameters(self)
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
@@ -95,7 +96,7 @@ class RegionMonitorNode(Node):
         )
 
     def destroy_node(self) -> None:
-        """Cancel the map under way, whose finished sweeps stay in the cache, then end the node."""
+        """Cancel the map in progress (its finished sweeps stay in the cache), then end the node."""
         self._ending.set()
         self._worker.shutdown(cancel_futures=True)
         self._build_map.destroy()
@@ -126,7 +127,7 @@ class RegionMonitorNode(Node):
 
     def _publish(self, states: list[RegionState]) -> None:
         run, sample_time = self._watch.run, self._watch.sample_time
-        if run is None or not self.context.ok():  # told to end amid a burst of telemetry
+        if run is None or not self.context.ok():  # asked to stop during a burst of telemetry
             return
         for state in states:
             message = fill_region_state(RegionStateMessage(), state, run, sample_time)
@@ -137,7 +138,7 @@ class RegionMonitorNode(Node):
     # -- the action
 
     def _check_goal(self, goal: BuildMap.Goal) -> None:
-        """Refuse a goal whose settings, files or scheduler cannot be right, before it is accepted."""
+        """Refuse a goal with impossible settings, files or scheduler before it is accepted."""
         map_settings_from_message(goal)
         _new_file(goal.path)
         if goal.scheduler:
@@ -206,7 +207,7 @@ class RegionMonitorNode(Node):
         message.header.stamp = self._wall_clock.now().to_msg()
 
     def _loop_parameters(self, path: str) -> tuple[PlantParameters, ControllerParameters]:
-        """The loop that a map is asked for: of a parameter file, or the one that runs."""
+        """The loop of the requested map: of a parameter file, or the running one."""
         names = self._settings.simulator, self._settings.controller
         if path:
             namespace = self.get_namespace().rstrip("/")
@@ -232,7 +233,7 @@ class RegionMonitorNode(Node):
             "restarts": watch.restarts,
             "refused blocks": watch.refused,
             "malformed blocks": self._malformed,
-            "region map": self._building or "none under way",
+            "region map": self._building or "none in progress",
         }
         if watch.state is None:
             level, summary = diagnostics.OK, "no region yet"
@@ -258,7 +259,7 @@ class RegionMonitorNode(Node):
 
 
 def _new_file(path: str) -> Path | None:
-    """The file asked for, absolute; refused before the work where its folder does not exist."""
+    """The requested file as an absolute path; refused before the work if its folder does not exist."""
     if not path:
         return None
     try:
@@ -272,7 +273,7 @@ def _new_file(path: str) -> Path | None:
 
 
 def _compile(parameters: RegionParameters) -> None:
-    """Classify a second of silence, so that the first telemetry need not wait for the compiler."""
+    """Classify one second of zeros, so that the first telemetry need not wait for the compiler."""
     silence = np.zeros((10_000, 2))
     RegionWatch(parameters, 0.1).add_block(0, LoopRecord(0, 1e-4, silence, silence, silence))
 

@@ -7,7 +7,7 @@ from amb_core.plant import PlantParameters
 
 
 class SimulatorParameters(PlantParameters):
-    """Parameters of the node: those of the plant, and how it appears in the graph."""
+    """Parameters of the node: those of the plant, and of its interface to the graph."""
 
     autostart: bool = switch(False, "run from the start instead of waiting, paused, for a run request")
     clock_period: float = quantity(0.01, "s", "simulation time between messages on /clock", 1e-4, 10.0)

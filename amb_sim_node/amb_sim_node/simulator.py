@@ -1,8 +1,8 @@
 """Node `simulator`: the plant of amb_core behind topics, in lock-step with the controller.
 
 It publishes the position of step k, waits for the current reference of step k, advances the plant by one controller
-sample and publishes the position of step k + 1. Nothing depends on timing: a late answer is waited for, and a position
-that stays unanswered is published again once a controller listens.
+sample and publishes the position of step k + 1. Nothing depends on timing: the node waits for a late answer, and
+publishes an unanswered position again once a controller listens.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class SimulatorNode(Node):
         super().__init__("simulator", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True)
         settings = declare(self, SimulatorParameters)
         self._use(settings, _compiled_plant(settings))
-        self._sample_rate = settings.integration.sample_rate  # for good: a reset to another one is refused
+        self._sample_rate = settings.integration.sample_rate  # fixed: a reset to another one is refused
 
         self._clock_message = ClockMessage()
         self._state = SimulatorState(
@@ -57,7 +57,7 @@ class SimulatorNode(Node):
         self._contact_steps = 0  # of this run
         self._reported_contact_steps = 0  # at the last report
         self._answered = True  # False between the publication of a step and its answer
-        self._seen_step = -1  # step at the last look of the watch
+        self._seen_step = -1  # step at the last call of the watch
 
         self._position_publisher = self.create_publisher(RotorPosition, topics.POSITION, STREAM)
         self._clock_publisher = self.create_publisher(ClockMessage, topics.clock(self.get_namespace()), STREAM)
@@ -84,9 +84,9 @@ class SimulatorNode(Node):
         run, step, i_x, i_y = unpack_current(data)
         state = self._state
         if self._answered or step != state.step or run != state.run:
-            return  # answer to a step of the past: published twice, or before a reset
+            return  # answer to a past step: published twice, or before a reset
         if state.mode not in (SimulatorState.RUNNING, SimulatorState.WAITING):
-            return  # paused meanwhile; the step is published again when the run goes on
+            return  # paused meanwhile; the step is published again when the run continues
         self._answered = True
         try:
             self._plant.advance(i_x, i_y)
@@ -120,7 +120,7 @@ class SimulatorNode(Node):
         self._clock_publisher.publish(self._clock_message)
 
     def _look_inside(self) -> None:
-        """Publish the state of the plant at every step at which it is due, and watch for contact where there can be."""
+        """Publish the state of the plant at every step at which it is due, and detect contact where it is possible."""
         run, step, every = self._state.run, self._state.step, self._settings.plant_state_steps
         if every > 0 and step % every == 0:
             snapshot = self._plant.snapshot()
@@ -129,7 +129,7 @@ class SimulatorNode(Node):
             self._note_contact(self._plant.contact)
 
     def _note_contact(self, in_contact: bool) -> None:
-        """Count the steps in contact; the first of a run is told at once, those of a rotor that bounces on later."""
+        """Count the steps in contact. The first of a run is reported at once, those of a bouncing rotor later."""
         self._in_contact = in_contact
         self._contact_steps += in_contact
         if in_contact and self._contact_steps == 1:
@@ -143,7 +143,7 @@ class SimulatorNode(Node):
         )
 
     def _on_watch(self) -> None:
-        """See whether the controller still answers, and publish an unanswered step again once somebody listens."""
+        """Check whether the controller still answers, and publish an unanswered step again once a node listens."""
         state = self._state
         if state.mode == SimulatorState.RUNNING:
             if state.step == self._seen_step:
@@ -178,8 +178,8 @@ class SimulatorNode(Node):
         most = last_stamped_step(self._sample_rate) - state.step
         if request.steps > most:
             response.message = (
-                f"steps = {request.steps} is not allowed; allowed: 0 (until paused) to {most}, with which the "
-                "simulation time reaches the end of what a ROS time stamp holds"
+                f"steps = {request.steps} is not allowed; allowed: 0 (until paused) to {most}, the largest number for "
+                "which a ROS time stamp can represent the simulation time"
             )
         elif state.mode == SimulatorState.PAUSED:
             self._start(request.steps)
@@ -200,7 +200,7 @@ class SimulatorNode(Node):
         return response
 
     def _take_parameters(self, path: str) -> None:
-        """Take all parameters and a new plant from a file; on an error everything stays as it is.
+        """Load all parameters and a new plant from a file; on an error nothing changes.
 
         Raises
         ------
@@ -264,7 +264,7 @@ class SimulatorNode(Node):
 
     def _report(self) -> diagnostics.Report:
         state = self._state
-        # A touch may be over within milliseconds: those since the last report count too.
+        # A contact may end within milliseconds: those since the last report count too.
         touched = self._in_contact or self._contact_steps > self._reported_contact_steps
         self._reported_contact_steps = self._contact_steps
         listeners = self._position_publisher.get_subscription_count()
@@ -285,20 +285,20 @@ class SimulatorNode(Node):
 
 
 def _next_run(last: int) -> int:
-    """Number of a new run: the wall clock in microseconds, in which no reset can follow another.
+    """Number of a new run: the wall clock in microseconds, since no reset follows another within a microsecond.
 
-    So no number comes back after a restart of the simulator, however many resets came before.
+    So no number is used again after a restart of the simulator, however many resets there were before.
     """
     return max(last + 1, time.time_ns() // 1000)
 
 
 def _compiled_plant(parameters: SimulatorParameters) -> Plant:
-    """A plant at its reset whose code is compiled, so that the first sample need not wait for that.
+    """A plant after its reset, with compiled code: the first sample need not wait for the compiler.
 
     Raises
     ------
     AmbError
-        If there is no such plant.
+        If the parameters make no valid plant.
     """
     plant = Plant(parameters)
     plant.advance(0.0, 0.0)

@@ -77,7 +77,7 @@ def test_without_a_map_the_preview_names_who_builds_one(graph: Graph) -> None:
     graph.start("amb_controller_node.excitation_generator")
     request = {"kind": "square", "amplitude": 1e-6, "duration": 1.0}
     refused = graph.call(PreviewExcitation, "/amb/excitation_generator/preview", **request)
-    assert "no region map heard on /amb/region_map; call region_monitor/build_map first" in refused.message
+    assert "no region map received on /amb/region_map; call region_monitor/build_map first" in refused.message
 
 
 def test_a_map_is_built_with_feedback_and_serves_the_preview(builder: MapBuilder) -> None:

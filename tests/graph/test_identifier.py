@@ -143,7 +143,7 @@ def test_without_data_and_model_the_answers_say_so(graph: Graph) -> None:
     loop = Loop(graph)
     assert "no model has been identified yet" in loop.get_model().message
     assert "no model has been identified yet" in loop.validate().message
-    assert "no telemetry heard yet; run an experiment first or name a bag" in loop.identify().message
+    assert "no telemetry received yet; run an experiment first or name a bag" in loop.identify().message
 
 
 def test_the_last_experiment_gives_a_model(loop: Loop, record: LoopRecord) -> None:

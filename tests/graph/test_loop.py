@@ -260,7 +260,7 @@ def test_controller_alone_answers_repeated_positions_alike_and_reports_another_r
     currents = [answer.i_x for answer in answers if answer.step == 1]
     assert currents[0] == currents[1] != first
     graph.wait_until(
-        lambda: any("positions come at 10000 Hz" in status.message for status in bearing.diagnostics),
+        lambda: any("positions arrive at 10000 Hz" in status.message for status in bearing.diagnostics),
         "the complaint",
     )
 
