@@ -210,7 +210,9 @@ def test_node_that_ignores_sigterm_is_ended_all_the_same(monkeypatch: pytest.Mon
 def test_dead_node_is_named_with_its_exit_code_and_last_words() -> None:
     with Graph([shell("good", POLITE), shell("bad", "echo parameter out of range >&2; exit 3")]) as graph:
         assert graph.wait(60.0) == {"bad": 3}
-        with pytest.raises(LaunchError, match="node bad ended with exit code 3; it said last: parameter out of range"):
+        with pytest.raises(
+            LaunchError, match="node bad ended with exit code 3; its last output: parameter out of range"
+        ):
             graph.check()
 
 

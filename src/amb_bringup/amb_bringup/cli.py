@@ -1,4 +1,4 @@
-"""The command line `amb`: puts the commands together, and turns errors meant for the user into one line."""
+"""The command line `amb`: combines the commands, and shows errors meant for the user in one line."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ COMMANDS = {
     ),
     "up": (
         "graph:up",
-        "Start all nodes and show what they say, until Ctrl-C.",
+        "Start all nodes and show their output, until Ctrl-C.",
     ),
     "run": (
         "graph:run",
-        "Run one executable of a package, as `ros2 run` does; what follows is passed on (--ros-args ...).",
+        "Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...).",
     ),
     "identify": (
         "identify:identify",
@@ -34,11 +34,11 @@ COMMANDS = {
     ),
     "validate": (
         "validate:validate",
-        "Judge a model: closed loop, predictions, residuals and frequency response, on one page.",
+        "Validate a model: closed loop, predictions, residuals and frequency response, on one page.",
     ),
     "compare": (
         "compare:compare",
-        "Put models side by side, judged by the same data, the best closed loop first.",
+        "Compare models on the same data, the best closed loop first.",
     ),
     "map": (
         "map:region_map",
@@ -54,11 +54,11 @@ COMMANDS = {
     ),
     "reproduce": (
         "reproduce:reproduce",
-        "Redo every figure and claim of the paper on the simulator; finished studies are kept and not run again.",
+        "Reproduce every figure and claim of the paper on the simulator; finished studies are not run again.",
     ),
     "subharmonics": (
         "subharmonics:subharmonics",
-        "Put three tones on the reference and look for their products in the steady state of the position.",
+        "Add three tones to the reference and find their products in the steady state of the position.",
     ),
     "distortion": (
         "distortion:distortion",
@@ -81,7 +81,7 @@ COMMANDS = {
 
 
 class LateCommand(TyperCommand):
-    """A command whose module is imported when it is called: a list of the commands needs none of them."""
+    """A command with a module that is imported only when it is called: a list of the commands needs none of them."""
 
     def __init__(self, name: str, place: str, help: str) -> None:
         super().__init__(name, help=help)
@@ -99,12 +99,12 @@ class LateCommand(TyperCommand):
         return get_command(app)
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
-        """The context of the command itself, which is the one that runs in it."""
+        """The context of the command itself, in which it runs."""
         return self.load().make_context(*arguments, **options)
 
 
 class Commands(TyperGroup):
-    """The commands, any of which ends on Ctrl-C with one line and the exit code that shells expect."""
+    """The commands. Each one ends on Ctrl-C with one line and the exit code that shells expect."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -112,7 +112,7 @@ class Commands(TyperGroup):
             self.add_command(LateCommand(name, place, help))
 
     def invoke(self, ctx: Any) -> Any:  # typer has a copy of click's types of its own
-        """Run the command that was asked for."""
+        """Run the requested command."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:

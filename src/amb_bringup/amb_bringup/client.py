@@ -69,7 +69,7 @@ class StartedExcitation:
 
 
 class AmbClient(GraphConnection):
-    """Calls the nodes of one graph; see `GraphConnection` for parameters, errors and what else it offers."""
+    """Calls the nodes of one graph; see `GraphConnection` for parameters, errors and further methods."""
 
     def __init__(
         self,
@@ -82,14 +82,14 @@ class AmbClient(GraphConnection):
         self._state: SimulatorState | None = None
         self._run = 0
         self._region: RegionStateMessage | None = None
-        self._region_subscription: Any = None  # made when regions are asked for
+        self._region_subscription: Any = None  # made at the first request for regions
         create_subscription(self.node, SimulatorState, topics.SIMULATOR_STATE, self._on_state, LATCHED)
 
     # -- simulator
 
     @property
     def simulator_state(self) -> SimulatorState | None:
-        """The state that the simulator published last, None before the first one has come."""
+        """The state that the simulator published last, None before the first one has arrived."""
         return self._state
 
     def reset(self, parameter_file: str | Path | None = None) -> int:
@@ -98,7 +98,7 @@ class AmbClient(GraphConnection):
         Parameters
         ----------
         parameter_file : str or Path, optional
-            ROS parameter file with which the simulator goes on, as if it had been started with it. Relative to the
+            ROS parameter file for the simulator, which then behaves as if it had been started with it. Relative to the
             working directory of the caller; the simulator must be able to read it.
         """
         self._run = self.call(Reset, "simulator/reset", parameter_file=_absolute(parameter_file or "")).run
@@ -116,7 +116,7 @@ class AmbClient(GraphConnection):
         steps : int
             Number of controller steps, at least 1.
         progress : callable, optional
-            Called with the next step whenever the simulator tells its state.
+            Called with the next step whenever the simulator reports its state.
         """
         if steps < 1:
             raise ClientError(f"steps = {steps} is not allowed; allowed: 1 or more")
@@ -146,7 +146,7 @@ class AmbClient(GraphConnection):
     # -- excitation
 
     def start_excitation(self, kind: str, first_step: int = -1, **settings: Any) -> StartedExcitation:
-        """Start an excitation in the present run, from `first_step` on or, with -1, from the next step.
+        """Start an excitation in the present run at `first_step` or, with -1, at the next step.
 
         `settings` are the fields of the kind in SI units, as in the service: amplitude, axes, duration, frequency, ...
         """
@@ -166,7 +166,7 @@ class AmbClient(GraphConnection):
         self.call(StopExcitation, "excitation_generator/stop")
 
     def preview_excitation(self, kind: str, region_map: str | Path = "", **settings: Any) -> PreviewExcitation.Response:
-        """Say in which regions of a map an excitation would run, without starting it.
+        """Predict in which regions of a map an excitation would run, without starting it.
 
         Parameters
         ----------
@@ -192,9 +192,9 @@ class AmbClient(GraphConnection):
     # -- regions
 
     def region_state(self) -> RegionState:
-        """The region in which the bearing runs, with its features; waits for the first word of the monitor."""
+        """The region in which the bearing runs, with its features; waits for the first message of the monitor."""
         self._listen_to_regions()
-        self.wait_until(lambda: self._region is not None, complaint="no region heard; is region_monitor running?")
+        self.wait_until(lambda: self._region is not None, complaint="no region received; is region_monitor running?")
         return region_state_from_message(self._region)
 
     def wait_for_region(self, region: Region, timeout: float | None = None) -> RegionState:
@@ -216,7 +216,7 @@ class AmbClient(GraphConnection):
         cancelled: Callable[[], bool] | None = None,
         **settings: Any,
     ) -> RegionMap:
-        """Build a region map, by default that of the loop which is running.
+        """Build a region map, by default that of the running loop.
 
         Parameters
         ----------
@@ -229,14 +229,14 @@ class AmbClient(GraphConnection):
         progress : callable, optional
             Called with a `MapProgress` whenever a sweep has finished.
         cancelled : callable, optional
-            Asked while waiting; when it is true the goal is cancelled. Finished sweeps stay in the cache.
+            Called while waiting; when it returns true the goal is cancelled. Finished sweeps stay in the cache.
         **settings
-            As in `amb_core.regions.region_map.MapSettings`, SI units; what is not given takes its default.
+            As in `amb_core.regions.region_map.MapSettings`, SI units; missing ones take their defaults.
 
         Returns
         -------
         RegionMap
-            That of the sweeps so far if cancelled; it is then not `complete`.
+            After a cancellation the map of the finished sweeps, which is not `complete`.
         """
         from amb_core.regions.region_map import MapProgress
 
@@ -262,13 +262,13 @@ class AmbClient(GraphConnection):
     def start_recording(self, uri: str | Path = "") -> str:
         """Start a bag in a new folder, relative to the working directory of the caller. Returns its path.
 
-        Waits for all nodes of the graph first, so that the bag misses nothing of what they do.
+        First waits for all nodes of the graph, so that no message is missing from the bag.
         """
         self.wait_for_nodes()
         return self.call(StartRecording, "recorder/start", uri=_absolute(uri)).uri
 
     def stop_recording(self, run: int = 0, step: int = 0) -> str:
-        """Close the bag, after the telemetry of this run up to (without) this step has come. Returns its path."""
+        """Close the bag once the telemetry of this run before this step has arrived. Returns its path."""
         return self.call(
             StopRecording, "recorder/stop", wait_for_run=run, wait_for_step=step, timeout=0.5 * self.timeout
         ).uri
@@ -287,14 +287,14 @@ class AmbClient(GraphConnection):
         cancelled: Callable[[], bool] | None = None,
         controller: str | Path = "",
     ) -> StateSpaceModel:
-        """Identify from the last experiment or from a bag, as long as that takes.
+        """Identify from the last experiment or from a bag, without a time limit.
 
         Parameters
         ----------
         bag : str or Path, optional
             The bag; by default the telemetry of the current run.
         order : int or "auto", optional
-            Number of states, or "auto" to choose it by the data; 0 for the identifier's default.
+            Number of states, or "auto" to choose it from the data; 0 for the identifier's default.
         method, focus : str, optional
             As in `amb_core.identification.identify`; empty for the identifier's default, and for prediction.
         first_step, steps : int, optional
@@ -302,10 +302,10 @@ class AmbClient(GraphConnection):
         progress : callable, optional
             Called with an `IdentificationProgress` at every stage and iteration.
         cancelled : callable, optional
-            Asked while waiting; when it is true the identification is cancelled, which is an error then.
+            Called while waiting; when it returns true the identification is cancelled, which raises an error.
         controller : str or Path, optional
             Controller of the experiment: `paper`, a ROS parameter file (.yaml), or the name of a running node; by
-            default the one that runs, or the one recorded in the bag. An error where that is not known.
+            default the running one, or the one recorded in the bag. An error if that is not known.
         """
 
         def on_feedback(message: Any) -> None:
@@ -338,7 +338,7 @@ class AmbClient(GraphConnection):
         timeout: float = 300.0,
         controller: str | Path = "",
     ) -> Validate.Response:
-        """Judge a model by the last experiment or by a bag, which should be others than those it was identified from.
+        """Validate a model on the last experiment or a bag, ideally with data that it was not identified from.
 
         Parameters
         ----------
@@ -398,7 +398,7 @@ def _controller(name: str | Path) -> str:
 
 
 def _known(request: Any, settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings of a request, after a look whether it has fields of these names."""
+    """Settings of a request, after a check that it has fields of these names."""
     known = request.get_fields_and_field_types()
     for name in settings:
         if name not in known:

@@ -1,4 +1,4 @@
-"""Where `amb` starts: it imports no command, so that Ctrl-C is handled before that is done."""
+"""Entry point of `amb`. The module imports no command: Ctrl-C is handled before that slow import."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Simulator and controller as two nodes in one process, still talking through their topics.
+"""Simulator and controller as two nodes in one process, still connected by their topics.
 
-This is the way to a 10 kHz loop in real time from Python: within a process a message takes tens of microseconds less.
+This allows a 10 kHz loop in real time in Python: within a process a message takes tens of microseconds less.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from amb_ros.leaving import leave_graph
 from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
 
-REASON_TIMEOUT = 5.0  # s; for the reason of a rejection, which is under way
+REASON_TIMEOUT = 5.0  # s; wait for the reason of a rejection, which is published
 
 
 class ClientError(AmbError):
@@ -46,12 +46,12 @@ class GraphConnection:
     Attributes
     ----------
     node : Node
-        The node behind the calls, for subscriptions of one's own; its callbacks run during calls and `wait_until`.
+        The node behind the calls, for the user's own subscriptions; its callbacks run during calls and `wait_until`.
 
     Raises
     ------
     ClientError
-        By every method, if a node is missing, does not answer within the timeout, or refuses; the message says what.
+        By every method, if a node is missing, does not answer within the timeout, or refuses.
     """
 
     def __init__(self, namespace: str, timeout: float, domain_id: int | None, nodes: Sequence[str]) -> None:
@@ -63,7 +63,7 @@ class GraphConnection:
             self.node = Node("amb_client", namespace=namespace, context=self._context, start_parameter_services=False)
             self._executor = EventsExecutor(context=self._context)
             self._executor.add_node(self.node)
-        # Also for a client that nobody closes: an open connection can crash the interpreter while it ends.
+        # Also for a client that is never closed: an open connection can crash the interpreter while it ends.
         self._leave = weakref.finalize(self, _leave, self._executor, self.node, self._context)
         self._clients: dict[str, Any] = {}
         self._rejections: dict[str, RejectionListener] = {}  # by action
@@ -81,7 +81,7 @@ class GraphConnection:
         self._leave()
 
     def wait_for_nodes(self) -> None:
-        """Wait until all nodes of the graph are there."""
+        """Wait until all nodes of the graph are available."""
         for name in self._nodes:
             client = self.node.create_client(GetParameters, f"{name}/get_parameters")
             self.wait_until(client.service_is_ready, complaint=f"node {name} did not appear; is it running?")
@@ -90,7 +90,7 @@ class GraphConnection:
     def wait_until(
         self, condition: Callable[[], bool], timeout: float | None = None, complaint: str = "timed out"
     ) -> None:
-        """Process messages until a condition holds; `complaint` is the error's text if it does not in time (s)."""
+        """Process messages until a condition holds; after the timeout (s) raise an error with the text `complaint`."""
         deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
         while not condition():
             if time.monotonic() > deadline:
@@ -114,7 +114,7 @@ class GraphConnection:
         timeout : float, optional
             Longest wait for the answer (s).
         repeated : bool
-            Whether the request may go out again while no answer comes, as it changes nothing or the same again.
+            Whether the request may be sent again until it is answered, because it is idempotent.
         **fields
             Fields of the request.
 
@@ -141,7 +141,7 @@ class GraphConnection:
     def act(
         self, action: Any, name: str, goal: Any, on_feedback: Callable[[Any], None], cancelled: Callable[[], bool]
     ) -> Any:
-        """Send a goal to an action and wait for its result as long as it takes, or until its node is gone.
+        """Send a goal to an action and wait for its result without a time limit, or until its node has ended.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class GraphConnection:
         on_feedback : callable
             Called with every feedback message.
         cancelled : callable
-            Asked while waiting; when it is true the goal is cancelled. The result may then lack `success`.
+            Called while waiting; when it returns true the goal is cancelled. The result may then be without `success`.
         """
         if name not in self._clients:
             self._clients[name] = ActionClient(self.node, action, name)
@@ -179,7 +179,7 @@ class GraphConnection:
         return result
 
     def _reason(self, name: str, goal: Any) -> str:
-        """Why an action has rejected a goal; its node publishes that before the rejection, on a topic of its own."""
+        """Why an action has rejected a goal; its node publishes that before the rejection, on a separate topic."""
         heard = self._rejections[name]
         try:
             self.wait_until(lambda: heard.reason(goal) is not None, REASON_TIMEOUT)

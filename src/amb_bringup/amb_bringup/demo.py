@@ -34,12 +34,12 @@ SQUARES = Square(amplitude=50e-6, duration=4.0, axes="in_turn")
 ORDER = 10
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is being done, steps done and steps in all."""
+"""Called with the name of the stage, the number of finished steps and the number of all steps."""
 
 
 @dataclass(frozen=True)
 class DemoSummary:
-    """What the demo measured; `results/demo/summary.json`.
+    """Results of the demo; `results/demo/summary.json`.
 
     Fits are closed-loop NRMSE fits in percent with offsets included; natural frequency and damping ratio are those of
     the simulated loop for a step of 1 um on x; the sag is that of the settled rotor (um).
@@ -60,7 +60,7 @@ class DemoSummary:
 
 
 def run_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progress) -> DemoSummary:
-    """Run the demo and leave bag, model.json, summary.json and the figures in a folder.
+    """Run the demo and write bag, model.json, summary.json and the figures to a folder.
 
     Parameters
     ----------

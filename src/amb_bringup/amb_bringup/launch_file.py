@@ -2,7 +2,7 @@
 
 The subset is what this workbench uses, with the meaning that `ros2 launch` gives it: `arg` (name, default, description)
 and `node` (pkg, exec, name, namespace, output, args, param, remap, env) with the substitutions `$(var NAME)`,
-`$(find-pkg-share PACKAGE)` and `$(env NAME [DEFAULT])`. Whatever lies outside is refused by name, never skipped.
+`$(find-pkg-share PACKAGE)` and `$(env NAME [DEFAULT])`. Anything else is refused by name, never skipped.
 
 Source: design article "ROS 2 Launch Static Descriptions", and the parsers of launch_yaml and launch_ros in Jazzy.
 """
@@ -35,11 +35,11 @@ class NodeProcess:
     Attributes
     ----------
     name : str
-        Unique label: the name of the node, or of the executable where the launch file leaves the name to the process.
+        Unique label: the name of the node, or of the executable if the launch file does not name the node.
     command : tuple of str
         Executable and arguments.
     env : dict
-        Variables on top of the environment.
+        Variables in addition to the environment.
     """
 
     name: str

@@ -1,6 +1,6 @@
-"""Runs the nodes of a launch file as separate processes: start, watch, stop, with nothing left behind.
+"""Runs the nodes of a launch file as separate processes: starts, monitors and stops them, and leaves nothing behind.
 
-`ros2 launch` does this where it is installed. This one needs no `launch` packages, and is plain to use from Python:
+`ros2 launch` does this where it is installed. This module needs no `launch` packages, and is easy to use from Python:
 
     with Graph.from_launch_file(launch_file("bearing"), env={"ROS_DOMAIN_ID": "7"}) as graph:
         ...
@@ -24,8 +24,8 @@ from amb_bringup.packages import LaunchError, share_folder
 from amb_ros import interruptions
 
 POLL_PERIOD = 0.05  # s
-# Signal, patience (s). Not SIGINT: it would make an interpreter that is still starting write a traceback. On a busy
-# machine a bag takes a while to close; SIGUSR1 makes a node show where it hangs.
+# Signal, patience (s). Not SIGINT: an interpreter that is still starting would write a traceback. On a busy machine a
+# bag takes a while to close. With SIGUSR1 a node shows where it hangs.
 STOP_STAGES = ((signal.SIGTERM, 20.0), (signal.SIGUSR1, 0.5), (signal.SIGKILL, 5.0))
 KEPT_LINES = 50  # of each node's output, for error messages
 
@@ -51,7 +51,7 @@ class Graph:
     nodes : sequence of NodeProcess
         What to start.
     env : mapping, optional
-        Environment variables for all nodes on top of the present ones, such as ROS_DOMAIN_ID.
+        Environment variables for all nodes in addition to the present ones, such as ROS_DOMAIN_ID.
     output : callable, optional
         Called with node name and text for every line that a node writes, from one thread per node.
 
@@ -103,13 +103,13 @@ class Graph:
             raise LaunchError(f"the graph has no node '{name}'; it has: {', '.join(self._nodes)}")
         if name in self.processes and self.processes[name].poll() is None:
             raise LaunchError(f"node '{name}' runs already")
-        with interruptions.held_back():  # or a process could run that `stop` does not know
+        with interruptions.held_back():  # otherwise a process could run that `stop` does not know
             self._start(name)
 
     def _start(self, name: str) -> None:
         node = self._nodes[name]
         try:
-            # In a session of its own: Ctrl-C in the terminal reaches this process alone, which then ends the nodes.
+            # In its own session: Ctrl-C in the terminal reaches only this process, which then ends the nodes.
             process = subprocess.Popen(
                 node.command,
                 env={**self._env, **node.env},
@@ -132,10 +132,10 @@ class Graph:
         return {name: code for name, code in codes.items() if code is not None}
 
     def check(self) -> None:
-        """Raise `LaunchError` with name, exit code and last words if a node has ended."""
+        """Raise `LaunchError` with name, exit code and last line of output if a node has ended."""
         for name, code in self.ended().items():
             self._readers[name].join(timeout=1.0)
-            raise LaunchError(f"{describe_end(name, code)}; it said last: {self.last_line(name)}")
+            raise LaunchError(f"{describe_end(name, code)}; its last output: {self.last_line(name)}")
 
     def wait(self, timeout: float | None = None) -> dict[str, int]:
         """Wait until a node ends or `timeout` (s) is over; returns what `ended` returns."""
@@ -145,10 +145,10 @@ class Graph:
         return ended
 
     def stop(self) -> dict[str, int]:
-        """End all nodes: SIGTERM, and SIGKILL for those that do not follow. Returns the exit codes.
+        """End all nodes: SIGTERM, and SIGKILL for those that do not react. Returns the exit codes.
 
-        Before a node is killed, it writes the stacks of its threads to its output. Ctrl-C meanwhile leaves no
-        node behind: the next signal is sent at once.
+        Before a node is killed, it writes the stacks of its threads to its output. Ctrl-C during this leaves no node
+        behind: the next signal is sent at once.
         """
         with interruptions.held_back() as interrupted:
             for number, patience in STOP_STAGES:
@@ -159,7 +159,7 @@ class Graph:
         return self.ended()
 
     def _end(self, number: signal.Signals, patience: float, interrupted: list[int]) -> None:
-        """Send a signal to all nodes that still run, and wait for their end: not for ever (s), nor after Ctrl-C."""
+        """Send a signal to all running nodes and wait until they end, at most `patience` (s) or until Ctrl-C."""
         for process in self.processes.values():
             if process.poll() is None:
                 process.send_signal(number)

@@ -1,4 +1,4 @@
-"""The nodes of the graph with their parameter sets, and the check of a parameter file for all of them at once."""
+"""The nodes of the graph with their parameter sets, and the check of a parameter file for all of them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PARAMETERS: dict[str, type[Parameters]] = {
     "region_monitor": RegionMonitorParameters,
     "identifier": IdentifierParameters,
 }
-"""Every node of `amb_core.files.parameter_files.NODES`, and what it takes from a parameter file."""
+"""Every node of `amb_core.files.parameter_files.NODES`, and its parameters in a parameter file."""
 
 
 def check_parameter_file(path: str | Path) -> None:

@@ -1,4 +1,4 @@
-"""Where built packages keep their executables and shared files: the ament index, with errors fit for a user."""
+"""Finds executables and shared files of built packages in the ament index, with clear error messages."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def find_executable(package: str, executable: str) -> Path:
     Raises
     ------
     LaunchError
-        If there is no such package or executable; the message names the executables that there are.
+        If there is no such package or executable; the message lists the available executables.
     """
     folder = package_prefix(package) / "lib" / package
     path = folder / executable

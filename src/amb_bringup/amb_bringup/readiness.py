@@ -24,11 +24,11 @@ MATCHED = {
     topics.EXCITATION: ("excitation_generator", "pd_controller"),
     topics.TELEMETRY: ("pd_controller", "region_monitor"),
 }
-"""Topics with a node that publishes and one that listens: without these no experiment runs."""
+"""Topics with their publishing and listening nodes: without these connections no experiment runs."""
 
 
 class Readiness:
-    """Watches a graph come up, in the DDS domain of this process."""
+    """Monitors the start of a graph in the DDS domain of this process."""
 
     def __init__(self) -> None:
         self._client = AmbClient()
@@ -43,7 +43,7 @@ class Readiness:
         Parameters
         ----------
         wait : float
-            Longest time spent on listening (s).
+            Longest time to wait for messages (s).
         """
         self._client.spin_once(wait)
         node = self._client.node
@@ -61,7 +61,7 @@ class Readiness:
         return "" if self._client.simulator_state is not None else f"{space}/{topics.SIMULATOR_STATE}"
 
     def message(self) -> str:
-        """What is shown once the graph is ready: the state, and a call that works as it stands."""
+        """Message once the graph is ready: the state, and a call that can be copied unchanged."""
         state = self._client.simulator_state
         if state is None:
             return ""
@@ -72,7 +72,7 @@ class Readiness:
 
 
 def hint() -> str:
-    """A command for another terminal, in which the workspace is sourced."""
+    """A command for another terminal with the workspace sourced."""
     domain = os.environ.get("ROS_DOMAIN_ID")
     prefix = f"ROS_DOMAIN_ID={domain} " if domain else ""
     return f'{prefix}python3 -c "from amb_bringup.client import AmbClient; print(AmbClient().run(10_000))"'

@@ -22,6 +22,6 @@ def leaving_at_once() -> Iterator[None]:
 
 
 def leave(_number: int, _frame: FrameType | None) -> None:
-    """End at once; nothing is open yet, or any more."""
+    """End at once; at this time nothing is open."""
     os.write(2, b"amb: interrupted\n")
     os._exit(INTERRUPTED)

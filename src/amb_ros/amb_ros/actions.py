@@ -1,4 +1,4 @@
-"""Actions that always end with a result: bad goals are rejected, errors abort with a reason, long work runs aside."""
+"""Actions that always end with a result: bad goals are rejected, errors abort with a reason, workers do long work."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def create_action(
 ) -> ActionServer:
     """Offer an action whose result has the fields `success` and `message`.
 
-    A goal is accepted unless `check` refuses it; every request to cancel is. Goals are worked off as the worker takes
-    them.
+    A goal is accepted unless `check` refuses it. Every request to cancel is accepted. The worker decides the order of
+    the goals.
 
     Parameters
     ----------
@@ -35,15 +35,15 @@ def create_action(
     action_type, name
         As for `rclpy.action.ActionServer`.
     callback : callable
-        Called in the worker with the goal, a function that publishes a feedback message, and one that tells whether
-        the goal was cancelled; returns the result. A result without `success` is told as cancelled if that was asked
-        for, else as aborted. What the callback raises becomes such a result with a message: the text of an `AmbError`
-        as it is, anything else as an internal error, with its traceback in the log.
+        Called in the worker with the goal, a function that publishes a feedback message, and one that returns whether
+        the goal was cancelled; returns the result. A result without `success` counts as cancelled if that was
+        requested, otherwise as aborted. An exception of the callback becomes such a result with a message: the text of
+        an `AmbError` unchanged, anything else as an internal error, with its traceback in the log.
     worker : concurrent.futures.Executor
         Runs the callback, which may block.
     check : callable
-        Called in the executor with every goal before it is accepted, for what can be judged at once. An `AmbError`
-        that it raises rejects the goal; its text is logged and published (see `amb_ros.rejections`).
+        Called in the executor with every goal before it is accepted, for quick checks. An `AmbError` that it raises
+        rejects the goal; its text is logged and published (see `amb_ros.rejections`).
     """
     goals = _Goals(node, action_type, callback, worker, check, RejectionPublisher(node, name))
     return ActionServer(
@@ -58,7 +58,7 @@ def create_action(
 
 @dataclass(frozen=True)
 class _Goals:
-    """What becomes of the goals of an action."""
+    """Handles the goals of an action."""
 
     node: Node
     action_type: Any
@@ -74,13 +74,13 @@ class _Goals:
         except AmbError as problem:
             self.rejections.publish(goal, one_line(problem))
             return GoalResponse.REJECT
-        except Exception as problem:  # whatever happens, the caller gets an answer and the node lives
+        except Exception as problem:  # in every case the caller gets an answer and the node keeps running
             self.rejections.publish(goal, self._internal_error(problem))
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
     async def execute(self, goal: ServerGoalHandle) -> Any:
-        """The result of a goal, once the worker has it."""
+        """The result of a goal, once the worker has finished."""
         finished: Future = Future(executor=self.node.executor)
         self.worker.submit(self._work, goal, finished)
         return await finished
@@ -93,7 +93,7 @@ class _Goals:
             if self.node.context.ok():
                 raise
             return  # the node was shut down meanwhile, and nobody waits any more
-        # EventsExecutor resumes a coroutine only after another event: here is one.
+        # EventsExecutor resumes a coroutine only after another event. This triggers one.
         if executor is not None:
             executor.create_task(lambda: None)
 
@@ -116,7 +116,7 @@ class _Goals:
             return self.callback(goal.request, publish_feedback, lambda: goal.is_cancel_requested)
         except AmbError as problem:
             return self.action_type.Result(message=one_line(problem))
-        except Exception as problem:  # whatever happens, the caller gets a result and the node lives
+        except Exception as problem:  # in every case the caller gets a result and the node keeps running
             return self.action_type.Result(message=self._internal_error(problem))
 
     def _internal_error(self, problem: Exception) -> str:

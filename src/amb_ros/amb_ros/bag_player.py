@@ -1,4 +1,4 @@
-"""Plays a bag: what simulator and controller said, published again at the pace of the recording or another."""
+"""Plays a bag: publishes the messages of simulator and controller again, at the recorded or another rate."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from amb_ros.definitions import message_definition
 from amb_ros.qos import HISTORY, LATCHED
 
 DISCOVERY_TIMEOUT = 10.0  # s; longest wait for the first listener
-SETTLING_TIME = 1.0  # s without a new listener: those of one node are not matched all at once
+SETTLING_TIME = 1.0  # s without a new listener: the subscriptions of one node are not matched all at once
 STAYING_TIME = 4.0  # s without a new listener before the player leaves: DDS repeats a lost announcement after 3 s
 DELIVERY_TIMEOUT = 10.0  # s
 SLOWEST, FASTEST = 1e-3, 1e6
@@ -39,7 +39,7 @@ PLAYED = {
     "amb_msgs/msg/ExcitationStatus": _Played(ExcitationStatus, LATCHED),
     "amb_msgs/msg/SimulatorState": _Played(SimulatorState, LATCHED),
 }
-"""What is played. Regions, maps and models are not: those who listen make them anew."""
+"""Topics that are played. Regions, maps and models are not: the listening nodes compute them again."""
 
 
 class BagPlayer:
@@ -48,7 +48,7 @@ class BagPlayer:
     Parameters
     ----------
     node : Node
-        Publishes; it need not be spun.
+        Node that publishes; it need not be spun.
     path : str or Path
         The bag.
 
@@ -83,10 +83,10 @@ class BagPlayer:
             self._publishers[topic] = node.create_publisher(played.type, topic, played.qos)
 
     def play(self, rate: float = 1.0, progress: Callable[[int], None] | None = None) -> None:
-        """Publish all messages, once somebody listens to them, and wait until they have arrived.
+        """Wait for listeners, publish all messages, and wait until they have arrived.
 
-        Without a listener they are published all the same, with a warning. Listeners that are found late get what they
-        missed: the player stays until no new one has come for some seconds.
+        Without a listener they are published anyway, with a warning. Listeners that are discovered late receive what
+        they missed: the player stays until no new one has appeared for some seconds.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class BagPlayer:
                 raise BagError(f"bag {self._path}: a listener to {topic} has not received everything; play it slower")
 
     def _wait_for_listeners(self) -> None:
-        """Wait until a node listens and no further listener turns up, or until it is clear that nobody does."""
+        """Wait until a node listens and no further listener appears, or until the timeout without any."""
         start = self._last_new = time.monotonic()
         while not self._settled_for(SETTLING_TIME):
             if not self._listeners and time.monotonic() - start >= DISCOVERY_TIMEOUT:
@@ -135,14 +135,14 @@ class BagPlayer:
             time.sleep(0.01)
 
     def _settled_for(self, duration: float) -> bool:
-        """Whether there are listeners, and none of them is younger than this (s)."""
+        """Whether there are listeners, and none has appeared within this time (s)."""
         listeners = sum(publisher.get_subscription_count() for publisher in self._publishers.values())
         if listeners != self._listeners:
             self._listeners, self._last_new = listeners, time.monotonic()
         return listeners > 0 and time.monotonic() - self._last_new >= duration
 
     def _check_layout(self, message_type: str) -> None:
-        """Refuse bytes that today's listeners would misread."""
+        """Refuse messages that the listeners would misread because their fields have changed."""
         if message_type not in self._storage.definitions:
             raise BagError(f"bag {self._path}: lacks the definition of {message_type}; record with Iron or later")
         recorded = self._storage.definitions[message_type]

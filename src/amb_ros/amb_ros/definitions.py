@@ -41,7 +41,7 @@ def _text(name: str) -> str:
 
 
 def _included(name: str, text: str) -> list[str]:
-    """Types of the fields of a message that are messages themselves, as `package/Name`."""
+    """Message types among the fields of a message, as `package/Name`."""
     package, message = name.split("/")
     ((_, fields),) = get_types_from_msg(text, f"{package}/msg/{message}").values()
     types = [_element(description) for _, description in fields]
@@ -49,6 +49,6 @@ def _included(name: str, text: str) -> list[str]:
 
 
 def _element(description: Any) -> Any:
-    """A type as rosbags describes it, kind and detail; of an array that of its elements."""
+    """A type as rosbags describes it, kind and detail; for an array the type of its elements."""
     kind, detail = description
     return _element(detail[0]) if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, detail)

@@ -1,4 +1,4 @@
-"""Periodic state of health of a node on /diagnostics, and whether others publish what only one node may."""
+"""Periodic health report of a node on /diagnostics, including topics with more publishers than allowed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class DiagnosticsReporter:
     period : float, optional
         Wall-clock time between two reports (s).
     exclusive : sequence of str, optional
-        Topics that only one node may publish. Where two do, the report is an ERROR that names them.
+        Topics that only one node may publish. If two nodes do, the report is an ERROR that names them.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class DiagnosticsReporter:
         self._publisher.publish(array)
 
     def conflicts(self) -> list[str]:
-        """Which of the exclusive topics are published by more than one node, one text each."""
+        """The exclusive topics that more than one node publishes, one text each."""
         texts = []
         for topic in self._exclusive:
             ends = self._node.get_publishers_info_by_topic(topic)
@@ -77,7 +77,7 @@ class DiagnosticsReporter:
             twice = {name for name in names if self._namesakes.lives_twice(name.lstrip("/"))}
             publishers = sorted([*names, *twice])
             if len(publishers) > 1:
-                texts.append(f"{len(publishers)} nodes publish {topic}: {', '.join(publishers)}; end all but one")
+                texts.append(f"{len(publishers)} nodes publish {topic}: {', '.join(publishers)}; stop all but one")
         return texts
 
     def _on_report(self, array: DiagnosticArray) -> None:

@@ -1,4 +1,4 @@
-"""Ctrl-C and the other signals that end a program, held back while it does what must not be broken off."""
+"""Ctrl-C and the other signals that end a program, delayed during work that must not be interrupted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextlib.contextmanager
 def held_back() -> Iterator[list[int]]:
-    """Hold SIGINT, SIGTERM and SIGHUP back until the end of a block; the first that came is raised again there.
+    """Delay SIGINT, SIGTERM and SIGHUP until the end of a block. The first one received is raised again there.
 
     The handler of a signal may raise an exception, such as KeyboardInterrupt, wherever the main thread is. In the
     destructors that rclpy's EventsExecutor runs, an exception aborts the whole process.
@@ -20,14 +20,14 @@ def held_back() -> Iterator[list[int]]:
     Yields
     ------
     list of int
-        The signals that came so far. A block that clears it has answered them itself.
+        The signals received so far. A block that handles them itself clears the list.
     """
     came: list[int] = []
     handlers = {}
     if threading.current_thread() is threading.main_thread():  # no other thread is interrupted
         handlers = {number: signal.getsignal(number) for number in SIGNALS}
     for number, handler in handlers.items():
-        if handler is not None:  # None: not a handler of Python, which could not be put back
+        if handler is not None:  # None: not a handler of Python, so it could not be restored
             signal.signal(number, lambda received, _frame: came.append(received))
     try:
         yield came

@@ -1,9 +1,9 @@
-"""How a process leaves the graph: nothing of its nodes stays behind, and it does not hang.
+"""Lets a process leave the graph cleanly: it leaves nothing of its nodes behind, and does not hang.
 
-Fast DDS 2.14 can spin for ever while a participant is destroyed: `DomainParticipant::set_listener` waits for a callback
-of discovery that is under way, and in doing so takes the mutex again at once which the callback is waiting for. It is
-met where the nodes of a graph end together, since each then hears of the end of the others. On one core the thread that
-waits for the mutex runs as soon as it is released; on several it comes too late every time.
+Fast DDS 2.14 can loop for ever while a participant is destroyed. `DomainParticipant::set_listener` waits for a running
+discovery callback, and repeatedly takes the mutex for which that callback waits. This occurs when the nodes of a graph
+end together, since each node then receives discovery events about the others. On a single core the waiting thread runs
+as soon as the mutex is released; on several cores it is too late every time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def leave_graph(context: Context, executor: Executor, nodes: Sequence[Node]) -> 
     """Shut a context down and destroy its nodes; it must be called in the thread that spins them."""
     with _all_threads_on_one_core():
         context.try_shutdown()  # first: workers of the nodes then see that nobody waits for them any more
-        executor.shutdown()  # lets go of the nodes, or one with an open request would stay as long as the process
+        executor.shutdown()  # releases the nodes: one with an open request would live as long as the process
         for node in reversed(nodes):
             node.destroy_node()
 

@@ -1,24 +1,24 @@
-"""Nodes of one name that live at the same time, distinguished by what each reports about itself."""
+"""Detects nodes of the same name that run at the same time, from what each reports about itself."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-KEPT_INSTANCES = 4  # of a name
-KEPT_NAMES = 1000  # of nodes, whoever reports
+KEPT_INSTANCES = 4  # per name
+KEPT_NAMES = 1000  # of all nodes that report
 
 
 class Namesakes:
-    """Notices when two instances of a node report in turn.
+    """Detects that two instances of a node report alternately.
 
-    The graph alone does not show it: a node that was killed stays there for some 20 s beside the one that was started
-    in its place. Reports do: of two that live, the first reports again after the second.
+    The graph alone does not show it: a killed node stays in the graph for about 20 s beside its replacement. Reports
+    show it: if both instances run, the first one reports again after the second.
 
     Parameters
     ----------
     patience : float
-        Time without such a report after which only one instance is taken to live (s).
+        Time without such a report after which only one instance is assumed to run (s).
     clock : callable, optional
         Steady time (s).
     """
@@ -43,5 +43,5 @@ class Namesakes:
             self._instances.pop(next(iter(self._instances)))
 
     def lives_twice(self, name: str) -> bool:
-        """Whether two instances of a node of this name live."""
+        """Whether two instances of a node of this name run."""
         return name in self._alternated and self._clock() - self._alternated[name] < self._patience

@@ -1,7 +1,7 @@
-"""The services that set parameters, made to answer every request: wrong values are refused in one line of ours.
+"""Services that set parameters and answer every request: a wrong value is refused with a message of one line.
 
-rclpy's own do not convert (an integer for a number with decimals is refused), do not say what is allowed when the type
-is wrong, and end the node when a value has a type that does not exist.
+Those of rclpy do not convert (an integer for a float is refused), do not report the allowed values if the type is
+wrong, and end the node if a value has a type that does not exist.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from amb_core.recording.messages.parameters import parameters_from_messages
 
 
 def guard_parameter_services(node: Node, declared: Iterable[Declaration]) -> None:
-    """Let the services of a node that set parameters take values as the start does, and refuse all others.
+    """Let the parameter services of a node accept the same values as at start-up, and refuse all others.
 
     Parameters
     ----------
     node : Node
-        The node, whose parameter services rclpy has made.
+        The node, with the parameter services of rclpy.
     declared : iterable of Declaration
         Its parameters.
     """
@@ -70,7 +70,7 @@ def _parameter(node: Node, message: ParameterMessage, declared: Mapping[str, Dec
     if message.name not in declared or node.describe_parameter(message.name).read_only:
         if value is None:
             raise ParameterError(f"parameter '{message.name}' is given without a value")
-        return Parameter.from_parameter_msg(message)  # rclpy knows what to say
+        return Parameter.from_parameter_msg(message)  # rclpy has the message
     declaration = declared[message.name]
     if declaration.type is float and type(value) is int:
         value = float(value)

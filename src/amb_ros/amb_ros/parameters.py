@@ -20,8 +20,8 @@ P = TypeVar("P", bound=Parameters)
 def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | None = None) -> P:
     """Declare all parameters of a set on a node and return the set with the values the node was started with.
 
-    The node must be made with `automatically_declare_parameters_from_overrides=True`: only so an unknown name in a
-    parameter file or on the command line is seen at all.
+    The node must be made with `automatically_declare_parameters_from_overrides=True`. Otherwise an unknown name in a
+    parameter file or on the command line would go unnoticed.
 
     Parameters
     ----------
@@ -63,10 +63,10 @@ def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | No
 
 
 def replace(node: Node, values: Parameters) -> None:
-    """Give the parameters that `declare` made the values of another set of the same class, read-only ones too.
+    """Give the parameters that `declare` made the values of another set of the same class, including read-only ones.
 
-    For the node itself, where it takes all its parameters anew; from outside they stay read-only. One parameter event
-    tells all changes.
+    For the node itself, when it loads all its parameters again; from outside they stay read-only. One parameter event
+    reports all changes.
 
     Raises
     ------

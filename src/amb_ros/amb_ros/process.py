@@ -1,4 +1,4 @@
-"""The life of a node process: start, spin, end cleanly on SIGINT and SIGTERM."""
+"""Life cycle of a node process: start, spin, end cleanly on SIGINT and SIGTERM."""
 
 from __future__ import annotations
 
@@ -32,25 +32,25 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
     A node that refuses its parameters raises an `AmbError`: its text goes to stderr as one line, and the code is 1.
     SIGUSR1 writes the stacks of all threads to stderr, for a process that hangs.
     """
-    threadpool_limits(1)  # small matrices: more BLAS threads only take the cores from the other nodes
+    threadpool_limits(1)  # small matrices: more BLAS threads would only take cores from the other nodes
     faulthandler.register(signal.SIGUSR1, all_threads=True)
     end = _End()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: end.ask_for())
     middleware.configure()
-    # rclpy would shut the context down from a thread of its own. While a node is being made that can fail, without a
-    # word, and rclpy then knows nothing any more to shut down: no signal would end the process.
+    # rclpy would shut the context down in its own thread. While a node is being made that can fail without a message,
+    # and rclpy then has nothing left to shut down: no signal would end the process.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     code = _run(factories, end)
-    # Now: Python would wait for threads that still compute, whose results nobody wants any more, and then the
-    # destructors of libraries run while threads of other libraries still do, which hung under load.
+    # Exit at once. Python would wait for threads whose results are no longer needed. Then destructors of libraries
+    # would run while threads of other libraries are still running, which hung under load.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
 
 
 class _End:
-    """The end of the process, for which signals ask; a KeyboardInterrupt would break off a callback anywhere."""
+    """The end of the process, requested by signals. A KeyboardInterrupt could interrupt a callback anywhere."""
 
     def __init__(self) -> None:
         self._asked_for = False
@@ -61,7 +61,7 @@ class _End:
         return self._asked_for or not rclpy.ok()
 
     def ask_for(self) -> None:
-        """Let `wait` return, also amid events that never cease."""
+        """Let `wait` return, also during a continuous stream of events."""
         if not self._asked_for:
             self._asked_for = True
             if self.executor is not None:
@@ -70,8 +70,8 @@ class _End:
     def wait(self) -> None:
         """Spin until the end.
 
-        EventsExecutor hangs in `spin` and in waits without a time-out. Waiting for a future keeps the loop over the
-        events inside the executor, which is faster than one `spin_once` an event. The time-out lets Python see signals.
+        EventsExecutor hangs in `spin` and in waits without a time-out. Waiting for a future keeps the event loop inside
+        the executor, which is faster than one `spin_once` per event. The time-out lets Python handle signals.
         """
         while not self:
             assert self.executor is not None
@@ -87,7 +87,7 @@ def _run(factories: Sequence[Callable[[], Node]], end: _End) -> int:
                 return 0
             nodes.append(factory())
             executor.add_node(nodes[-1])
-        gc.freeze()  # what was made so far stays: the collector need not walk it in the middle of the loop
+        gc.freeze()  # present objects stay: the collector need not traverse them while the loop runs
         end.wait()
     except AmbError as problem:
         print(f"[amb] {problem}", file=sys.stderr)

@@ -7,7 +7,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 STREAM = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
-    depth=2000,  # a full queue drops without a word, so leave room for a listener that stalls for a moment
+    depth=2000,  # a full queue drops messages silently, so leave room for a listener that stalls for a moment
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
@@ -19,7 +19,7 @@ HISTORY = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Telemetry and states of the plant: who joins late gets the last 2000 too, so that no listener misses a beginning."""
+"""Telemetry and states of the plant: late joiners get the last 2000 messages too, so no listener misses a beginning."""
 
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -35,18 +35,18 @@ EVERY_STATE = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""For listeners to latched topics who must not miss one of several states that come in a burst."""
+"""For listeners to latched topics that must not miss one of several states in a burst."""
 
 
 def offered_profile(profile: QoSProfile, declared: QoSProfile) -> dict[str, Any]:
-    """What a publisher offers in the words of rosbag2's metadata.
+    """Quality of service of a publisher, in the format of rosbag2's metadata.
 
     Parameters
     ----------
     profile : QoSProfile
-        As discovered; discovery does not tell history and depth.
+        As discovered; discovery does not report history and depth.
     declared : QoSProfile
-        Where history and depth come from.
+        Source of history and depth.
     """
     return {
         "history": declared.history.name.lower(),
@@ -62,6 +62,6 @@ def offered_profile(profile: QoSProfile, declared: QoSProfile) -> dict[str, Any]
 
 
 def _time(duration: Duration) -> dict[str, int]:
-    """As seconds and nanoseconds; what is not limited has rosbag2's largest time."""
+    """As seconds and nanoseconds; an unlimited time is rosbag2's largest time."""
     seconds, nanoseconds = divmod(duration.nanoseconds or 2**63 - 1, 1_000_000_000)
     return {"sec": seconds, "nsec": nanoseconds}

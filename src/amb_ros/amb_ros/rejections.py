@@ -1,7 +1,7 @@
-"""Why an action rejected a goal: ROS carries no text with a rejection, so the reason goes on a topic of its own.
+"""Why an action rejected a goal: a rejection in ROS has no text, so the reason is published on a separate topic.
 
-The topic is latched and stands beside the action, `<action>/rejection`. A goal is named by a digest of its content,
-since the reason is one of the content: the server does not learn the goal's identifier before it accepts.
+The topic is latched and belongs to the action: `<action>/rejection`. A digest of its content identifies a goal, since
+the server does not know the goal's identifier before it accepts.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ class RejectionPublisher:
 
 
 class RejectionListener:
-    """Knows why goals of an action were rejected, as far as it has heard."""
+    """Collects the reasons why goals of an action were rejected."""
 
     def __init__(self, node: Node, action: str) -> None:
         self._reasons: dict[str, str] = {}
         node.create_subscription(KeyValue, f"{action}/rejection", self._on_rejection, EVERY_STATE)
 
     def reason(self, goal: Any) -> str | None:
-        """Why this goal, or one of the same content, was rejected last; None if that is not known (yet)."""
+        """Why this goal, or one with the same content, was last rejected; None if that is not known (yet)."""
         return self._reasons.get(goal_digest(goal))
 
     def forget(self, goal: Any) -> None:
@@ -52,7 +52,7 @@ class RejectionListener:
 def goal_digest(goal: Any) -> str:
     """SHA-256 of the values of a goal as they arrive.
 
-    Not of its bytes: those between two fields, which only align them, are left as they were in memory.
+    Not of its bytes: padding bytes between two fields have arbitrary values.
     """
     arrived = deserialize_message(serialize_message(goal), type(goal))
     return hashlib.sha256(repr(arrived).encode("utf-8", "surrogatepass")).hexdigest()

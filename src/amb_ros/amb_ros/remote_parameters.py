@@ -26,7 +26,7 @@ class RemoteParameters:
         self._clients: dict[str, tuple[Client, Client]] = {}
 
     def nodes(self) -> list[str]:
-        """Full names of the nodes in this node's namespace that tell their parameters, itself included."""
+        """Full names of the nodes in this node's namespace that report their parameters, itself included."""
         namespace = self._node.get_namespace()
         found = {name for name, space in self._node.get_node_names_and_namespaces() if space == namespace}
         prefix = namespace.rstrip("/")
@@ -82,7 +82,7 @@ class RemoteParameters:
         return part_of(model, self.read(remote, timeout))
 
     def _wait_for(self, remote: str, timeout: float) -> None:
-        """Wait until a node is in the graph: a client for each name that is none would stay for good."""
+        """Wait until a node is in the graph: a client for a node that does not exist would never be removed."""
         deadline = time.monotonic() + timeout
         while remote not in {
             f"{space.rstrip('/')}/{name}" for name, space in self._node.get_node_names_and_namespaces()

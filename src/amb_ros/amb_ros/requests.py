@@ -1,4 +1,4 @@
-"""Requests to services, polled for their answer; those that may be asked twice are asked again while none comes."""
+"""Requests to services, polled for their answer. Requests that may be repeated are sent again until the answer."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import Any
 from rclpy.client import Client
 from rclpy.task import Future
 
-POLL_PERIOD = 0.005  # s; `Client.wait_for_service` looks only four times a second
-REPEAT_PERIOD = 0.5  # s; answers of nodes of others may get lost, see `middleware`
+POLL_PERIOD = 0.005  # s; `Client.wait_for_service` checks only four times a second
+REPEAT_PERIOD = 0.5  # s; answers of other users' nodes may get lost, see `middleware`
 
 
 class PendingRequest:
-    """A request that goes out as soon as its service is there.
+    """A request that is sent as soon as its service is available.
 
     Parameters
     ----------
     client : Client
         Client of the service.
     request : request of the service
-        What is asked.
+        The request.
     repeated : bool
-        Whether it may be asked again, as it changes nothing or the same again.
+        Whether it may be sent again, because it is idempotent.
     """
 
     def __init__(self, client: Client, request: Any, repeated: bool) -> None:
@@ -34,7 +34,7 @@ class PendingRequest:
         self._futures: list[Future] = []
 
     def answer(self) -> Any:
-        """The response, None as long as there is none; asks when it is time to."""
+        """The response, None as long as there is none; sends the request when it is due."""
         for future in self._futures:
             if future.done():
                 return future.result()
@@ -45,15 +45,15 @@ class PendingRequest:
         return None
 
     def forget(self) -> None:
-        """Expect no answer any more."""
+        """Stop waiting for the answer."""
         for future in self._futures:
             self._client.remove_pending_request(future)
 
 
 def ask(client: Client, request: Any, timeout: float) -> Any:
-    """Ask a service from another thread than the one that spins its node; None if no answer comes in time (s).
+    """Call a service from another thread than the one that spins its node; None if no answer arrives in time (s).
 
-    The request may go out more than once.
+    The request may be sent more than once.
     """
     deadline = time.monotonic() + timeout
     pending = PendingRequest(client, request, repeated=True)

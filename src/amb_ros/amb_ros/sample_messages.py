@@ -1,8 +1,8 @@
 """The two per-sample messages as serialized bytes, which halves the cost of a step against message objects.
 
-rclpy converts every field of a message object by name, twice per message. The loop sends two messages a step and knows
-their layout, so it packs and unpacks their CDR itself: little endian, a 4-byte header, members aligned to their size.
-The tests hold this layout against rclpy's own serialization.
+rclpy converts every field of a message object by name, twice per message. The loop sends two messages per step and
+knows their layout, so it packs and unpacks their CDR itself: little endian, a 4-byte header, members aligned to their
+size. The tests compare this layout with rclpy's own serialization.
 """
 
 from __future__ import annotations

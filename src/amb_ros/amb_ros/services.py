@@ -1,4 +1,4 @@
-"""Services that always answer: an error becomes `success=false`, and long work leaves the node's topics running."""
+"""Services that always answer: an error becomes `success=false`, and long work does not block the node's topics."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def create_service(
             return callback(request, response)
         except AmbError as problem:
             response.message = one_line(problem)
-        except Exception as problem:  # whatever happens, the caller gets an answer and the node lives
+        except Exception as problem:  # in every case the caller gets an answer and the node keeps running
             node.get_logger().error(traceback.format_exc())
             response.message = f"internal error in {node.get_fully_qualified_name()}: {problem!r}; see its log"
         response.success = False
@@ -53,7 +53,7 @@ def create_service(
         return node.create_service(service_type, name, answer)
 
     # EventsExecutor of Jazzy neither runs coroutines as service callbacks nor has a second thread. So the callback only
-    # hands over the request, and the executor's `send_response` leaves the sending to the worker.
+    # passes the request on, and the executor's `send_response` leaves the sending to the worker.
     def hand_over(request: Any, response: Any) -> Any:
         return request, response
 

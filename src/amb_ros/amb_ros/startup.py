@@ -1,7 +1,7 @@
-"""Starts the node of an executable such that an interruption of its start is silent.
+"""Starts the node of an executable; an interruption of its start is silent.
 
-The imports of a node take a second or more. An executable therefore enters here, through a module that imports nothing
-else, and the signals that end a node are handled before its own module is imported. `run_nodes` takes them over.
+The imports of a node take a second or more. Therefore an executable starts here, through a module that imports nothing
+else. The signals that end a node are handled before the node's own module is imported. Later `run_nodes` handles them.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Subscriptions that get the history of a topic, and hear publishers that keep none as well.
+"""Subscriptions that get the history of a topic, and also receive from publishers without history.
 
-A subscription that asks for history (transient local) does not match a publisher without one, such as those that most
-users write. Here a second subscription without history is opened once such a publisher appears.
+A subscription that requests history (transient local) does not match a publisher without history, such as those that
+most users write. Here a second subscription without history is opened once such a publisher appears.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def create_subscription(
 ) -> Subscription:
     """Subscribe to a topic whose publishers should keep history but need not.
 
-    What is published while the second subscription is being opened is lost, as with any publisher without history
+    Messages published while the second subscription is being opened are lost, as with any publisher without history
     that does not wait for its listeners.
 
     Parameters
@@ -67,7 +67,7 @@ def create_subscription(
 
 
 class _Once:
-    """A callback for two subscriptions to one topic that hands each message on once."""
+    """A callback for two subscriptions to one topic that passes each message on once."""
 
     # So that rclpy passes the message's info too, see `__call__`.
     __signature__ = inspect.Signature(

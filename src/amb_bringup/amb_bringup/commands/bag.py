@@ -1,4 +1,4 @@
-"""`amb bag info`, `amb bag play`: what a bag holds, and its loop once more on the topics."""
+"""`amb bag info`, `amb bag play`: show the content of a bag, and publish it again on the topics."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def bag() -> None:
 
 @app.command()
 def info(bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")]) -> None:
-    """Show topics, runs, excitations and the model of a bag, also of one that was cut off."""
+    """Show topics, runs, excitations and the model of a bag, even if the bag is incomplete."""
     recording = Recording.read(bag)
     console = Console()
     console.print(f"[bold]{recording.path}[/bold]: {recording.messages} messages in {recording.duration:.1f} s")
@@ -50,11 +50,11 @@ def play(
     bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
     rate: Annotated[float, typer.Option(help="How many times faster than recorded.")] = 1.0,
 ) -> None:
-    """Publish telemetry, excitations and states of a bag again, for region_monitor, identifier and listeners of yours.
+    """Publish telemetry, excitations and states of a bag again, for region_monitor, identifier and your own nodes.
 
-    Not into a graph with a simulator: both would publish on the same topics.
+    Do not play a bag into a graph with a simulator: both would publish on the same topics.
     """
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C is for Python, not for the context
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Python handles Ctrl-C, not the context
     try:
         node = Node("bag_player", start_parameter_services=False)
         player = BagPlayer(node, bag)

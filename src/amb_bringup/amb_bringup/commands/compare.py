@@ -1,4 +1,4 @@
-"""`amb compare`: several models side by side, judged by one recorded run."""
+"""`amb compare`: several models side by side, validated on one recorded run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,11 @@ from amb_core.identification import StateSpaceModel, Validation, validate
 def compare(
     models: Annotated[list[Path], typer.Argument(help="Models, as amb identify writes them.")],
     bag: Annotated[
-        Path, typer.Argument(help="Bag of other data than the models', or a .csv, .npz or .mat file of write_data.")
+        Path,
+        typer.Argument(
+            help="Bag, ideally with data that the models were not identified from, or a .csv, .npz or .mat file of "
+            "write_data."
+        ),
     ],
     run: RunOption = None,
     first_step: FirstStepOption = -1,
@@ -40,7 +44,7 @@ def compare(
     figures: FiguresOption = None,
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
-    """Put models side by side, judged by the same data, the best closed loop first."""
+    """Compare models on the same data, the best closed loop first."""
     console = Console()
     if out is not None:
         figures, results = figures or out, results or out / "summary.json"
@@ -66,18 +70,18 @@ def compare(
 
 
 def _judged(models: list[Path], loop: RecordedLoop) -> tuple[dict[str, Validation], dict[str, str]]:
-    """Validations by name, the best first, and why a model has none."""
+    """Validations by name, the best first, and the reason for each model without one."""
     found, refused = {}, {}
     for name, path in zip(_names(models), models, strict=True):
         try:
             found[name] = validate(StateSpaceModel.load(path), loop.data, loop.controller, plant=loop.plant)
-        except IdentificationError as problem:  # the others can still be judged
+        except IdentificationError as problem:  # the others can still be validated
             refused[name] = str(problem)
     return dict(sorted(found.items(), key=lambda item: _quality(item[1]), reverse=True)), refused
 
 
 def _names(models: list[Path]) -> list[str]:
-    """The name of each file, with as many of its folders as tell them apart."""
+    """The name of each file, with as many of its folders as needed to distinguish them."""
     for depth in range(1, max(len(path.parts) for path in models) + 1):
         names = [str(Path(*path.parts[-depth:]).with_suffix("")) for path in models]
         if len(set(names)) == len(names):

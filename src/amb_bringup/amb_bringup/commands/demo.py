@@ -25,10 +25,10 @@ def demo(
 ) -> None:
     """Levitate the bearing over ROS 2 topics, shake it with square waves, record, identify, validate.
 
-    What an earlier demo left in the folder is replaced. The graph gets a DDS domain of its own, or ROS_DOMAIN_ID.
+    Results of an earlier demo in the folder are replaced. The graph runs in its own DDS domain, or in ROS_DOMAIN_ID.
     """
     console = Console()
-    check_parameter_file(parameter_file(params))  # a wrong file must not cost the results of an earlier demo
+    check_parameter_file(parameter_file(params))  # a wrong file must not delete the results of an earlier demo
     make_folder(out)
     _clear(out)
     with Stages(console) as stages:
@@ -38,7 +38,7 @@ def demo(
 
 
 def _clear(folder: Path) -> None:
-    """Remove what a demo leaves, and nothing else."""
+    """Remove the results of a demo, and nothing else."""
     shutil.rmtree(folder / "bag", ignore_errors=True)
     for name in ("model.json", "orbit.png", "orbit.html", "response.png", "response.html", "summary.json"):
         (folder / name).unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""`amb excitation check` and `design`: in which regions an excitation would run, and which is the largest in A."""
+"""`amb excitation check` and `design`: the regions in which an excitation would run, and the largest one in A."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ app = typer.Typer(help="Check or design an excitation on a region map.", no_args
 
 DESIGNED = ("square", "multisine", "prbs")
 DURATION = {"duration": 4.0}  # s
-NOTES = {"phasing": "by default optimised", "interleaved": "by default so with axes both"}
+NOTES = {"phasing": "by default optimised", "interleaved": "by default true with axes both"}
 
 MapFile = Annotated[Path, typer.Option("--map", help="Region map, as `amb map` writes it.")]
 LoopParams = Annotated[
@@ -64,7 +64,7 @@ def check(
     params: LoopParams = None,
     out: Out = Path("results/excitation/check"),
 ) -> None:
-    """Superimpose an excitation on a region map: which share of its power lies in A, B, C and D, and what to do."""
+    """Compare an excitation with a region map: the shares of its power in A, B, C and D, and what to do."""
     region_map, loop = _load(map_file, params)
     signal = generate(excitation_from_request(kind, given), loop[0].sample_rate)
     found = check_excitation(signal, region_map, *loop[:2])
@@ -133,7 +133,7 @@ def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:
 def _exists(path: Path) -> bool:
     try:
         return path.exists()
-    except OSError:  # what is wrong with the path the reader of the file says
+    except OSError:  # the reader of the file reports what is wrong with the path
         return True
 
 
@@ -153,7 +153,7 @@ def _check_table(found: ExcitationCheck) -> Table:
         table.add_row(f"share of the power in {region.name}", *(f"{100 * axis.shares[region]:.1f} %" for axis in axes))
     for region in (Region.B, Region.C, Region.D):
         table.add_row(f"load towards {region.name}", *(f"{axis.load.towards[region]:.2f}" for axis in axes), "1")
-    table.add_row("load, the unknown counted in full", *(f"{axis.load.linear:.2f}" for axis in axes), "1")
+    table.add_row("load, unknown parts counted fully", *(f"{axis.load.linear:.2f}" for axis in axes), "1")
     table.add_row("rms, peak (um)", *(f"{UM * axis.rms:.2f}, {UM * axis.peak:.2f}" for axis in axes))
     table.add_row("crest factor", *(f"{axis.crest_factor:.2f}" for axis in axes))
     table.add_row(
@@ -172,7 +172,7 @@ def _check_table(found: ExcitationCheck) -> Table:
 
 def _trial_line(trial: Trial) -> str:
     x, y = UM * trial.bias_shift
-    begins = "".join(f", {region.name} from {onset.time:.2f} s on" for region, onset in trial.onsets.items())
+    begins = "".join(f", {region.name} from {onset.time:.2f} s onwards" for region, onset in trial.onsets.items())
     colour = "green" if trial.region == 0 else "yellow"
     return f"[{colour}]simulation: region {trial.region.name}[/{colour}] (bias moved by {x:.2f} and {y:.2f} um{begins})"
 

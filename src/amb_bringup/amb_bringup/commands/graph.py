@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from amb_bringup.readiness import Readiness
 
 READY_WITHIN = 60.0
-"""Wall-clock time after which what is missing is reported (s); on a slow machine the nodes take some ten seconds."""
+"""Wall-clock time after which missing parts are reported (s); on a slow machine the nodes take about ten seconds."""
 
 
 def up(
@@ -29,10 +29,10 @@ def up(
         bool, typer.Option("--keep-going", help="Leave the other nodes running when one has ended.")
     ] = False,
 ) -> None:
-    """Start all nodes and show what they say, until Ctrl-C.
+    """Start all nodes and show their output, until Ctrl-C.
 
-    Reports when the graph is ready, and what to call then. Exit code 0 after Ctrl-C if every node ends as it should;
-    when a node ends on its own, the others are stopped and the exit code is 1.
+    Reports when the graph is ready, and what to call then. Exit code 0 after Ctrl-C if every node ends correctly. If a
+    node ends on its own, the others are stopped and the exit code is 1.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)
@@ -45,7 +45,7 @@ def up(
     except KeyboardInterrupt:
         typer.echo("amb: stopped", err=True)
     codes = graph.ended() if graph is not None else {}
-    ended = (0, -signal.SIGTERM)  # the latter before it had begun to handle signals
+    ended = (0, -signal.SIGTERM)  # the latter if the node did not handle signals yet
     unclean = {name: code for name, code in codes.items() if name not in reported and code not in ended}
     for name, code in unclean.items():
         _report_end(name, code, " when asked to stop")
@@ -54,7 +54,7 @@ def up(
 
 
 def _graph(composed: bool, params: Path | None) -> Graph:
-    """The graph to start, after a look whether its nodes will take the parameters."""
+    """The graph to start, after a check that its nodes will accept the parameters."""
     from amb_bringup.launcher import Graph, launch_file
 
     def show(name: str, text: str) -> None:
@@ -64,7 +64,7 @@ def _graph(composed: bool, params: Path | None) -> Graph:
     if params is not None:
         from amb_bringup.node_parameters import check_parameter_file
 
-        check_parameter_file(params)  # here it is one line; from the nodes it would be six, and from rcl a traceback
+        check_parameter_file(params)  # one line here; six from the nodes, and a traceback from rcl
         arguments["params"] = str(params.absolute())
     return Graph.from_launch_file(launch_file("composed" if composed else "bearing"), arguments, output=show)
 
@@ -97,7 +97,7 @@ def _watch(graph: Graph, reported: dict[str, int], keep_going: bool) -> None:
 
 
 def _readiness() -> Readiness:
-    from amb_bringup.readiness import Readiness  # takes seconds to import, in which the nodes start
+    from amb_bringup.readiness import Readiness  # takes seconds to import while the nodes start
 
     return Readiness()
 
@@ -113,7 +113,7 @@ def run(
     package: Annotated[str, typer.Argument(help="Name of a package, such as amb_sim_node.")],
     executable: Annotated[str, typer.Argument(help="One of its executables, such as simulator.")],
 ) -> None:
-    """Run one executable of a package, as `ros2 run` does; what follows is passed on (--ros-args ...)."""
+    """Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...)."""
     import os
 
     from amb_bringup.packages import find_executable

@@ -1,4 +1,4 @@
-"""`amb identify`: from bags or files of data to a model, without a running graph."""
+"""`amb identify`: identifies a model from bags or data files, without a running graph."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def identify(
 ) -> None:
     """Identify the plant from the last experiment of each bag, and check the model in closed loop on the same data.
 
-    Several bags give one model of all their experiments, each with an initial state of its own.
+    Several bags give one model of all their experiments, each with its own initial state.
     """
     console = Console()
     wanted, tried = model_order(order), _orders(orders)
@@ -104,7 +104,7 @@ def _orders(text: str) -> list[int] | None:
 def _load(
     console: Console, paths: list[Path], first_step: int, steps: int, controller: str
 ) -> tuple[IdentificationData, ControllerParameters | None]:
-    """The experiments of all bags, and their controller; None for data of something else than the bearing's loop."""
+    """The experiments of all bags, and their controller; None if the data are not from the bearing's loop."""
     loops = [load_recorded(console, path, None, first_step, steps, controller) for path in paths]
     for path, loop in zip(paths, loops, strict=True):
         if loop.controller is None and needs_controller(loop.data):
@@ -127,7 +127,7 @@ def _cost(now: IdentificationProgress) -> str:
 
 
 def summary_of(result: Identification) -> dict[str, Any]:
-    """What was found as plain JSON values in SI units; numbers that do not exist are None."""
+    """The result as plain JSON values in SI units; numbers that do not exist are None."""
     model, selection, uncertainty = result.model, result.order_selection, result.uncertainty
     deviations = None if uncertainty is None else uncertainty.pole_deviations()
     rms = np.sqrt(np.diag(model.innovation_covariance))
@@ -208,7 +208,9 @@ def _table(result: Identification) -> Table:
         table.add_row(f"prediction error {name}", f"{value} rms")
     table.add_row("poles z", "\n".join(_poles(result)))
     if result.uncertainty is not None and not result.uncertainty.white:
-        table.add_row("innovations", "not white; ± allows for that, but not for what a linear model of the order lacks")
+        table.add_row(
+            "innovations", "not white; ± allows for that, but not for effects beyond a linear model of the order"
+        )
     rates = ", ".join(f"{_number(np.log(pole) / model.sample_time, 5)} 1/s" for pole in unstable)
     table.add_row("unstable poles", f"{len(unstable)}" + (f": {rates}" if rates else ""))
     if result.closed_loop_poles is not None:
@@ -217,7 +219,7 @@ def _table(result: Identification) -> Table:
 
 
 def _poles(result: Identification) -> list[str]:
-    """Poles with their standard deviations (the larger of real and imaginary part), where these are known."""
+    """Poles with their standard deviations (the larger of real and imaginary part), where available."""
     poles = [_number(pole) for pole in result.model.poles()]
     if result.uncertainty is None:
         return poles
@@ -226,12 +228,12 @@ def _poles(result: Identification) -> list[str]:
 
 
 def _number(value: complex, digits: int = 7) -> str:
-    """A pole as text, without an imaginary part where there is none."""
+    """A pole as text, without an imaginary part if it is real."""
     return f"{value.real:.{digits}g}" if value.imag == 0 else f"{value.real:.{digits}g} {value.imag:+.{digits}g}j"
 
 
 def _save_figures(folder: Path, result: Identification) -> list[str]:
-    """Write the figures there are something to show for; their names."""
+    """Write the figures for which there are data. Returns their names."""
     names = []
     known = [index for index, item in enumerate(result.data.experiments) if item.reference is not None]
     for index in known if result.closed_loop_poles is not None else ():

@@ -1,4 +1,4 @@
-"""What commands are given: parameter files and values."""
+"""Inputs of commands: parameter files and values."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ P = TypeVar("P", bound="Parameters")
 
 
 def parameter_file(params: Path | None) -> Path:
-    """The parameter file asked for, or that of the paper's bearing."""
+    """The requested parameter file, or that of the paper's bearing."""
     return params or share_folder("amb_bringup") / "config" / "paper.yaml"
 
 
 def load_loop(params: Path | None) -> tuple[PlantParameters, ControllerParameters]:
-    """Plant and controller of a parameter file of all nodes; what their nodes would refuse is refused."""
+    """Plant and controller of a parameter file of all nodes; values that the nodes would refuse are refused."""
     path = parameter_file(params)
     return (
         _part(PlantParameters, SimulatorParameters, path, "simulator"),
@@ -53,13 +53,13 @@ def load_regions(params: Path | None) -> RegionParameters:
 
 
 def _part(part: type[P], whole: type[Parameters], path: Path, node: str) -> P:
-    """Some of the parameters of a node, after all have been looked at: a misspelt one belongs to no part."""
+    """Some of the parameters of a node, after a check of all of them: a misspelt one belongs to no part."""
     load_parameters(whole, path, node)
     return load_parameters(part, path, node, part=True)
 
 
 def typed_value(word: str) -> Any:
-    """A number where the word is one (YAML does not take 1e-3 for one), else a switch or a word."""
+    """A number if the word is one (YAML does not accept 1e-3 as one), else a switch or a word."""
     try:
         return float(word)
     except ValueError:

@@ -44,7 +44,7 @@ def region_map(
         list[str] | None,
         typer.Option(
             help="Design parameter and values, as amplifier.bias_current=2,3,4 or controller.derivative_gain=30,38; "
-            "given again, all combinations. Makes a grid of maps.",
+            "if repeated, all combinations. Makes a grid of maps.",
             metavar="NAME=V1,V2,...",
         ),
     ] = None,
@@ -62,7 +62,7 @@ def region_map(
 ) -> None:
     """Find where regions B, C and D begin, amplitude by amplitude, from simulated sweeps.
 
-    Every finished sweep is kept. After Ctrl-C, or worse, the same command goes on where it ended.
+    Every finished sweep is kept. The same command resumes after an interruption.
     """
     settings = validate(MapSettings, given, RegionError)
     design = _design(grid or [])
@@ -87,7 +87,7 @@ def region_map(
             else:
                 found = build_map(settings, plant, controller, regions, **options)
         except AmbError:
-            if interrupt.asked():  # before there was anything to keep
+            if interrupt.asked():  # before any sweep was finished
                 raise KeyboardInterrupt from None
             raise
     if design:
@@ -100,7 +100,7 @@ def region_map(
 
 
 class _Interrupt:
-    """While it is entered, Ctrl-C asks for the end instead of forcing it: finished sweeps are kept."""
+    """In this context Ctrl-C requests the end instead of forcing it: finished sweeps are kept."""
 
     def __init__(self) -> None:
         self._asked_to_end = False
@@ -149,7 +149,7 @@ def _design(grid: list[str]) -> dict[str, list[Any]]:
 def _write_map(
     out: Path, found: RegionMap, plant: PlantParameters, controller: ControllerParameters, console: Console
 ) -> None:
-    """Map, summary and figures, and the tables on the console."""
+    """Write map, summary and figures, and print the tables."""
     found.save(out / "map.json")
     lines = analytic_lines(plant, controller, found.settings.axes)
     comparisons = compare(found, lines)
@@ -158,7 +158,7 @@ def _write_map(
     console.print(_boundary_table(found))
     console.print(_line_table(comparisons))
     if not found.complete:
-        console.print("[yellow]not resolved as asked; more sweeps (--max-sweeps) would help[/yellow]")
+        console.print("[yellow]not resolved as requested; more sweeps (--max-sweeps) would help[/yellow]")
     console.print(f"map.json, summary.json, map.png, map.html: {out}")
 
 

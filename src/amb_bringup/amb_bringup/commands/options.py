@@ -31,21 +31,21 @@ def declared_options(
     defaults: Mapping[str, float] | None = None,
     notes: Mapping[str, str] | None = None,
 ) -> Callable[[Command], Command]:
-    """Give a command an option for every parameter that some sets declare.
+    """Give a command an option for every parameter in some parameter sets.
 
-    The command gets one argument for all of them, `given`: the values of those that the user gave, by name. What a set
-    makes of the others is its own affair.
+    The command gets one argument for all of them, `given`: the values of those that the user gave, by name. Each set
+    provides the values of the others.
 
     Parameters
     ----------
     sets : mapping
-        By title of their panel in the help, the sets; parameters of one name are one option.
+        The sets, by the title of their panel in the help. Parameters of the same name share one option.
     leave_out : iterable of str, optional
-        Names that are no option of this command.
+        Names without an option in this command.
     defaults : mapping, optional
-        Values that the command has instead of those of the sets.
+        Default values of the command instead of those of the sets.
     notes : mapping, optional
-        What the help says instead of a default.
+        Text in the help instead of a default.
     """
     options: dict[str, inspect.Parameter] = {}
     for panel, models in sets.items():
@@ -100,7 +100,7 @@ def _option(declared: Mapping[str, Declaration], panel: str, note: str) -> inspe
 
 
 def _help(declared: Mapping[str, Declaration], note: str) -> str:
-    """What a parameter is, which values are allowed and which is the default; kind by kind where they differ."""
+    """Meaning, allowed values and default of a parameter; kind by kind where they differ."""
     meanings: dict[str, dict[str, str]] = {}
     for kind, item in declared.items():
         meanings.setdefault(_meaning(item), {})[kind] = note or _default(item)
@@ -127,7 +127,7 @@ def _default(item: Declaration) -> str:
 
 
 def _joined(defaults: Mapping[str, str]) -> str:
-    """The defaults of several kinds; without their names where all have the same."""
+    """The defaults of several kinds; without the kinds' names if all are equal."""
     kinds: dict[str, list[str]] = {}
     for kind, text in defaults.items():
         kinds.setdefault(text, []).append(kind)

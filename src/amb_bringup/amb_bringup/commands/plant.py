@@ -1,4 +1,4 @@
-"""`amb plant describe`: what follows from a parameter file, without a running graph."""
+"""`amb plant`: constants, effects and figures of the plant of a parameter file, without a running graph."""
 
 from __future__ import annotations
 
@@ -102,10 +102,10 @@ def _effects(entries: list[Entry]) -> Table:
 
 
 def _prefixed(value: float | bool | None, unit: str) -> tuple[str, str]:
-    """A value to four digits and its unit, with the SI prefix that suits it."""
+    """A value with four digits and its unit, with a suitable SI prefix."""
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value], unit
-    # Numbers without a unit and rates in 1/s bear no prefix.
+    # Numbers without a unit and rates in 1/s have no prefix.
     scales = [(1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u")] if unit[0].isalpha() else [(1.0, "")]
     scale, prefix = next((pair for pair in scales if abs(value) >= pair[0]), scales[-1] if value else (1.0, ""))
     return f"{value / scale:.4g}", prefix + unit

@@ -1,4 +1,4 @@
-"""How far a command is: bars on a terminal, plain lines now and then where the output goes to a file or a pipe."""
+"""Progress of a command: bars on a terminal, occasional plain lines if the output goes to a file or a pipe."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Stages:
     console : Console
         Where the command writes.
     unit : str, optional
-        What is counted, in the plural.
+        Name of the counted items, in the plural.
     """
 
     def __init__(self, console: Console, unit: str = "") -> None:
@@ -39,23 +39,23 @@ class Stages:
         self._shown.stop()
 
     def update(self, stage: str, done: int = 0, total: int | None = None, note: str = "") -> None:
-        """Show how far a stage is.
+        """Show the progress of a stage.
 
         Parameters
         ----------
         stage : str
-            What is being done. A stage begins when it is first named.
+            Name of the stage. It begins when it is first named.
         done, total : int, optional
-            How much is done, and of how much; None while that is not known.
+            Finished items and number of all items; None while that is not known.
         note : str, optional
-            What else there is to say, such as a result so far.
+            A remark, such as a preliminary result.
         """
         self._shown.update(stage, done, total, note)
 
 
 @contextmanager
 def working(console: Console, text: str) -> Iterator[None]:
-    """Show what a command does for some seconds, without a measure of how far it is."""
+    """Show what a command does for some seconds, without a measure of progress."""
     if console.is_interactive:
         with console.status(text):
             yield
@@ -88,7 +88,7 @@ class _Bars:
     def update(self, stage: str, done: int, total: int | None, note: str) -> None:
         count = _count(done, total, self._unit)
         if stage not in self._tasks:
-            for task in self._progress.tasks:  # an iteration may have ended before the most it may take
+            for task in self._progress.tasks:  # an iteration may have ended before its limit
                 self._progress.update(task.id, total=task.completed or 1, completed=task.completed or 1)
             self._tasks[stage] = self._progress.add_task(stage, total=None, count="", note="")
         self._progress.update(self._tasks[stage], completed=done, total=total, count=count, note=note)
@@ -96,7 +96,7 @@ class _Bars:
 
 @dataclass
 class _Line:
-    """What was last printed of a stage, and when."""
+    """What was last printed about a stage, and when."""
 
     began: float
     printed: float
@@ -112,7 +112,7 @@ class _Lines:
         """Nothing is shown before the first stage."""
 
     def stop(self) -> None:
-        """Every line stands for itself."""
+        """Nothing to do: every line is complete."""
 
     def update(self, stage: str, done: int, total: int | None, note: str) -> None:
         now = time.monotonic()

@@ -47,7 +47,7 @@ def regions(
 
 
 def _summary(found: RecordedRegions, bag: Path) -> dict[str, Any]:
-    """What was found as plain JSON values, times in s and frequencies in Hz."""
+    """The result as plain JSON values, times in s and frequencies in Hz."""
     record, told = found.record, found.classification
     parts = stretches(told.states)
     axis_x, axis_y = told.axis_onsets
@@ -96,7 +96,7 @@ def _reason(region: Region, onset: Onset) -> str:
 
 
 def _frequency(found: RecordedRegions, step: int) -> float | None:
-    """Input frequency at a step as the bag has it; None where it has none."""
+    """Input frequency at a step according to the bag; None if unknown."""
     if found.frequency is None:
         return None
     value = float(found.frequency[min(step - found.record.first_step, found.record.steps - 1)])
@@ -136,7 +136,7 @@ def _table(summary: dict[str, Any]) -> Table:
 
 
 def _write(out: Path, found: RecordedRegions, summary: dict[str, Any], axes: str) -> None:
-    """Figure and summary; over frequency where the input is one sweep that rises, else over time."""
+    """Write figure and summary; over frequency if the input is one rising sweep, else over time."""
     response = (found.record, found.classification, found.frequency)
     over = "frequency" if rises(found.frequency) else "time"
     drawn: dict[str, Any] = {"over": over, "axes": axes, "title": f"Regions of run {found.run}"}

@@ -1,4 +1,4 @@
-"""`amb report`: a page on any recording."""
+"""`amb report`: a report on any recording."""
 
 from __future__ import annotations
 

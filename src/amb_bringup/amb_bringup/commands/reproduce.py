@@ -27,7 +27,7 @@ def reproduce(
     ] = None,
     workers: Annotated[int | None, typer.Option(help="Number of processes, by default one for each core.")] = None,
 ) -> None:
-    """Redo every figure and claim of the paper on the simulator; finished studies are kept and not run again."""
+    """Reproduce every figure and claim of the paper on the simulator; finished studies are not run again."""
     console = Console()
     studies = studies_named(only) if only else STUDIES
     make_folder(out)

@@ -1,4 +1,4 @@
-"""Where commands leave their results."""
+"""Folders and files for the results of commands."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from amb_core.files.regular_files import is_folder, shown
 
 
 class ResultError(AmbError):
-    """Results cannot be written where they were asked for."""
+    """Results cannot be written to the requested place."""
 
 
 def make_folder(out: Path) -> None:
-    """Make the folder of results: before the work, not after; ResultError if that fails."""
+    """Make the folder of results before the work starts; ResultError if that fails."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
@@ -28,7 +28,7 @@ def make_folder(out: Path) -> None:
 
 
 def names_file(out: Path, endings: Sequence[str]) -> bool:
-    """Whether --out names a file for the main result alone, by its ending, and not a folder for all results.
+    """Whether --out names a file for the main result only (by its ending) and not a folder for all results.
 
     Raises
     ------
@@ -45,14 +45,14 @@ def names_file(out: Path, endings: Sequence[str]) -> bool:
 
 
 def make_place(path: Path, endings: Sequence[str] = (".json",)) -> None:
-    """Make the folder of a file of results: before the work; ResultError if that fails or the name ends otherwise."""
+    """Make the folder of a result file before the work starts; ResultError if that fails or the ending is wrong."""
     if path.suffix.lower() not in endings:
         raise ResultError(f"{path}: the file name must end in {', '.join(endings)}")
     make_folder(path.parent)
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write JSON that every reader takes, without NaN; ResultError if the file cannot be written."""
+    """Write JSON that every reader accepts, without NaN; ResultError if the file cannot be written."""
     try:
         path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
     except OSError as problem:

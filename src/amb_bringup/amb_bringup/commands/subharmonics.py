@@ -1,4 +1,4 @@
-"""`amb subharmonics`: the products that a bearing which is not linear makes of three tones (paper, Fig. 6 and 7)."""
+"""`amb subharmonics`: products of three tones in a nonlinear bearing (paper, Fig. 6 and 7)."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ from amb_core.units import UM
 
 SHOWN = 12  # lines in a table
 DIFFERENCE = (-1, 1, 0)  # f2 - f1
-TONE_ERROR = 0.1  # of its amplitude, by which a recorded tone may differ from that asked for
-RIVAL = 4  # a product of an order that much higher than another's on the same line may still make it
+TONE_ERROR = 0.1  # of its amplitude, by which a recorded tone may differ from the requested one
+RIVAL = 4  # a product whose order is higher than another's by up to this much may still cause their common line
 
 
 @declared_options({"Tones": [SubharmonicSettings], "Surface": [SurfaceSettings]}, leave_out=["shifted"])
@@ -70,11 +70,12 @@ def subharmonics(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for summary.json and figures.")] = Path("results/subharmonics"),
 ) -> None:
-    """Put three tones on the reference and look for their products in the steady state of the position.
+    """Add three tones to the reference and find their products in the steady state of the position.
 
-    Done twice, as given and with shifted tones: that parts products which coincide, and shows those of sampling.
+    The test runs twice, as given and with shifted tones. This separates coinciding products, and shows those of
+    sampling.
 
-    Finished runs of a surface are kept, as those of `amb map` are.
+    Finished runs of a surface are kept, like the sweeps of `amb map`.
     """
     settings, grid = part_of(SubharmonicSettings, given), part_of(SurfaceSettings, given)
     if bag is not None and (causes or surface or change or params is not None):
@@ -93,7 +94,7 @@ def subharmonics(
     if causes:
         console.print(_cause_table(results))
     _write_spectra(out, results)
-    if surface:  # after the spectra are written: it takes minutes, and may need a scheduler that is not there
+    if surface:  # after the spectra are written: it takes minutes, and its scheduler may not be available
         with Stages(console) as stages:
             surfaces = _surfaces(stages, *loop, settings, grid, cache=cache, scheduler=scheduler, workers=workers)
         for name, found in surfaces.items():
@@ -103,7 +104,7 @@ def subharmonics(
 
 
 def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectrum:
-    """Spectrum of the last experiment of a bag, from the time of the fade-in on; refused if it lacks the tones."""
+    """Spectrum of the last experiment of a bag after the time of the fade-in; refused if it lacks the tones."""
     record = Recording.read(bag).experiment(-1, 0)
     first = record.first_step + round(settings.fade_in / record.sample_time)
     reference = analyse(replace(record, position=record.reference), settings, first)
@@ -112,8 +113,8 @@ def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectru
         found = 0.0 if line is None else abs(line.amplitude)
         if abs(found - asked) > TONE_ERROR * asked:
             raise SpectrumError(
-                f"bag {bag}: the reference {settings.axis} has {UM * found:.3g} um at {frequency:g} Hz, asked for are "
-                f"{UM * asked:.3g} um; give the tones that were recorded"
+                f"bag {bag}: the reference {settings.axis} has {UM * found:.3g} um at {frequency:g} Hz, requested: "
+                f"{UM * asked:.3g} um; specify the recorded tones"
             )
     return analyse(record, settings, first)
 
@@ -125,13 +126,13 @@ def _simulate(
     settings: SubharmonicSettings,
     causes: bool,
 ) -> dict[str, dict[str, SubharmonicSpectrum]]:
-    """Spectra by loop and test; the loop as given, and if asked for with one effect switched off at a time."""
+    """Spectra by loop and test: for the loop as given and, optionally, with one effect switched off at a time."""
     variants = VARIANTS if causes else VARIANTS[:1]
     tests = {"as asked": settings, "shifted": settings.shifted()}
     loops = {variant.name: with_values(plant, controller, variant.values) for variant in variants}
     for loop in loops.values():
         for test in tests.values():
-            check(*loop, test)  # before the first is run, not after the last but one
+            check(*loop, test)  # all before the first run
     done, total = 0, len(loops) * len(tests)
     results: dict[str, dict[str, SubharmonicSpectrum]] = {}
     for variant, loop in loops.items():
@@ -152,7 +153,7 @@ def _surfaces(
     grid: SurfaceSettings,
     **cluster: Any,
 ) -> dict[str, SubharmonicSurface]:
-    """The surface as asked, and shifted."""
+    """The surface as requested, and shifted."""
     surfaces = {}
     for name, shifted in (("surface", False), ("surface_shifted", True)):
         stages.update(name)
@@ -216,7 +217,7 @@ def _table(title: str, spectrum: SubharmonicSpectrum) -> Table:
 
 
 def _origin(line: Line) -> str:
-    """What makes a line, as far as the orders of its products tell."""
+    """Origin of a line, as far as the orders of its products show it."""
     if line.product.order == 1:
         return "tone"
     folded = {product.folds != 0 for product in line.products if product.order <= line.product.order + RIVAL}
@@ -229,7 +230,7 @@ def _slow(spectrum: SubharmonicSpectrum) -> str:
         return ""
     return (
         f"; bias {UM * spectrum.bias:.2f} um, slow component {UM * slow.amplitude:.4f} um at {slow.frequency:.2f} Hz "
-        f"({slow.origin}), motion of the loop's own {UM * spectrum.own:.4f} um rms"
+        f"({slow.origin}), the loop's own motion {UM * spectrum.own:.4f} um rms"
     )
 
 
@@ -251,7 +252,7 @@ def _cause_table(results: dict[str, dict[str, SubharmonicSpectrum]]) -> Table:
 
 
 def _surface_line(name: str, surface: SubharmonicSurface) -> str:
-    """How many runs ended how, and the largest slow component."""
+    """Number of runs per result, and the largest slow component."""
     states, counts = np.unique(surface.state, return_counts=True)
     ended = ", ".join(f"{count} {state}" for state, count in zip(states, counts, strict=True))
     steady = np.where(surface.state == "steady", surface.slow_amplitude, np.nan)

@@ -1,4 +1,4 @@
-"""`amb validate`: what a recorded run says about a model."""
+"""`amb validate`: validates a model on a recorded run."""
 
 from __future__ import annotations
 
@@ -40,11 +40,13 @@ FiguresOption = Annotated[
 def validate(
     model: Annotated[Path, typer.Argument(help="Model, as amb identify writes it (.json, .npz or .mat).")],
     bag: Annotated[
-        Path, typer.Argument(help="Bag of other data than the model's, or a .csv, .npz or .mat file of write_data.")
+        Path,
+        typer.Argument(
+            help="Bag, ideally with data that the model was not identified from, or a .csv, .npz or .mat file of "
+            "write_data."
+        ),
     ],
-    horizon: Annotated[
-        list[int] | None, typer.Option(help="Prediction horizon in steps, more than once for several.")
-    ] = None,
+    horizon: Annotated[list[int] | None, typer.Option(help="Prediction horizon in steps; may be repeated.")] = None,
     run: RunOption = None,
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
@@ -53,11 +55,11 @@ def validate(
     figures: FiguresOption = None,
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
-    """Judge a model: closed loop, predictions, residuals and frequency response, on one page.
+    """Validate a model: closed loop, predictions, residuals and frequency response, on one page.
 
-    Exit code 0 if the model is validated, 3 if it is not, 1 if it could not be judged.
+    Exit code 0 if the model passes the validation, 3 if it fails, 1 if it could not be validated.
     """
-    console = Console(stderr=True)  # the report alone goes to the standard output
+    console = Console(stderr=True)  # only the report goes to the standard output
     if out is not None:
         figures, results = figures or out, results or out / "summary.json"
     if results is not None:
@@ -66,7 +68,7 @@ def validate(
         make_folder(figures)
     known = StateSpaceModel.load(model)
     loop = load_recorded(console, bag, run, first_step, steps, controller)
-    with working(console, f"validating order {known.order} by {loop.data.samples} samples"):
+    with working(console, f"validating order {known.order} on {loop.data.samples} samples"):
         found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or HORIZONS)
     typer.echo(found.report())
     if results is not None:
@@ -87,9 +89,9 @@ def load_recorded(
     steps: int,
     controller: str = "",
 ) -> RecordedLoop:
-    """Data and parameters of a bag, or the data of a file, where no run and steps can be chosen.
+    """Data and parameters of a bag, or the data of a file, for which no run and steps can be chosen.
 
-    A controller that is named replaces the recorded one. Where none is known, that and the consequence are reported.
+    A named controller replaces the recorded one. If none is known, this and the consequence are reported.
     """
     chosen = {"run": run, "first_step": first_step, "steps": steps}
     default = {"run": None, "first_step": -1, "steps": 0}
@@ -101,7 +103,7 @@ def load_recorded(
         return replace(loop, controller=named_controller(controller))
     if loop.controller is None:
         console.print(
-            f"[yellow]{bag} lacks the controller's parameters; the closed loop of the models is not judged "
-            "unless --controller names it[/yellow]"
+            f"[yellow]{bag} has no controller parameters; the closed loop of the models is not validated. Give the "
+            "controller with --controller[/yellow]"
         )
     return loop
