@@ -207,7 +207,7 @@ def hostile() -> dict[str, tuple[Any, str]]:
         "misfit": (definition(SQUARE, NEVER, steps=999), "steps = 999, but its description makes 1000"),
         "stop with samples": (Excitation(run=NEVER, kind="stop", first_step=-1, steps=5), "a stop has no samples"),
         "no text": (definition(SQUARE, NEVER, kind="squ\u20ac\x00re"), "unknown kind of excitation"),
-        "no JSON": (definition(SQUARE, NEVER, description="{"), "square: its description is no JSON object"),
+        "no JSON": (definition(SQUARE, NEVER, description="{"), "square: its description is not a JSON object"),
         "deep JSON": (definition(SQUARE, NEVER, description="[" * 200_000), "nested too deeply"),
         "long kind": (definition(SQUARE, NEVER, kind="a\n" * 10_000), "unknown kind of excitation"),
         "no kind": (Excitation(run=NEVER, first_step=-1, sample_time=1.0 / RATE), "unknown kind of excitation ''"),

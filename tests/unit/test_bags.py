@@ -351,7 +351,7 @@ def wrong_bags(tmp_path: Path) -> Iterator[tuple[Path, str]]:
     yield tmp_path / "void.mcap", "no message can be read"
     lost = write_telemetry(tmp_path / "lost", [(1, 0)])
     (lost / "lost_0.mcap").unlink()
-    yield lost, "lists lost_0.mcap, which is not there"
+    yield lost, "lists lost_0.mcap, which does not exist"
 
 
 def test_what_is_no_bag_is_named(tmp_path: Path) -> None:

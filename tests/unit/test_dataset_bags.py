@@ -140,7 +140,7 @@ def test_named_topics_go_before_telemetry(tmp_path: Path) -> None:
         (loop(1, range(10)), {"position_topic": "/no"}, "holds no topic /no; its topics: /rig/current_reference"),
         (loop(1, range(10)), {"position_topic": "/rig/current_reference"}, "is of type amb_msgs/msg/CurrentReference;"),
         (loop(1, range(10)), {"first_step": 5, "steps": 20}, "does not hold steps 5 to 24; it has steps 0 to 9"),
-        (loop(1, range(1)), {}, "one message does not tell the sample time"),
+        (loop(1, range(1)), {}, "one message does not determine the sample time"),
         ([*loop(1, range(10)), position(1, 10, sample_time=2e-4), current(1, 10)], {}, "irregular sample time: step"),
         (
             [position(1, k, sample_time=0.0) for k in range(9)] + [current(1, k) for k in range(9)],

@@ -191,10 +191,12 @@ def test_where_the_map_shows_no_boundary_region_a_is_called_uncertain() -> None:
 
 
 def test_content_outside_of_the_map_is_told() -> None:
-    assert "81 % of the power lies outside of the map, below 10 Hz" in notes(check("square"))
+    assert "81 % of the power lies outside the map, below 10 Hz" in notes(check("square"))
     narrow = replace(MAP, settings=MAP.settings.model_copy(update={"frequency_end": 300.0}))
-    assert "of the power lies outside of the map, above 300 Hz" in notes(check_excitation(signal("multisine"), narrow))
-    assert "where the map is continued at constant control current" in notes(check("multisine", frequency_end=2_000.0))
+    assert "of the power lies outside the map, above 300 Hz" in notes(check_excitation(signal("multisine"), narrow))
+    assert "where the map is extrapolated at constant control current" in notes(
+        check("multisine", frequency_end=2_000.0)
+    )
     assert not check("multisine", amplitude=5e-6, axes="y").notes
 
 
@@ -223,11 +225,11 @@ def test_a_map_that_is_not_complete_is_told() -> None:
 
 def test_a_map_without_provenance_needs_the_loop() -> None:
     unknown = replace(MAP, provenance={})
-    with pytest.raises(RegionError, match="does not tell the parameters of the controller it was made with"):
+    with pytest.raises(RegionError, match="does not contain the parameters of its controller; specify them"):
         check_excitation(signal("multisine"), unknown)
     found = check_excitation(signal("multisine"), unknown, ControllerParameters(), PlantParameters())
-    assert "does not tell the parameters of the plant" in notes(found)
-    with pytest.raises(RegionError, match=r"controller that this version does not know: unknown parameter 'gain' = 3"):
+    assert "does not contain the parameters of its plant" in notes(found)
+    with pytest.raises(RegionError, match=r"support the controller of the region map: unknown parameter 'gain' = 3"):
         check_excitation(signal("multisine"), replace(MAP, provenance={"controller": {"gain": 3}}))
 
 

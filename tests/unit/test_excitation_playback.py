@@ -128,7 +128,7 @@ def test_a_temporary_file_that_cannot_be_written_is_an_error_that_names_its_fold
 
 
 def test_making_samples_can_be_called_off() -> None:
-    with pytest.raises(ExcitationError, match="called off"):
+    with pytest.raises(ExcitationError, match="cancelled"):
         Playback(make("sweep", 600.0), 10_000.0, cancelled=lambda: True)
 
 
@@ -162,7 +162,7 @@ def test_a_definition_makes_the_same_excitation(kind: str) -> None:
     ("kind", "definition", "reason"),
     [
         ("triangle", "{}", "unknown kind of excitation 'triangle'; allowed: sweep"),
-        ("sweep", "", "sweep: its description is no JSON object of settings: Expecting value"),
+        ("sweep", "", "sweep: its description is not a JSON object of settings: Expecting value"),
         ("sweep", "[1]", "must be a JSON object of settings, not '\\[1\\]'"),
         ("sweep", "[" * 100_000, "nested too deeply"),
         ("sweep", '{"a":' * 100_000, "nested too deeply"),

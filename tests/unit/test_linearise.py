@@ -188,13 +188,13 @@ def test_rotor_too_heavy_for_the_currents_is_refused():
     heavy = Plant(PlantParameters(rotor=RotorParameters(mass=1_000.0)))
     with pytest.raises(PlantError, match="no control current holds the rotor"):
         linearize(heavy, position=np.zeros(2))
-    with pytest.raises(PlantError, match="holds the rotor of 1000 kg nowhere inside the backup bearing"):
+    with pytest.raises(PlantError, match="cannot hold the rotor of 1000 kg inside the backup bearing"):
         linearize(heavy)
 
 
 def test_operating_point_beyond_a_limit_is_refused():
     with pytest.raises(
-        PlantError, match=r"takes a control current of 1\.36 A; allowed: less than the controller's limit"
+        PlantError, match=r"needs a control current of 1\.36 A; allowed: less than the controller's limit"
     ):
         linearize(Plant(), ControllerParameters(current_limit=1.0))
     resistive = Plant(PlantParameters(magnetic_circuit=MagneticCircuitParameters(coil_resistance=50.0)))

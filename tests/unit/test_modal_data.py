@@ -112,7 +112,7 @@ def test_missing_file_is_named(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut off", b"H,B\n0,0\n"])
 def test_file_of_another_kind_is_refused(tmp_path, content):
     (tmp_path / "rotor.npz").write_bytes(content)
-    assert "is no .npz file" in load_error(tmp_path / "rotor.npz")
+    assert "is not an .npz file" in load_error(tmp_path / "rotor.npz")
 
 
 def test_single_array_is_refused(tmp_path):
@@ -122,7 +122,7 @@ def test_single_array_is_refused(tmp_path):
 
 def test_pickled_objects_are_not_loaded(tmp_path):
     np.savez(tmp_path / "rotor.npz", **arrays(weight=np.array([None] * MODES)))
-    assert "is no .npz file: Object arrays cannot be loaded" in load_error(tmp_path / "rotor.npz")
+    assert "is not an .npz file: Object arrays cannot be loaded" in load_error(tmp_path / "rotor.npz")
 
 
 def test_missing_and_unknown_arrays_are_named(tmp_path):

@@ -1,4 +1,4 @@
-"""What a recording holds for an analysis: its regions, data for identification, and what is known of its loop."""
+"""Data of a recording for an analysis: its regions, data for identification, and the parameters of its loop."""
 
 from amb_core.analysis.data_files import read_data
 from amb_core.analysis.recorded_data import read_bag_data, recorded_data

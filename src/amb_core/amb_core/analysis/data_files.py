@@ -28,13 +28,13 @@ def read_data(path: str | Path, **options: Any) -> IdentificationData:
     IdentificationError
         If an option is not one of the kind of file, or the file cannot be read.
     BagError
-        If it is neither such a file nor a bag, or the bag does not hold what is needed.
+        If it is neither such a file nor a bag, or the bag does not contain the required data.
     """
     return data_reader(path, options)(path, **options)
 
 
 def data_reader(path: str | Path, options: Iterable[str]) -> Callable[..., IdentificationData]:
-    """The function that reads a file of this name; raises IdentificationError if it does not take the options."""
+    """The function that reads a file of this name; raises IdentificationError if it does not accept the options."""
     path = Path(path)
     reader = read_bag_data if is_folder(path) else READERS.get(path.suffix.lower(), read_bag_data)
     allowed = list(inspect.signature(reader).parameters)[1:]

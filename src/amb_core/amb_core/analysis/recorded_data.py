@@ -1,6 +1,6 @@
-"""Data from bags: telemetry, or the topics of positions and control current references where it was not recorded.
+"""Data from bags: telemetry, or the topics of positions and control current references if it was not recorded.
 
-Missing steps split the samples into experiments. Topics are found by message type, whatever their names.
+Missing steps split the samples into experiments. Topics are found by message type, regardless of their names.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from amb_core.recording import Recording
 
 POSITION = "amb_msgs/msg/RotorPosition"
 CURRENT = "amb_msgs/msg/CurrentReference"
-_TIME_TOLERANCE = 1e-3  # of a sample time, by which a stamp may miss its step; stamps count in ns
+_TIME_TOLERANCE = 1e-3  # of a sample time, by which a stamp may differ from its step; stamps count in ns
 
 
 def recorded_data(
@@ -37,22 +37,22 @@ def recorded_data(
     Parameters
     ----------
     recording : Recording
-        Of the recorder or of `ros2 bag record`.
+        Made by the recorder or by `ros2 bag record`.
     run : int, optional
         The run; by default the last one.
     first_step, steps : int, optional
-        The steps wanted, as `select_window` takes them: by default the last experiment, or all where nothing was
-        excited.
+        The requested steps, selected as by `select_window`: by default the last experiment, or all steps without an
+        excitation.
     position_topic, current_topic : str, optional
-        Topics of RotorPosition and CurrentReference, where there are several of them or telemetry is to be passed over.
-        From these the reference is not known.
+        Topics of RotorPosition and CurrentReference, if there are several of them or telemetry is to be ignored. They
+        do not contain the reference.
 
     Raises
     ------
     BagError
-        If the bag holds neither telemetry nor both topics, or these do not belong together.
+        If the bag has neither telemetry nor both topics, or these do not belong together.
     IdentificationError
-        If it lacks the steps asked for.
+        If the requested steps are missing.
     """
     if position_topic is None and current_topic is None and recording.runs:
         return _from_telemetry(recording, run, first_step, steps)
@@ -139,7 +139,7 @@ def _from_topics(
 def _window(
     recording: Recording, run: int, spans: Sequence[tuple[int, int]], first_step: int, steps: int
 ) -> tuple[int, int]:
-    """The steps wanted, of which at least one is there."""
+    """The requested steps; at least one of them must be available."""
     experiment = last_experiment(recording.excitations(run), run)
     start, stop = select_window((spans[0][0], spans[-1][1]), experiment, first_step, steps)
     beyond = 0 <= first_step < spans[0][0] or (steps and stop > spans[-1][1])
@@ -186,7 +186,7 @@ def _by_run(recording: Recording, topic: str, message_type: str) -> dict[int, li
 def _in_order(
     messages: list[Any], names: tuple[str, ...], where: str
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Steps in order and without repetition, the first two fields at each, shape (steps, 2), and the third, if any."""
+    """Steps in order and without repetition, their first two fields, shape (steps, 2), and the third one, if any."""
     steps = np.array([message.step for message in messages], dtype=np.int64)
     values = np.array([[getattr(message, name) for name in names] for message in messages], dtype=np.float64)
     order = np.argsort(steps, kind="stable")
@@ -195,16 +195,16 @@ def _in_order(
     differing = [row for row in repeated if not np.array_equal(values[row], values[row + 1], equal_nan=True)]
     if differing:
         raise BagError(
-            f"{where}: step {steps[differing[0]]} occurs twice with different values; are there two senders?"
+            f"{where}: step {steps[differing[0]]} occurs twice with different values; are there two publishers?"
         )
     kept = np.concatenate([[True], np.diff(steps) > 0])
     return steps[kept], values[kept, :2], values[kept, 2:].ravel()
 
 
 def _sample_time(steps: NDArray[np.int64], time: NDArray[np.float64], where: str) -> float:
-    """Sample time (s) by which the times of all steps are theirs."""
+    """Sample time (s) that is consistent with the times of all steps."""
     if len(steps) < 2:
-        raise BagError(f"{where}: one message does not tell the sample time; at least two are needed")
+        raise BagError(f"{where}: one message does not determine the sample time; at least two are needed")
     sample_time = float((time[-1] - time[0]) / (steps[-1] - steps[0]))
     if not sample_time > 0.0:
         raise BagError(f"{where}: times must rise with the steps; they go from {time[0]:g} s to {time[-1]:g} s")

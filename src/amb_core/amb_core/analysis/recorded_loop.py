@@ -1,4 +1,4 @@
-"""What a bag has for a validation: the data, and the parameters of the controller and of the simulated plant."""
+"""Content of a bag for a validation: the data, and the parameters of the controller and of the simulated plant."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RecordedLoop:
-    """Data of a loop, and what is known of the loop.
+    """Data of a loop, and its known parameters.
 
     Attributes
     ----------
     data : IdentificationData
         The data.
     controller : ControllerParameters or None
-        The controller; None where it was not recorded.
+        The controller; None if it was not recorded.
     plant : PlantParameters or None
-        The simulated plant; None where it was not recorded, as for a real bearing.
+        The simulated plant; None if it was not recorded, as for a real bearing.
     damage : str
-        Why a bag does not read to its end; empty for a whole one.
+        Why a bag cannot be read to its end; empty for a complete one.
     """
 
     data: IdentificationData
@@ -39,7 +39,7 @@ class RecordedLoop:
 
 
 def read_loop(path: str | Path, **options: Any) -> RecordedLoop:
-    """Read a bag, or a file of data alone.
+    """Read a bag, or a file that has only data.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The regions that a recorded run went through: its telemetry classified, with what else the bag knows."""
+"""The regions of a recorded run: its telemetry classified, with further information from the bag."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class RecordedRegions:
     record : LoopRecord
         From its first to its last step; NaN where there is no telemetry.
     frequency : ndarray, shape (steps,), or None
-        Input frequency as the excitations of the bag have it (Hz), NaN where there is none; None if nowhere.
+        Input frequency of the excitations in the bag (Hz), NaN where there is none; None if there is none at all.
     classification : Classification
         Of all parts between gaps; the onsets are the first ones of the run.
     missing : list of (int, int)
@@ -41,9 +41,9 @@ class RecordedRegions:
     gaps : list of (int, int)
         These, and spans with samples that are not finite; the classification restarts after each.
     delevitated : bool
-        Whether the simulator ended the run since the rotor delevitated.
+        Whether the simulator ended the run because the rotor delevitated.
     parameters : RegionParameters
-        Thresholds: those of the recorded region monitor, or else the defaults with the radius of the recorded bearing.
+        Thresholds: those of the recorded region monitor, otherwise defaults with the radius of the recorded bearing.
     """
 
     run: int
@@ -68,7 +68,7 @@ def classify_run(recording: Recording, run: int | None = None) -> RecordedRegion
     """
     spans = recording.spans(run) if recording.runs else []
     if not spans:
-        recording.telemetry(run)  # says what is there instead
+        recording.telemetry(run)  # its error lists what is available
     run = recording.runs[-1] if run is None else run
     first_step, stop = spans[0][0], spans[-1][1]
     frequency = recording.input_frequency(first_step, stop, run)
@@ -103,7 +103,7 @@ def _finite_parts(record: LoopRecord) -> list[LoopRecord]:
 
 
 def _between(spans: Sequence[tuple[int, int]], first_step: int, stop: int) -> list[tuple[int, int]]:
-    """What spans of steps leave out between two steps."""
+    """The gaps between spans of steps, within two steps."""
     ends = [(first_step, first_step), *spans, (stop, stop)]
     return [(end, start) for (_, end), (start, _) in pairwise(ends) if start > end]
 
@@ -129,7 +129,7 @@ def _joined(records: Sequence[LoopRecord]) -> LoopRecord:
 def _joined_classification(
     parts: Sequence[Classification], first_step: int, frequency: NDArray[np.float64]
 ) -> Classification:
-    """All states, and the first onset of each region; with the known input frequency where there is one."""
+    """All states, and the first onset of each region; with the known input frequency, if any."""
 
     def first(onsets: Iterable[dict[Region, Onset]]) -> dict[Region, Onset]:
         found: dict[Region, Onset] = {}

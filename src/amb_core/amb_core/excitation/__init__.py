@@ -1,4 +1,4 @@
-"""Excitations: signals that are added to the reference position to make the bearing show its dynamics.
+"""Excitations: signals that are added to the reference position to excite the dynamics of the bearing.
 
 `excitation_from_request` makes the validated parameters of a kind, `generate` makes the samples from them, and
 `Playback` makes the same samples a window at a time:

@@ -1,7 +1,7 @@
 """Excitations without a random part: sine sweep, square wave and sum of tones.
 
-With axes `both`, x and y carry the same signal; a linear model of both inputs then cannot be told from the data, which
-is why these kinds excite the axes in turn by default.
+With axes `both`, x and y carry the same signal. The data then do not determine a linear model of both inputs. Therefore
+these kinds excite the axes in turn by default.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from pydantic import Field, model_validator
 from amb_core.excitation.signal import Excitation, Sampler, required
 from amb_core.parameters import choice, quantity
 
-HIGHEST_AMPLITUDE = 1e-3  # m, beyond any air gap of the bearings meant here
+HIGHEST_AMPLITUDE = 1e-3  # m, larger than any air gap of such bearings
 HIGHEST_FREQUENCY = 50e3  # Hz, Nyquist frequency of the highest controller sample rate
 
-HIGHEST_TONES = 1_000  # 600 s of them take the controller a minute or two to make
-FEW_TONES = 16  # that are made while the loop runs, some 20 us each for a block of samples
+HIGHEST_TONES = 1_000  # the controller needs a minute or two to make 600 s of them
+FEW_TONES = 16  # that are made while the loop runs, about 20 us each for a block of samples
 
-# Absorbs rounding of `frequency * step / sample_rate`, which else delays an edge that falls on a sample by one sample.
+# Absorbs rounding of `frequency * step / sample_rate`, which would delay an edge that falls on a sample by one sample.
 EDGE_TOLERANCE = 1e-9
 
 
 class Sweep(Excitation):
-    """Sine of constant amplitude whose frequency runs from start to end (either may be the higher).
+    """Sine of constant amplitude with a frequency that runs from start to end (either may be the higher).
 
     The phase is 2 pi times the integral of the frequency, zero at the first sample. With T the span of the signal the
     frequency is f_0 + (f_1 - f_0) t/T (linear) or f_0 (f_1/f_0)^(t/T) (logarithmic).
@@ -79,7 +79,7 @@ class Square(Excitation):
 
     @property
     def highest_frequency(self) -> float:
-        """The fundamental (Hz); the harmonics of a sampled square wave fold back by nature."""
+        """The fundamental (Hz); the harmonics of a sampled square wave always fold back."""
         return self.frequency
 
     def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
@@ -136,7 +136,7 @@ class Tones(Excitation):
 
     @property
     def by_sample(self) -> bool:
-        """Whether the tones are so few that their sum is quickly made."""
+        """Whether there are few tones, so that their sum is quickly made."""
         return len(self.frequencies) <= FEW_TONES
 
     def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:

@@ -1,8 +1,8 @@
-"""Phases that give a multisine a low crest factor, so that it carries much power for its peak.
+"""Phases that give a multisine a low crest factor, so that it has much power for its peak.
 
-Schroeder's phases make a chirp: every frequency sounds in a moment of its own. A bearing then runs as under a sweep of
-the whole amplitude, and bears less of it than of a signal that sounds the same throughout. Phases optimised from random
-ones do, and reach the same crest factor as those optimised from Schroeder's.
+Schroeder's phases make a chirp: at each moment it contains one frequency. A bearing then runs as under a sweep of the
+whole amplitude, and tolerates less of it than of a signal with a constant spectrum over time. Phases optimised from
+random ones give such a signal, with the same crest factor as those optimised from Schroeder's.
 
 Sources: M. R. Schroeder, "Synthesis of low-peak-factor signals and binary sequences with low autocorrelation", IEEE
 Trans. Information Theory 16 (1970) 85-89; E. Van der Ouderaa, J. Schoukens, J. Renneboog, "Peak factor minimization
@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 OVERSAMPLING = 8
-"""Samples per period of the highest line while phases are sought; more do not change the crest factor by 1 %."""
+"""Samples per period of the highest line during the search; more do not change the crest factor by 1 %."""
 ROUNDS = 300
-"""Clippings; 1000 lower the crest factor by another 1 %."""
+"""Number of clippings; 1000 lower the crest factor by another 1 %."""
 EFFORT = 5e7
-"""Samples clipped altogether, some seconds: a multisine of more than some minutes gets fewer clippings."""
+"""Samples clipped in total, a few seconds: a multisine of more than a few minutes gets fewer clippings."""
 HIGHEST_REMEMBERED = 20_000
-"""Lines up to which phases are remembered: more would fill the memory of a node that runs for weeks."""
+"""Largest number of lines for which phases are cached: more would fill the memory of a node that runs for weeks."""
 FIRST_CLIP, LAST_CLIP = 0.4, 0.99
-"""Share of the peak at which the first and the last clipping cuts."""
+"""Share of the peak at which the first and the last clipping limit the signal."""
 
 
 def schroeder_phases(lines: NDArray[np.int_]) -> NDArray[np.float64]:
@@ -49,7 +49,7 @@ def schroeder_phases(lines: NDArray[np.int_]) -> NDArray[np.float64]:
 def optimised_phases(lines: NDArray[np.int_], phases: NDArray[np.float64]) -> NDArray[np.float64]:
     """Phases of lines of equal amplitude by repeated clipping; crest factor below 1.5.
 
-    The signal is cut off below its peak and transformed; the phases are kept, the amplitudes made equal again.
+    The signal is clipped below its peak and transformed. The phases are kept, and the amplitudes are made equal again.
 
     Parameters
     ----------
@@ -68,13 +68,13 @@ def optimised_phases(lines: NDArray[np.int_], phases: NDArray[np.float64]) -> ND
     return np.frombuffer(_remembered(lines.astype(np.int64).tobytes(), phases.tobytes()))
 
 
-@lru_cache(maxsize=8)  # a design asks again for every amplitude that it tries
+@lru_cache(maxsize=8)  # a design requests them for every amplitude that it tries
 def _remembered(lines: bytes, phases: bytes) -> bytes:
     return _clipped(np.frombuffer(lines, dtype=np.int64), np.frombuffer(phases)).tobytes()
 
 
 def _clipped(lines: NDArray[np.int_], phases: NDArray[np.float64]) -> NDArray[np.float64]:
-    from scipy.fft import irfft, next_fast_len, rfft  # takes a while to import, which other kinds need not wait for
+    from scipy.fft import irfft, next_fast_len, rfft  # slow to import, and not needed by other kinds
 
     steps = next_fast_len(OVERSAMPLING * int(lines[-1]), real=True)
     best, lowest = phases, np.inf

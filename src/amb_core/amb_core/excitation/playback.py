@@ -1,7 +1,7 @@
-"""Excitations as samples: all at once, or window by window where they must not fill the memory of a node.
+"""Excitations as samples: all at once, or window by window to save the memory of a node.
 
-Both ways evaluate the same windows of the signal, so the samples are the same bit for bit. Signals that a transform
-makes as a whole are kept in a temporary file if they are long.
+Both ways evaluate the same windows of the signal, so the samples are the same bit for bit. Long signals that a
+transform makes as a whole are kept in a temporary file.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from amb_core.errors import ExcitationError
 from amb_core.excitation.signal import Excitation, ExcitationSignal, Sampler, excited_spans, steps_of
 
 WINDOW = 1024
-"""Samples made at a time; some 50 us in the middle of a loop."""
+"""Samples made at a time; takes about 50 us while the loop runs."""
 HIGHEST_IN_MEMORY = 500_000
-"""Samples on an axis up to which a signal is kept in memory, 4 MB: taking them costs the loop less than making them."""
+"""Samples per axis up to which a signal is kept in memory, 4 MB: reading them is cheaper than making them."""
 
 
 class Playback:
@@ -33,7 +33,7 @@ class Playback:
     sample_rate : float
         Controller sample rate f_s (Hz).
     cancelled : callable, optional
-        Asked between windows; when it is true, making the samples ends with an error.
+        Called between windows; when it returns true, making the samples ends with an error.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Playback:
         self.checksum = 0
         for _, samples in self._parts.windows():
             if cancelled():
-                raise ExcitationError("called off while its samples were made")
+                raise ExcitationError("cancelled while its samples were made")
             self.checksum = checksum_of(samples, self.checksum)
 
     def window(self, index: int) -> tuple[int, NDArray[np.float64]]:
@@ -68,7 +68,7 @@ def generate(excitation: Excitation, sample_rate: float) -> ExcitationSignal:
     """Make the samples of an excitation: round(duration * sample_rate) of them, the same ones every time.
 
     With axes `in_turn` the signal has half the duration and is played from its start first on x, then on y, so that
-    the response to each axis can be told apart (an odd sample goes to y).
+    the responses to the axes can be separated (an odd sample goes to y).
 
     Parameters
     ----------
@@ -113,16 +113,16 @@ def instantaneous_frequency(excitation: Excitation, sample_rate: float) -> NDArr
 def checksum_of(samples: NDArray[np.float64], before: int = 0) -> int:
     """CRC-32, as in zlib, of samples of shape (n, 2) as little-endian float64, x and y of each step in turn.
 
-    `before` is the checksum of the samples that come before these.
+    `before` is the checksum of the preceding samples.
     """
     return zlib.crc32(np.ascontiguousarray(samples, dtype="<f8").tobytes(), before)
 
 
 class _Parts:
-    """What is played on which axis over which steps.
+    """The parts of a signal: what is played on which axis over which steps.
 
-    Windows start with the part to which they belong, so that every part is always evaluated at the same places:
-    vectorised functions need not round the same way wherever a block begins.
+    Windows start with the part to which they belong, so that every part is always evaluated in the same blocks: the
+    rounding of vectorised functions may depend on where a block begins.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class _Parts:
         self._parts = []
         for axis, first, last in excited_spans(excitation.axes, self.steps):
             steps = last - first
-            # Nothing here holds what the sampler of a whole signal has in memory, once it is kept otherwise.
+            # No reference to the sampler of a whole signal remains here, so its memory is released.
             kept = keep(excitation, excitation.sampler(steps, sample_rate, axis), steps, cancelled)
             self._parts.append((axis, first, last, kept))
 
@@ -160,7 +160,7 @@ class _Parts:
 
 
 def _kept(excitation: Excitation, sampler: Sampler, steps: int, cancelled: Callable[[], bool]) -> Sampler:
-    """A sampler that is quick for every window, and keeps little in memory."""
+    """A sampler that is fast for every window, and keeps little in memory."""
     if steps > HIGHEST_IN_MEMORY:
         return sampler if excitation.by_sample else _in_a_file(sampler, steps, cancelled)
     signal = np.concatenate([sampler(first, min(first + WINDOW, steps)) for first in range(0, steps, WINDOW)])
@@ -168,12 +168,12 @@ def _kept(excitation: Excitation, sampler: Sampler, steps: int, cancelled: Calla
 
 
 def _in_a_file(sampler: Sampler, steps: int, cancelled: Callable[[], bool]) -> Sampler:
-    """The same samples from a file that has no name, so that it ends with the process however that ends."""
+    """The same samples from a file without a name: it is removed with the process, however that ends."""
     try:
         file = tempfile.TemporaryFile(prefix="amb_excitation_")  # noqa: SIM115 (closed with the sampler)
         for first in range(0, steps, WINDOW):
             if cancelled():
-                raise ExcitationError("called off while its samples were made")
+                raise ExcitationError("cancelled while its samples were made")
             file.write(sampler(first, min(first + WINDOW, steps)).tobytes())
         file.flush()
     except OSError as problem:

@@ -31,7 +31,7 @@ def excitation_from_request(kind: str, values: Mapping[str, Any]) -> Excitation:
     ------
     ExcitationError
         If the kind is unknown, a value is out of range, a field is not used by the kind, or one without default is
-        missing; one line that says which.
+        missing; the message has one line.
     """
     if kind not in KINDS:
         raise ExcitationError(f"unknown kind of excitation {kind!r}; allowed: {', '.join(KINDS)}")
@@ -68,12 +68,12 @@ def excitation_from_definition(kind: str, definition: str) -> Excitation:
     kind : str
         One of `KINDS`.
     definition : str
-        JSON object of settings by field name, in SI units. What it lacks takes the kind's default.
+        JSON object of settings by field name, in SI units. Missing settings take the kind's default.
 
     Raises
     ------
     ExcitationError
-        If the kind is unknown, the text is no such object, or a setting is unknown, missing or out of range.
+        If the kind is unknown, the text is not such an object, or a setting is unknown, missing or out of range.
     """
     if kind not in KINDS:
         raise ExcitationError(f"unknown kind of excitation {kind!r}; allowed: {', '.join(KINDS)}")
@@ -84,11 +84,11 @@ def excitation_from_definition(kind: str, definition: str) -> Excitation:
         return validate(KINDS[kind], values, ExcitationError)
     except (ValueError, RecursionError) as problem:
         reason = "nested too deeply" if isinstance(problem, RecursionError) else problem
-        raise ExcitationError(f"{kind}: its description is no JSON object of settings: {reason}") from None
+        raise ExcitationError(f"{kind}: its description is not a JSON object of settings: {reason}") from None
 
 
 def _plain(value: Any) -> Any:
-    """A number, text or tuple, whatever array type it comes in; its truth says whether the value is given."""
+    """A number, text or tuple from a value of any array type; it is true if the value is given."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     return tuple(value) if isinstance(value, list) else value

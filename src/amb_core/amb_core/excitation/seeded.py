@@ -1,7 +1,7 @@
-"""Excitations with a random part that a seed fixes: multisine, PRBS and band-limited white noise.
+"""Excitations with a random part that is determined by a seed: multisine, PRBS and band-limited white noise.
 
 Each axis has its own random part. With axes `both`, the default here, x and y are excited at once by
-independent signals, so that a model of both inputs can be told from the data.
+independent signals, so that the data determine a model of both inputs.
 
 Sources: R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley, 2012,
 chapter 5 (multisine, noise); L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 13.3 (PRBS).
@@ -24,7 +24,7 @@ from amb_core.parameters import choice, quantity, switch
 
 
 class _Seeded(Excitation):
-    """What the kinds with a random part share."""
+    """Common part of the kinds with a random part."""
 
     amplitude: float = required("m", "peak amplitude", 1e-9, HIGHEST_AMPLITUDE)
     axes: Axes = choice("both", AXES_DESCRIPTION)
@@ -32,7 +32,7 @@ class _Seeded(Excitation):
 
 
 class _Band(_Seeded):
-    """What the kinds with a flat spectrum in a band share."""
+    """Common part of the kinds with a flat spectrum in a band."""
 
     frequency_start: float = quantity(11.0, "Hz", "lower end of the band", 1e-3, HIGHEST_FREQUENCY)
     frequency_end: float = quantity(400.0, "Hz", "upper end of the band", 1e-3, HIGHEST_FREQUENCY)
@@ -96,8 +96,8 @@ class Multisine(_Band):
     period is half the duration.
 
     Random phases are uniform over the circle, drawn from the seed; optimised ones start from them. Schroeder's do not
-    depend on it: x chirps upwards, y downwards. Signals with other than random phases start where they are closest to
-    zero, so that the control law does not answer a jump.
+    depend on it: x chirps upwards, y downwards. Signals without random phases start where they are closest to zero, so
+    that the control law does not respond to a jump.
     """
 
     kind: ClassVar[str] = "multisine"
@@ -138,8 +138,8 @@ class Prbs(_Seeded):
     """Pseudo-random binary sequence between +amplitude and -amplitude.
 
     A maximum length sequence from a random state of its shift register, each bit held for one period of the clock. x
-    takes the first half of the bits and y the second, of the shortest register whose sequence does not repeat within
-    them: the two axes share no pattern. The spectrum has its first zero at the clock rate and is flat to within 3 dB
+    takes the first half of the bits and y the second. The register is the shortest one without a repetition in these
+    bits, so the two axes share no pattern. The spectrum has its first zero at the clock rate and is flat to within 3 dB
     up to 0.44 of it.
     """
 
@@ -154,7 +154,7 @@ class Prbs(_Seeded):
 
     def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
         """The sequence; its bits are kept, eight to a byte."""
-        from scipy.signal import max_len_seq  # takes a second to import, which the other kinds need not wait for
+        from scipy.signal import max_len_seq  # takes a second to import, and not needed by other kinds
 
         def clock(first: int, stop: int) -> NDArray[np.int64]:
             return np.floor(self.frequency * np.arange(first, stop) / sample_rate + EDGE_TOLERANCE).astype(np.int64)
@@ -177,7 +177,7 @@ class Prbs(_Seeded):
 
 
 class WhiteNoise(_Band):
-    """Gaussian noise, flat in the band and nothing outside; its rms on an axis is exactly `amplitude`."""
+    """Gaussian noise, flat in the band and zero outside; its rms on an axis is exactly `amplitude`."""
 
     kind: ClassVar[str] = "white_noise"
 

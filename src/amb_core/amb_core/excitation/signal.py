@@ -1,4 +1,4 @@
-"""What every excitation has in common: its parameters, the signal on one axis, and which axes it excites when."""
+"""Common part of all excitations: parameters, signal on one axis, and the order in which axes are excited."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from amb_core.parameters import Parameters, choice
 Axes = Literal["x", "y", "both", "in_turn"]
 
 Sampler = Callable[[int, int], NDArray[np.float64]]
-"""Samples of the signal on one axis (m) from a first one up to another (exclusive), shape (stop - first,)."""
+"""Samples of the signal on one axis (m) from `first` up to `stop` (exclusive), shape (stop - first,)."""
 
 AXES_DESCRIPTION = "axes that are excited; in_turn: x for the first half of the duration, then y"
 
@@ -43,7 +43,7 @@ class Excitation(Parameters):
 
     @property
     def by_sample(self) -> bool:
-        """Whether any part of the signal is quickly made by itself, so that its samples need not be kept."""
+        """Whether each part of the signal can be computed quickly on its own, so that samples need not be kept."""
         return True
 
     @abstractmethod
@@ -67,13 +67,13 @@ class ExcitationSignal:
     kind : str
         Kind of the excitation.
     parameters : Excitation
-        What it was made from.
+        The settings from which it was made.
     sample_time : float
         Sample time for which it was made (s).
     samples : ndarray, shape (steps, 2)
         Added to the reference position, axes x and y (m); read-only.
     frequency : ndarray, shape (steps,), or None
-        Instantaneous frequency (Hz); None where the kind has none; read-only.
+        Instantaneous frequency (Hz); None if the kind has none; read-only.
     """
 
     kind: str
@@ -114,7 +114,7 @@ def steps_of(excitation: Excitation, sample_rate: float) -> int:
 
 
 def excited_spans(axes: Axes, steps: int) -> list[tuple[int, int, int]]:
-    """Which axis (0 for x, 1 for y) is excited from which step up to which (exclusive), for a number of steps."""
+    """Excited axis (0 for x, 1 for y), first step and stop step (exclusive) of each span, for a number of steps."""
     half = steps // 2
     return {
         "x": [(0, 0, steps)],

@@ -1,4 +1,4 @@
-"""Excitations before they are used: in which regions they would run, and which one is the largest in region A."""
+"""Check and design of excitations: the regions in which they would run, and the largest excitation in region A."""
 
 from amb_core.excitation_design.check import check_excitation
 from amb_core.excitation_design.design import DESIGNED_KINDS, DesignedExcitation, design_excitation

@@ -35,14 +35,14 @@ def check_excitation(
     region_map : RegionMap
         Of the bearing that is to be excited.
     controller, plant : ControllerParameters, PlantParameters, optional
-        Of that bearing; by default those the map was made with. Others than those are told in `notes`.
+        Of that bearing; by default those the map was made with. Differences are reported in `notes`.
 
     Raises
     ------
     ExcitationError
         If the signal is zero throughout on an excited axis.
     RegionError
-        If neither the map nor the caller says with which parameters it was made.
+        If neither the map nor the caller gives the parameters of the loop.
     """
     controller = controller or made_with(region_map, "controller", ControllerParameters)
     plant = plant or made_with(region_map, "plant", PlantParameters)
@@ -91,17 +91,15 @@ def verdict(axes: tuple[AxisCheck, ...], margin: float) -> str:
         elif worst.shares[Region.A] > 0.999:
             where = " by all of its content together"
         return (
-            f"region {worst.predicted.name} on {worst.axis}{where}: the load is {load.linear:.2f} times what region A "
-            f"bears; multiply the amplitude by at most {margin:.2f}, or lower the frequencies"
+            f"region {worst.predicted.name} on {worst.axis}{where}: the load is {load.linear:.2f} times the limit of "
+            f"region A; multiply the amplitude by at most {margin:.2f}, or lower the frequencies"
         )
     if load.linear >= 1.0:
         return (
             f"region A on {worst.axis} is not certain: {load.bounded:.2f} of a load of at most {load.linear:.2f} comes "
             f"from where the map shows no boundary; multiply the amplitude by {margin:.2f}, widen the map, or simulate"
         )
-    return (
-        f"region A: the load is {load.linear:.2f} times what it bears; the amplitude may be multiplied by {margin:.2f}"
-    )
+    return f"region A: the load is {load.linear:.2f} times its limit; the amplitude may be multiplied by {margin:.2f}"
 
 
 def _superimpose(
@@ -154,7 +152,7 @@ def _place(
     settings = region_map.settings
     smallest, largest = region_map.amplitudes[[0, -1]]
     covered = (content.frequency >= settings.frequency_start) & (content.frequency <= settings.frequency_end)
-    # An amplitude below those of the map is in A where the smallest of the map is; elsewhere the map does not tell.
+    # An amplitude below those of the map is in A where the smallest one of the map is; elsewhere it is not known.
     linear = begins[Region.B].known | ~begins[Region.B].reached
     return region, covered & (content.amplitude <= largest) & ((content.amplitude >= smallest) | linear)
 

@@ -1,9 +1,9 @@
-"""The control current that an excitation asks for, and where in terms of it the regions of a map begin.
+"""The control current that an excitation requests, and the control current at which the regions of a map begin.
 
 The bearing's nonlinearity acts on the control current: its limit, its slew, and the square of the flux. Above the
-bandwidth of the loop the rotor hardly moves, and the current is G r, with the control law G and the excitation r. What
-exceeds the limit never reaches the coils, so it is cut off here on both sides of the comparison, in the signal and in
-the sines of the map.
+bandwidth of the loop the rotor hardly moves, and the current is G r, with the control law G and the excitation r.
+Current above the limit never reaches the coils. So it is clipped here on both sides of the comparison, in the signal
+and in the sines of the map.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def command(samples: NDArray[np.float64], controller: ControllerParameters, samp
     sample_time : float
         Sample time (s).
     """
-    from scipy.signal import lfilter  # takes a second to import, which the other commands need not wait for
+    from scipy.signal import lfilter  # takes a second to import, and not needed by other commands
 
     current = controller.proportional_gain * samples
     if controller.derivative_on == "error":
@@ -45,7 +45,7 @@ def command(samples: NDArray[np.float64], controller: ControllerParameters, samp
 
 
 def clipped_fundamental(amplitude: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
-    """Amplitude of the fundamental that a limit leaves of sines (describing function of the saturation)."""
+    """Amplitude of the fundamental of clipped sines (describing function of the saturation)."""
     ratio = np.minimum(limit / np.maximum(amplitude, limit), 1.0)
     return amplitude * (2.0 / np.pi) * (np.arcsin(ratio) + ratio * np.sqrt(1.0 - ratio**2))
 
@@ -59,11 +59,11 @@ class Limits:
     amplitude : ndarray, shape (n,)
         Amplitude at each frequency (m).
     known : ndarray of bool, shape (n,)
-        Whether the map shows it. Otherwise it is a lower bound, the largest amplitude of the map, where that is still
-        below the region; and it keeps the control current, where the smallest is already in it or the frequency is
-        above the map.
+        Whether the map shows it. Otherwise there are two cases. If the largest amplitude of the map is still below the
+        region, that amplitude is a lower bound. If the smallest amplitude is already in the region, or the frequency is
+        above the map, the amplitude is extrapolated at constant control current.
     reached : ndarray of bool, shape (n,)
-        Whether the amplitude is that of a boundary (shown or continued), not the bound by the largest one of the map.
+        Whether the amplitude is that of a boundary (shown or extrapolated), not the lower bound.
     """
 
     amplitude: NDArray[np.float64]
@@ -74,7 +74,7 @@ class Limits:
 def limits(
     region_map: RegionMap, region: Region, frequency: NDArray[np.float64], controller: ControllerParameters
 ) -> Limits:
-    """Where sines enter a region or a higher one.
+    """Amplitudes at which sines enter a region or a higher one.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def limits(
     frequency : ndarray, shape (n,)
         Frequencies (Hz), positive.
     controller : ControllerParameters
-        The control law, along which the map is continued to smaller amplitudes and higher frequencies.
+        The control law, with which the map is extrapolated to smaller amplitudes and higher frequencies.
     """
     grid = np.geomspace(region_map.amplitudes[0], region_map.amplitudes[-1], GRID)
     begins = np.min([region_map.boundary(above, grid) for above in ABOVE_A if above >= region], axis=0)

@@ -1,12 +1,12 @@
-"""What an excitation consists of, as sines that a frequency-amplitude graph can be asked about.
+"""Content of an excitation as sines, which can be compared with a frequency-amplitude graph.
 
-A region map holds for a sine of amplitude a. Three kinds of signal are brought to that form in three ways:
+A region map is valid for a sine of amplitude a. Signals are converted to that form in three ways:
 
 - a sweep is a sine at every instant: its amplitude at its instantaneous frequency (`instantaneous`), not the small
-  lines into which a transform over the whole record smears it;
+  lines of a transform over the whole record;
 - a square wave and a sum of tones are sines: their harmonics, their tones (`lines`);
-- multisine, PRBS and white noise have lines whose amplitude depends on the length of the record. What does not is the
-  power in a band: each third of an octave is given as the sine of the same power (`bands`). At the upper edge of the
+- multisine, PRBS and white noise have lines with an amplitude that depends on the length of the record. The power in a
+  band does not: each third of an octave is given as the sine of the same power (`bands`). At the upper edge of the
   loop's bandwidth, where regions begin, such a band is about as wide as the loop: lines within it beat so slowly that
   the rotor follows, and act as one sine.
 
@@ -26,7 +26,7 @@ from amb_core.excitation import ExcitationSignal, Square, Tones
 Form = Literal["instantaneous", "lines", "bands"]
 
 INSTANTS = 400
-"""Points into which a sweep is cut."""
+"""Number of points that represent a sweep."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Content:
     Attributes
     ----------
     form : {"instantaneous", "lines", "bands"}
-        How they follow from the signal. Those of `instantaneous` follow one another, those of the others add up.
+        How they follow from the signal. Sines of `instantaneous` occur one after the other, those of the others add up.
     frequency, amplitude : ndarray, shape (n,)
         Frequency (Hz) and peak amplitude (m) of each.
     share : ndarray, shape (n,)
-        Share of each in the power (or, what for a sweep is the same, in the time); the sum is 1.
+        Share of each in the power (for a sweep also in the time); the sum is 1.
     """
 
     form: Form
@@ -79,7 +79,7 @@ def content_of(signal: ExcitationSignal, span: tuple[int, int], axis: int) -> Co
 
 
 def whole_periods(samples: NDArray[np.float64], square: Square, sample_time: float) -> NDArray[np.float64]:
-    """Samples of a square wave to the end of its last whole period, whose lines do not leak; all if there is none."""
+    """Samples of a square wave to the end of its last whole period, to avoid leakage; all if there is none."""
     periods = np.floor(len(samples) * sample_time * square.frequency + 1e-9)
     return samples[: round(periods / (square.frequency * sample_time))] if periods >= 1.0 else samples
 

@@ -1,4 +1,4 @@
-"""Excitation design: the largest signal of a kind that stays in region A, and still determines the model wanted."""
+"""Excitation design: the largest signal of a kind that stays in region A and determines a model of the given order."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from amb_core.regions.region_map import RegionMap
 
 DESIGNED_KINDS = ("square", "multisine", "prbs")
 
-FIRST_AMPLITUDE = 10e-6  # m; where the map is first asked, from which its margin leads to the amplitude
+FIRST_AMPLITUDE = 10e-6  # m; for the first check on the map; its margin then gives the amplitude
 STEP = 1.25  # factor between amplitudes until one is in A and the next is not
-SMALLEST_AMPLITUDE = 1e-8  # m; below, no sensor would see the rotor move
+SMALLEST_AMPLITUDE = 1e-8  # m; below, no sensor would detect the motion of the rotor
 
 
 @dataclass(frozen=True)
@@ -43,17 +43,17 @@ class DesignedExcitation:
     signal : ExcitationSignal
         The excitation.
     predicted_amplitude : float
-        Largest amplitude in A by the map (m).
+        Largest amplitude in A according to the map (m).
     largest_amplitude : float
         Largest amplitude in A by simulation, within `tolerance` (m).
     beyond_amplitude : float
-        Smallest amplitude found not in A by simulation (m); infinity where the largest allowed is still in A.
+        Smallest amplitude found not in A by simulation (m); infinity if the largest allowed one is still in A.
     check : ExcitationCheck
         The excitation on the map.
     trial : Trial
         Its simulation, in region A.
     persistence : Persistence
-        What model it determines.
+        Persistence of excitation: the order of the model that it determines.
     tried : tuple of TriedAmplitude
         Simulations, in the order in which they were run.
     """
@@ -88,17 +88,17 @@ def design_excitation(
 ) -> DesignedExcitation:
     """Find the largest amplitude of a signal that stays in region A.
 
-    The map tells where to begin; the simulation of the full plant decides, see `amb_core.excitation_design.trial`.
-    From the map's amplitude on, amplitudes a quarter apart are simulated until one is in A and the next is not, and the
-    span between is halved down to the tolerance.
+    The map gives the start value; the simulation of the full plant decides, see `amb_core.excitation_design.trial`.
+    Starting there, amplitudes with steps of a quarter are simulated until one is in A and the next is not. Then the
+    interval is halved down to the tolerance.
 
     Parameters
     ----------
     kind : {"square", "multisine", "prbs"}
         Kind of excitation.
     values : Mapping
-        Its fields but the amplitude, as in `excitation_from_request`. A multisine has optimised phases and, with axes
-        `both`, interleaved lines unless they say otherwise.
+        Its fields except the amplitude, as in `excitation_from_request`. By default a multisine has optimised phases
+        and, with axes `both`, interleaved lines.
     region_map : RegionMap
         Map of the bearing.
     controller, plant : ControllerParameters, PlantParameters, optional
@@ -108,16 +108,16 @@ def design_excitation(
     model_order : int, optional
         Number of states of the model that is to be identified.
     margin : float, optional
-        Amplitude of the result over the largest in A, above 0 up to 1.
+        Amplitude of the result over the largest in A, above 0 and at most 1.
     tolerance : float, optional
         Relative error of the largest amplitude, above 0.
     progress : callable, optional
-        Called with the amplitude that is simulated (m), its number of steps done and that of all steps.
+        Called with the simulated amplitude (m), the number of finished steps and that of all steps.
 
     Raises
     ------
     ExcitationError
-        If a value is not allowed, the kind is not persistently exciting as asked, or no amplitude stays in A.
+        If a value is not allowed, the signal is not persistently exciting for the order, or no amplitude stays in A.
     """
     if kind not in DESIGNED_KINDS:
         raise ExcitationError(f"kind {kind!r} is not designed; allowed: {', '.join(DESIGNED_KINDS)}")
@@ -146,7 +146,7 @@ def design_excitation(
     largest, beyond = search.largest(min(max(predicted, SMALLEST_AMPLITUDE), HIGHEST_AMPLITUDE), tolerance)
     amplitude = margin * largest
     trial = search.run(amplitude)
-    while trial.region > Region.A:  # a region may end below an amplitude that is in A
+    while trial.region > Region.A:  # a smaller amplitude may leave A even if a larger one is in A
         amplitude = _lowered(amplitude)
         trial = search.run(amplitude)
     signal = signal_of(amplitude)
@@ -163,7 +163,7 @@ def design_excitation(
 
 
 class _Search:
-    """Looks for the largest amplitude whose simulation stays in region A."""
+    """Searches for the largest amplitude that stays in region A in simulation."""
 
     def __init__(
         self,

@@ -1,14 +1,14 @@
 """The load that an excitation puts on the bearing, in terms of a region map: 1 where a region begins.
 
 Regions B to D come from the mean square of the control current (the flux squared shifts the bias and adds to the
-negative stiffness) and from the share of time in which it is cut off. Both are of second order: sines of different
-frequencies add by their squares. Where I_k is the amplitude of the control current at the frequency f_k, and I_R(f)
-the one at which a single sine enters region R, the load towards R is sqrt(sum_k (I_k / I_R(f_k))^2). For a single sine
+negative stiffness) and from the share of time in which it is clipped. Both are of second order: sines of different
+frequencies add by their squares. I_k is the amplitude of the control current at the frequency f_k, and I_R(f) the one
+at which a single sine enters region R. Then the load towards R is sqrt(sum_k (I_k / I_R(f_k))^2). For a single sine
 that is the map itself.
 
-The sum is taken over a quarter of a second at a time, and the largest one counts: the bias follows within some 10 ms,
-so a signal that sounds low first and high later (as a multisine with Schroeder's phases does) is judged like the sweep
-that it is. It does not depend on the length of the record, as a spectrum over the whole of a noise would.
+The sum is taken over a quarter of a second at a time, and the largest one counts, since the bias follows within about
+10 ms. So a signal with low frequencies first and high ones later (a multisine with Schroeder's phases) is treated like
+a sweep. The sum does not depend on the length of the record, unlike a spectrum over the whole record of a noise.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from amb_core.regions import Region
 from amb_core.regions.lines import command_gain
 from amb_core.regions.region_map import RegionMap
 
-WINDOW = 0.25  # s, about the shortest span over which the classifier tells a drift
+WINDOW = 0.25  # s, about the shortest span over which the classifier detects a drift
 MARGIN_ERROR = 1e-3
 MARGIN_STEPS = 30
 
@@ -43,10 +43,10 @@ class Load:
     linear : float
         Load towards B where the map shows it, with a bound elsewhere: below 1 region A is certain.
     bounded : float
-        What that bound adds, at frequencies at which the map shows no region but A: lines count as if B began at the
-        largest amplitude of the map.
+        Contribution of that bound at frequencies at which the map shows only region A: lines count as if B began at
+        the largest amplitude of the map.
     continued : float
-        Share of the squared `linear` by lines to which the map had to be continued at constant control current: below
+        Share of the squared `linear` from lines for which the map was extrapolated at constant control current: below
         its smallest amplitude or above its highest frequency.
     """
 
@@ -64,7 +64,7 @@ class AxisLoad:
     content : Content
         Sines of the signal.
     current : ndarray, shape (steps,)
-        Control current that it asks for (A).
+        Control current that it requests (A).
     sample_time : float
         Sample time (s).
     region_map : RegionMap
@@ -72,7 +72,7 @@ class AxisLoad:
     controller : ControllerParameters
         The control law.
     current_limit : float
-        Control current beyond which nothing reaches the coils (A).
+        Limit of the control current that reaches the coils (A).
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class AxisLoad:
         else:
             steps = min(len(current), round(WINDOW / sample_time))
             self._windows = sliding_window_view(current, steps)[:: max(1, steps // 2)]
-            # The mean value over a window is a sine too slow for it; the map has it at its lowest frequency.
+            # The mean value over a window is a sine too slow for the window; it is taken at the map's lowest frequency.
             frequency = np.concatenate([[region_map.settings.frequency_start], line_frequencies(steps, sample_time)])
         gain = command_gain(frequency, controller)
         self._begins = {region: limits(region_map, region, frequency, controller) for region in ABOVE_A}
@@ -101,7 +101,7 @@ class AxisLoad:
         }
 
     def at(self, factor: float = 1.0) -> Load:
-        """Loads when the signal is multiplied by a positive factor."""
+        """Loads of the signal multiplied by a positive factor."""
         current = factor * self._windows
         if self._is_sweep:
             lines = clipped_fundamental(current, self._limit)
@@ -134,10 +134,10 @@ def _window_lines(windows: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def amplitude_margin(axes: Sequence[AxisLoad]) -> float:
-    """Factor on the amplitude at which the first axis leaves region A for certain.
+    """Factor on the amplitude up to which region A is certain on all axes.
 
-    The load rises with the factor, but slower once the current is cut off; so each step of this iteration lands above
-    the factor sought or on it where the load was above 1, and below or on it where it was below.
+    The load rises with the factor, but slower once the current is clipped. So the iteration approaches the solution
+    from one side: from above if the load was above 1, and from below if it was below.
     """
     factor = 1.0
     for _ in range(MARGIN_STEPS):

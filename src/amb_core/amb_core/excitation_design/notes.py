@@ -1,4 +1,4 @@
-"""What a reader of an excitation check should know about how far the map applies."""
+"""Notes on an excitation check: limits of the validity of the map."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from amb_core.regions.region_map import RegionMap
 P = TypeVar("P", bound=Parameters)
 
 MENTIONED = 1e-3
-"""Share of the power or of the load from which on it is mentioned that it lies outside of the map."""
+"""Share of the power or of the load outside the map above which it is mentioned."""
 NAMED = 4
-"""Parameters named where a map was made with others."""
+"""Largest number of differing parameters that are named."""
 
 
 def made_with(region_map: RegionMap, part: str, model: type[P]) -> P:
@@ -38,15 +38,15 @@ def made_with(region_map: RegionMap, part: str, model: type[P]) -> P:
     Raises
     ------
     RegionError
-        If its provenance does not tell.
+        If its provenance does not contain them.
     """
     values = region_map.provenance.get(part)
     if not isinstance(values, Mapping):
-        raise RegionError(f"the region map does not tell the parameters of the {part} it was made with; give them")
+        raise RegionError(f"the region map does not contain the parameters of its {part}; specify them")
     try:
         return validate(model, values)
     except ParameterError as problem:
-        raise RegionError(f"the region map was made with a {part} that this version does not know: {problem}") from None
+        raise RegionError(f"this version does not support the {part} of the region map: {problem}") from None
 
 
 def notes_on(
@@ -56,7 +56,7 @@ def notes_on(
     controller: ControllerParameters,
     plant: PlantParameters,
 ) -> tuple[str, ...]:
-    """Content outside of the map, and a map of something else than what is excited."""
+    """Notes on content outside the map, and on a map of another loop."""
     return (
         *_by_axis({axis.axis: list(_outside(axis, region_map)) for axis in axes}),
         *([] if region_map.complete else ["the map is not complete: its boundaries are coarser than requested"]),
@@ -67,7 +67,7 @@ def notes_on(
 
 
 def _by_axis(notes: dict[str, list[str]]) -> Iterator[str]:
-    """Notes on each axis, those that are the same on both told once."""
+    """Notes on each axis; equal notes on both axes are given once."""
     for text in dict.fromkeys(text for texts in notes.values() for text in texts):
         yield f"{' and '.join(axis for axis, texts in notes.items() if text in texts)}: {text}"
 
@@ -84,12 +84,12 @@ def _outside(axis: AxisCheck, region_map: RegionMap) -> Iterator[str]:
     ):
         share = axis.share[outside].sum()
         if share >= MENTIONED:
-            yield f"{_percent(share)} of the power lies outside of the map, {where}"
+            yield f"{_percent(share)} of the power lies outside the map, {where}"
     sines_shown = axis.form != "bands" and bool(axis.covered.all())
     if axis.load.continued >= MENTIONED and not sines_shown:
         yield (
             f"{_percent(axis.load.continued)} of the load comes from below {smallest:.3g} um or above "
-            f"{settings.frequency_end:g} Hz, where the map is continued at constant control current"
+            f"{settings.frequency_end:g} Hz, where the map is extrapolated at constant control current"
         )
 
 

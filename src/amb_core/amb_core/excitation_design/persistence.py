@@ -1,9 +1,9 @@
-"""Persistence of excitation: how large a model a signal can determine, and whether the axes can be told apart.
+"""Persistence of excitation: the largest model that a signal determines, and whether the axes can be separated.
 
 A periodic signal with n lines in its two-sided spectrum is persistently exciting of order n: a sine counts twice. A
-line that is on both axes at once tells one combination of them only, so n such lines serve each of two inputs with n/2.
-A model with n states needs order 2 n. The loop changes nothing about that: the way from the reference to the control
-current has no zero on the unit circle.
+line that is on both axes at once determines only one combination of them, so n such lines give each of two inputs n/2.
+A model with n states needs order 2 n. The loop does not change this: the path from the reference to the control current
+has no zero on the unit circle.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall 1999, section 13.2.
 """
@@ -19,9 +19,9 @@ from amb_core.excitation.signal import excited_spans
 from amb_core.excitation_design.content import line_spectrum, whole_periods
 
 AUDIBLE = 0.01
-"""Amplitude of a line over that of the strongest from which on it counts."""
+"""Amplitude relative to the strongest line above which a line counts."""
 ROUNDING = 1e-9
-"""Amplitude over the peak of the signal below which a line is an error of rounding: a constant has no lines."""
+"""Amplitude over the peak of the signal below which a line is a rounding error: a constant has no lines."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What an excitation check tells, for an axis and for the whole."""
+"""Results of an excitation check, for an axis and for the whole excitation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class AxisCheck:
     axis : {"x", "y"}
         The axis.
     form : {"instantaneous", "lines", "bands"}
-        What the points are, see `amb_core.excitation_design.content`: instants of a sweep, lines, thirds of an octave.
+        Kind of the points, see `amb_core.excitation_design.content`: instants of a sweep, lines, thirds of an octave.
     frequency, amplitude : ndarray, shape (n,)
         Points to draw on the map: frequency (Hz) and peak amplitude of the sine of the same power (m).
     share : ndarray, shape (n,)
@@ -29,22 +29,22 @@ class AxisCheck:
     region : ndarray of int, shape (n,)
         Region of the map in which each point lies, as values of `Region`.
     covered : ndarray of bool, shape (n,)
-        Whether the map shows it: false outside its frequencies, above its amplitudes, and below them where its smallest
-        is not in A.
+        Whether the map shows it: false outside its frequencies, above its amplitudes, and below them if the smallest
+        one is not in A.
     shares : dict of Region to float
         Share of the power in A, B, C and D; the sum is 1.
     load : Load
         Load towards B, C and D.
     predicted : Region
-        Highest region whose load is 1 or more, else A.
+        Highest region with a load of 1 or more, else A.
     rms, peak : float
         Of the signal while the axis is excited (m).
     command_rms, command_peak : float
-        Of the control current that the signal asks for, before any limit (A).
+        Of the control current that the signal requests, before any limit (A).
     slew_rms, slew_peak : float
         Of its rate of change (A/s).
     limited : float
-        Share of the time in which it is beyond the limit of the control current.
+        Share of the time in which it is above the limit of the control current.
     """
 
     axis: str
@@ -86,13 +86,13 @@ class ExcitationCheck:
     predicted : Region
         Region of the rotor: the higher one of the axes.
     certain : bool
-        Whether the map tells it; false where lines outside of the map could lead to B or higher.
+        Whether the map determines it; false if lines outside the map could lead to B or higher.
     margin : float
         Factor by which the amplitude may be raised (above 1) or must be lowered (below 1) to stay in A for certain.
     verdict : str
         One line: where it would run, and what to do.
     notes : tuple of str
-        What a reader should know: content outside the map, a map of another axis, sample rate, controller or plant.
+        Notes for the reader: content outside the map, a map of another axis, sample rate, controller or plant.
     bias_current, current_limit : float
         Limits to compare the control currents with (A).
     slew_rate : float or None

@@ -1,9 +1,9 @@
-"""Trial of an excitation: the full plant simulated under it, and the region in which the bearing then runs.
+"""Trial of an excitation: simulation of the full plant, and the region in which the bearing then runs.
 
-The classifier (`amb_core.regions`) tells B by a bias that drifts, as it does in a sweep. A signal that sounds the same
-throughout moves the bias at once, when it begins, and keeps it there: the same nonlinearity, but nothing drifts. So
-the shift of the bias from rest is measured too, less the loop's linear answer to a reference whose mean value is not
-zero; a shift by the classifier's `drift_threshold` or more is taken for B.
+The classifier (`amb_core.regions`) detects B by a drifting bias, as in a sweep. A signal with a constant spectrum over
+time moves the bias at its beginning and keeps it there: the same nonlinearity, but without drift. So the shift of the
+bias from rest is measured too, less the loop's linear response to a reference with a mean value. A shift by the
+classifier's `drift_threshold` or more counts as B.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from amb_core.simulation import simulate
 
 @dataclass(frozen=True)
 class Trial:
-    """What an excitation did in simulation.
+    """Result of an excitation in simulation.
 
     Attributes
     ----------
     region : Region
-        Highest region that the rotor ran in.
+        Highest region that the rotor entered.
     classified : Region
         The same by the classifier alone, without the shift of the bias.
     onsets : dict of Region to Onset
         From the classifier; steps count from the release of the rotor, `rest` before the excitation.
     bias_shift : ndarray, shape (2,)
-        Shift of the bias of x and y from rest, the largest one where axes are excited in turn (m); NaN where the rotor
+        Shift of the bias of x and y from rest, the largest one if axes are excited in turn (m); NaN if the rotor
         delevitated before it could be measured.
     record : LoopRecord
         Samples of the run.
@@ -52,7 +52,7 @@ class Trial:
 
 
 class TrialBench:
-    """A bearing in simulation on which excitations are tried.
+    """A simulated bearing for trials of excitations.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class TrialBench:
     Raises
     ------
     PlantError
-        If the plant cannot be built, or the controller does not hold the rotor.
+        If the plant cannot be built, or the controller cannot hold the rotor.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class TrialBench:
         signal : ExcitationSignal
             The excitation.
         progress : callable, optional
-            Called with the number of steps done and that of all steps.
+            Called with the number of finished steps and that of all steps.
 
         Raises
         ------
@@ -125,7 +125,7 @@ class TrialBench:
         return Trial(max(classified, Region.B if moved else Region.A), classified, found.onsets, shift, record)
 
     def _bias_shift(self, record: LoopRecord, signal: ExcitationSignal, rest: int) -> NDArray[np.float64]:
-        """Mean position under excitation, less that at rest and less the linear answer to the mean reference."""
+        """Mean position under excitation, less that at rest and less the linear response to the mean reference."""
         settling = round(self.regions.settling_time / signal.sample_time)
         before = slice(max(rest - settling, 0), rest)
         shifts = [np.full(2, np.nan)]

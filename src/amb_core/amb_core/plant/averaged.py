@@ -11,14 +11,14 @@ likewise), supply voltage U and the network of `amb_core.plant.network`,
     dI_c/dt = K_I e_c, or 0 while the duty is at a limit
     m dv/dt = sum_j phi_j^2 / (2 mu_0 A) (cos theta_j, sin theta_j) - (0, m g),    dq/dt = v
 
-Eddy currents let part of a coil current follow its voltage at once (M has a block from V to i), so V and i are solved
-for together. A unipolar coil whose current would be negative takes the voltage that keeps it zero.
+With eddy currents, part of a coil current follows its voltage at once (M has a block from V to i), so V and i are
+solved together. If the current of a unipolar coil would be negative, its voltage is the one that keeps it zero.
 
-Iron with hysteresis is taken by its single curve. Where the plant has no eddy currents, a thousandth of them is left,
-so that all fluxes have rates. Sensors, disturbances and backup bearings are no part of these equations.
+Iron with hysteresis is represented by its single-valued curve. If the plant has no eddy currents, a thousandth of them
+remains, so that all fluxes have rates. Sensors, disturbances and backup bearings are not part of these equations.
 
-Written for clarity, independently of the compiled kernel, which holds the duty over each switching period (over each
-internal step with `switching` off) and thereby approaches these equations, to first order, as that period vanishes:
+Written for clarity, independently of the compiled kernel. The kernel holds the duty over each switching period (over
+each internal step with `switching` off). It approaches these equations to first order as that period goes to zero:
 its currents lag their references less by about one period, whose mean current is the one before it.
 """
 
@@ -51,9 +51,9 @@ class AveragedPlant:
     size : int
         Number of states.
     flux, circulating, memory, integral : tuple of slice
-        Where the states of each bearing stand.
+        Positions of the states of each bearing.
     coordinates, rates : slice
-        Where those of the rotor stand.
+        Positions of the states of the rotor.
     names : tuple of str
         Names of the states.
     """
@@ -151,7 +151,7 @@ class AveragedPlant:
         return state[self.coordinates] if rotor is None else rotor.bearings @ state[self.coordinates]
 
     def sensors(self) -> NDArray[np.float64]:
-        """What the sensors see (m) of the state, shape (2 * bearings, size)."""
+        """Map from the state to the measured positions (m), shape (2 * bearings, size)."""
         sensors = np.zeros((2 * self.plant.bearings, self.size))
         sensors[:, self.coordinates] = np.eye(2) if self.plant.rotor is None else self.plant.rotor.sensors
         return sensors
@@ -168,7 +168,7 @@ class AveragedPlant:
                 state[self.integral[bearing]] = resistance * current / (2.0 * amplifier.supply_voltage) + _lost_duty(
                     self.plant
                 )
-            else:  # then an error is left, which makes the voltage that the resistance takes
+            else:  # then a control error remains, which makes the voltage across the resistance
                 gain = 2.0 * amplifier.supply_voltage * amplifier.proportional_gain
                 offset = 2.0 * amplifier.supply_voltage * _lost_duty(self.plant)
                 current = (
@@ -201,7 +201,7 @@ class AveragedPlant:
         state[self.circulating[bearing]] = magnetised.circulating[: self._rings]
 
     def unbalanced(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Generalised force on the rotor that nothing balances: of a point mass along x, y (N)."""
+        """Unbalanced generalised force on the rotor: for a point mass along x, y (N)."""
         forces = [self.plant.magnetostatics.force(state[self.flux[bearing]]) for bearing in range(self.plant.bearings)]
         return self._mass() @ self._accelerations(state, np.concatenate(forces))
 
@@ -228,10 +228,10 @@ class AveragedPlant:
         current_reference: NDArray[np.float64],
         bearing: int,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Averaged coil voltages (V) and coil currents (A), each of shape (4,), that fit together in a state."""
+        """Consistent averaged coil voltages (V) and coil currents (A) in a state, each of shape (4,)."""
         amplifier = self.plant.parameters.amplifier
         conductance = self._solution[POLES:, POLES:]
-        # The coil currents without what their voltages drive at once.
+        # The coil currents without the part that their voltages drive at once.
         flux_current = self._solution[POLES:, :POLES] @ drops
         supply = amplifier.supply_voltage
         gain = 2.0 * supply * amplifier.proportional_gain
@@ -269,14 +269,14 @@ def coil_references(current_reference: NDArray[np.float64], plant: Plant) -> NDA
 
 
 def flux_embedding(plant: Plant) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Independent pole fluxes and what they make of all of them.
+    """Independent pole fluxes, and the map from these to all pole fluxes.
 
     Returns
     -------
     kept : ndarray, shape (n,)
         Poles with independent fluxes: all but the last of each circuit.
     embedding : ndarray, shape (8, n)
-        Maps their fluxes to all pole fluxes, those left out being minus the sum of the others of their circuit.
+        Maps their fluxes to all pole fluxes. An omitted flux is minus the sum of the others of its circuit.
     """
     circuits = flux_constraints(plant.parameters.magnetic_circuit.coupling)
     left_out = POLES - 1 - np.argmax(circuits[::-1], axis=0)

@@ -33,7 +33,7 @@ def read_bh_table(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.flo
     Raises
     ------
     PlantError
-        If the file cannot be read, is not such a table, or the curve is not physical; names the file and the line.
+        If the file cannot be read, is not such a table, or the curve is not physical; gives the file and the line.
     """
     try:
         lines = read_text(path).splitlines()

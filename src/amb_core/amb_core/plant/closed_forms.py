@@ -1,7 +1,7 @@
-"""Closed forms of the bearing with ideal iron: what the plant must come to when the iron takes no magnetomotive force.
+"""Closed forms of the bearing with ideal iron: the limit of the plant when the iron has no magnetomotive force drop.
 
-An electromagnet has N turns on two poles of face A, which stand at 22.5 deg on either side of its axis; g_0 is the air
-gap of the centred rotor and i_0 the bias current.
+An electromagnet has N turns on two poles of face area A, at 22.5 deg on either side of its axis; g_0 is the air gap of
+the centred rotor and i_0 the bias current.
 
 Sources: Schweitzer, Maslen (eds.), "Magnetic Bearings", Springer 2009, ch. 3; the paper's eq. (2).
 """
@@ -14,7 +14,7 @@ from scipy.constants import mu_0
 from amb_core.plant.parameters import MagneticCircuitParameters
 
 AXIS_COSINE = float(np.cos(np.pi / 8))
-"""Pull of a pole along the axis of its electromagnet."""
+"""Part of the force of a pole along the axis of its electromagnet."""
 
 
 def force_constant(circuit: MagneticCircuitParameters) -> float:
@@ -30,8 +30,8 @@ def current_gain(circuit: MagneticCircuitParameters, bias_current: float) -> flo
 def negative_stiffness(circuit: MagneticCircuitParameters, bias_current: float) -> float:
     """Negative stiffness k_s: force on the rotor per displacement at bias current, away from the centre (N/m).
 
-    Where the electromagnets share flux, every pole keeps its full bias when the rotor moves; in separate circuits the
-    electromagnets at its sides keep their flux, and only those ahead and behind count.
+    If the electromagnets share flux, every pole keeps its full bias when the rotor moves. In separate circuits the
+    electromagnets at the sides keep their flux, and only those along the displacement count.
     """
     separate = current_gain(circuit, bias_current) * bias_current * AXIS_COSINE / circuit.air_gap
     return separate / AXIS_COSINE**2 if circuit.coupling else separate

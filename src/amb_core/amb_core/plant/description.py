@@ -1,4 +1,4 @@
-"""What follows from a set of parameters: the constants by which an engineer knows a bearing, and its effects."""
+"""Description of a plant: the constants that characterise a bearing, derived from its parameters, and its effects."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ class PlantEffects:
     coupling: bool = _entry("the electromagnets share flux")
     linear_iron: bool = _entry("iron of constant permeability, without saturation and hysteresis")
     saturation: bool = _entry("the flux density in the iron saturates")
-    hysteresis: bool = _entry("the iron runs through hysteresis loops (Jiles-Atherton)")
+    hysteresis: bool = _entry("the iron has hysteresis loops (Jiles-Atherton)")
     eddy_currents: bool = _entry("eddy currents in thin laminations")
     solid_journal: bool = _entry("flux diffuses into a solid journal")
     switching: bool = _entry("pulse-width modulation is resolved, not averaged")
     interleaved_carriers: bool = _entry("the switching periods of the electromagnets follow one another")
-    dead_time: bool = _entry("edges that drive a coil current come late")
+    dead_time: bool = _entry("edges that drive a coil current are delayed")
     limits: bool = _entry("duty cycles and coil current references are limited")
     unipolar: bool = _entry("coil currents cannot become negative")
     gravity: bool = _entry("weight of the rotor along -y")
@@ -59,7 +59,7 @@ class PlantEffects:
     sensor_bandwidth: bool = _entry("first-order low-pass of the sensors")
     sensor_noise: bool = _entry("noise of the sensors")
     quantisation: bool = _entry("converters of positions or currents have finite steps")
-    computation_delay: bool = _entry("current references take effect late")
+    computation_delay: bool = _entry("current references take effect after a delay")
 
     @property
     def entries(self) -> list[Entry]:
@@ -69,7 +69,7 @@ class PlantEffects:
 
 @dataclass(frozen=True)
 class PlantDescription:
-    """Derived constants of a bearing and of its loop; the meaning of each is at its declaration.
+    """Derived constants of a bearing and of its loop; the meaning of each is in its declaration.
 
     Constants of the bearing are those of the centred rotor at bias current; those of the loop belong to the operating
     point where the controller holds the rotor, from the averaged model whether or not switching is resolved. They are
@@ -91,7 +91,7 @@ class PlantDescription:
     damping_ratio_x: float | None = _entry("damping ratio of the loop along x")
     damping_ratio_y: float | None = _entry("damping ratio of the loop along y")
     peak_sensitivity: float | None = _entry("largest gain from disturbed to measured position")
-    stable: bool = _entry("small motions in the loop die away")
+    stable: bool = _entry("small motions in the loop decay")
     effects: PlantEffects = field(kw_only=True)
 
     @property
@@ -113,7 +113,7 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
     Raises
     ------
     PlantError
-        If the plant cannot be built, the controller holds the rotor nowhere, or their sample rates differ.
+        If the plant cannot be built, the controller cannot hold the rotor, or their sample rates differ.
     """
     plant = Plant(parameters)
     controller = controller or ControllerParameters(sample_rate=parameters.integration.sample_rate)

@@ -7,7 +7,7 @@ segment of length l, depth D and section A has the magnetomotive force (s the La
 
 A lamination of thickness d is driven from both faces, so D = d / 2. Its modes are faster than anything of interest, and
 u coth(u) ~ 1 + s tau / 3 gives the eddy coefficient sigma d^2 l / (12 A) of `amb_core.plant.network`. A solid journal
-is centimetres deep and tau is seconds: its drop rises with the square root of s, which takes memory.
+is centimetres deep and tau is seconds: its drop rises with the square root of s, which needs additional states.
 
 Sources: Stoll, "The Analysis of Eddy Currents", Oxford 1974 (slab); Meeker, Maslen, Noh, "Augmented circuit model for
 magnetic bearings including eddy currents, fringing, and leakage", IEEE Trans. Magn. 32 (1996); Zhu, Knospe, Maslen,
@@ -30,18 +30,18 @@ from amb_core.plant.parameters import PlantParameters
 ACCURACY = 0.005
 """Largest relative error of the terms' complex response up to their highest frequency (0.005 rad is 0.29 deg)."""
 HIGHEST_FREQUENCY = 100e3
-"""No more than this is asked of the terms (Hz)."""
+"""Highest frequency up to which the terms are fitted (Hz)."""
 _STEPS_PER_PERIOD = 60  # internal steps per period of the highest frequency: keeps the shortest time constant at two
 _FASTEST = 1.6  # fastest rate over the highest angular frequency
 MOST_TERMS = 30
-"""Of the fit; the integrator has room for as many."""
+"""Largest number of terms of the fit; the integrator has room for as many."""
 
 
 @dataclass(frozen=True)
 class SolidJournal:
     """Diffusion into a solid journal as a passive sum: u coth(u) ~ 1 + sum_n c_n s / (s + p_n) + r s.
 
-    Each term remembers, for every pole, by how much its flux leads: m_n = c_n (phi - q_n) with q_n' = p_n (phi - q_n).
+    Each term stores, for every pole, the lead of its flux: m_n = c_n (phi - q_n) with q_n' = p_n (phi - q_n).
     With J the journal's part of the reluctance matrix, its drops are
 
         J (phi + sum_n m_n + r dphi/dt)
@@ -57,11 +57,11 @@ class SolidJournal:
     rates : ndarray, shape (n,)
         p_n (1/s), ascending.
     rest : float
-        r > 0 (s): all that is faster than the terms.
+        r > 0 (s): everything that is faster than the terms.
     time_constant : float
         tau (s).
     highest_frequency : float
-        Up to it, from 0 Hz, the sum was fitted (Hz).
+        The sum was fitted from 0 Hz up to this frequency (Hz).
     """
 
     weights: NDArray[np.float64]
@@ -82,7 +82,7 @@ class SolidJournal:
     def update(self, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Coefficients a, b, each of shape (n,), of the recursion m_n <- a_n m_n + b_n (phi_new - phi_old).
 
-        It is exact for a flux that is linear within the step (s), so of second order otherwise.
+        It is exact for a flux that is linear within the step (s), and otherwise of second order.
         """
         exponent = self.rates * step
         return np.exp(-exponent), -self.weights * np.expm1(-exponent) / exponent
@@ -104,26 +104,27 @@ def diffusion(frequency: NDArray[np.float64], time_constant: float) -> NDArray[n
 
 
 def solid_journal_terms(parameters: PlantParameters) -> SolidJournal:
-    """Fit a solid journal by as few terms as hold the accuracy.
+    """Fit a solid journal by the smallest number of terms with the required accuracy.
 
     Rates are spaced logarithmically from the slowest mode of diffusion, pi^2 / tau, to just above the highest
     frequency; the weights follow by non-negative least squares of the relative error, so the sum is passive.
 
-    The higher the highest frequency, the smaller r, and r / (1 + sum_n c_n), about 0.035 over the highest frequency, is
-    the shortest time constant that the journal can give to the magnetic circuit. So that it lasts two internal steps,
-    the highest frequency has 60 of them in a period: 33 kHz for 0.5 us, and at most 100 kHz. Above, the error grows
-    slowly, to 10 % at 100 kHz. The force response is met to 0.3 %, its -3 dB frequency, on a slope so flat, to 1 %.
+    A higher highest frequency makes r smaller. r / (1 + sum_n c_n), about 0.035 over the highest frequency, is the
+    shortest time constant that the journal can give to the magnetic circuit. It must last two internal steps, so a
+    period of the highest frequency has 60 internal steps: 33 kHz for 0.5 us, and at most 100 kHz. Above, the error
+    grows slowly, to 10 % at 100 kHz. The force response is accurate to 0.3 %, its -3 dB frequency to 1 % because the
+    slope there is flat.
 
     Parameters
     ----------
     parameters : PlantParameters
         Geometry, relative permeability, conductivity of the journal and internal step; `iron.solid_journal` itself is
-        not asked.
+        not used.
 
     Raises
     ------
     PlantError
-        If 30 terms do not hold the accuracy.
+        If 30 terms do not reach the accuracy.
     """
     tau = _journal_time_constant(parameters)
     highest = min(HIGHEST_FREQUENCY, 1.0 / (_STEPS_PER_PERIOD * parameters.integration.internal_step))
@@ -164,7 +165,7 @@ def force_response(parameters: PlantParameters, frequency: NDArray[np.float64]) 
         k_i(s) = 4 cos(22.5 deg) N_p^2 i_0 / (mu_0 A Z_1/2(0)) sum_rho w_rho / Z_rho(s)
         (rho, w_rho) = (1 + 1/sqrt 2, 1 - 1/sqrt 2) and (1 - 1/sqrt 2, 1/sqrt 2)
 
-    In separate circuits all is at rho = 1/2. A solid journal has u coth(u) in place of its 1 + s t.
+    In separate circuits rho = 1/2 for all. A solid journal has u coth(u) in place of its 1 + s t.
 
     Parameters
     ----------
@@ -211,7 +212,7 @@ def eddy_bandwidth(parameters: PlantParameters) -> float:
     """Frequency at which eddy currents have lowered the force per control current by 3 dB (Hz); inf without them.
 
     In separate laminated circuits this is R / (2 pi K), with R the reluctance and K the eddy coefficient of a pole and
-    its part of the rings; otherwise `force_response` is solved for it.
+    its part of the rings. Otherwise it is found numerically from `force_response`.
     """
     if not parameters.iron.eddy_currents:
         return math.inf

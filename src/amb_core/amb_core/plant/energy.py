@@ -1,4 +1,4 @@
-"""Where the energy goes: an account over traces of the plant."""
+"""Energy balance over traces of the plant."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from amb_core.plant.trace import Trace
 class EnergyAccount:
     """Energies of a run (J), summed over consecutive traces of one plant, all bearings together.
 
-    Make it when the plant stands where the first trace begins. Powers are integrated by the trapezoidal rule over each
-    internal step, with the voltages of that step at both ends: currents and flux rates jump with the voltages.
+    Create it in the state of the plant at which the first trace begins. Powers are integrated by the trapezoidal rule
+    over each internal step, with the voltages of that step at both ends: currents and flux rates jump with them.
 
     Parameters
     ----------
@@ -39,11 +39,11 @@ class EnergyAccount:
     mechanical : float
         Work of the magnetic forces on the rotor.
     work : float
-        Work of the magnetic forces without regard to sign: the scale of what `mechanical` is the balance of.
+        Work of the magnetic forces with absolute values: the scale of the balance in `mechanical`.
     contact, disturbance : float
         Work of the backup bearings, and of external force and unbalance, on the rotor.
     kinetic, strain, potential : float
-        Gained by the rotor in motion, bending and height.
+        Gained by the rotor as kinetic, strain and potential energy.
     damping : float
         Lost by the rotor to its surroundings.
     """
@@ -64,12 +64,12 @@ class EnergyAccount:
 
     @property
     def rotor_residual(self) -> float:
-        """Work on the rotor that it has neither gained nor lost (J)."""
+        """Work on the rotor that is neither stored in it nor lost (J)."""
         gained = self.kinetic + self.strain + self.potential
         return self.mechanical + self.contact + self.disturbance - gained - self.damping
 
     def add(self, trace: Trace) -> None:
-        """Add the steps of a trace that starts where the one before ended."""
+        """Add the steps of a trace that starts where the previous one ended."""
         if self._last is not None:
             trace = _each(lambda *pair: np.concatenate(pair), self._last, trace)
         self._last = _each(lambda rows: rows[-1:], trace)
@@ -142,7 +142,7 @@ def _gained(rows: NDArray[np.float64], form: NDArray[np.float64]) -> float:
 
 
 def _each(function: Callable[..., NDArray[np.float64]], *traces: Trace) -> Trace:
-    """Trace of what a function makes of the arrays of traces of one plant."""
+    """Trace with the results of a function of the arrays of traces of one plant."""
     names = [field.name for field in fields(Trace) if field.name != "bearing_b"]
     arrays = {name: function(*(getattr(trace, name) for trace in traces)) for name in names}
     others = [trace.bearing_b for trace in traces if trace.bearing_b is not None]

@@ -26,7 +26,7 @@ _STEPS = 2000  # per quarter of a loop
 
 
 def iron_figure(parameters: PlantParameters) -> Figure:
-    """Flux density over field of the iron: the line, curve or loops that the parameters ask for."""
+    """Flux density over field of the iron: the line, curve or loops of the parameters."""
     iron = parameters.iron
     figure, axes = _axes("Magnetisation of the iron", "field H (A/m)", "flux density B (T)")
     if iron.saturation:

@@ -1,15 +1,15 @@
-"""The force of one electromagnet along a trajectory, and the identities that its law has.
+"""The force of one electromagnet along a trajectory, and the identities of its force law.
 
-An electromagnet with N turns on two poles of face A, with an iron path of length l_c and of permeability mu_r and with
-pole gaps x_g, pulls at a current i with (the paper's eq. 1 to 4, k = mu_0 N^2 A cos(22.5 deg) / 4)
+An electromagnet has N turns on two poles of face area A, an iron path of length l_c and permeability mu_r, and pole
+gaps x_g. Its force at a current i is (the paper's eq. 1 to 4, k = mu_0 N^2 A cos(22.5 deg) / 4)
 
     f  = mu_0 (N i / (l_c / mu_r + 2 x_g))^2 A cos(22.5 deg)                                                 (1)
     f  = k i^2 / x^2,                                   x = x_g + l_c / (2 mu_r)                             (2)
     f' = (2 k i i' x^2 - 2 k i^2 x x') / x^4                                                                 (3)
     f  = k i i' / (x x') - x f' / (2 x')                                                                     (4)
 
-The paper leaves l_c out of (2) and writes x_g; with iron the lengthened gap x has to stand there. (4) is (3) divided by
-x': it holds for any smooth i and x, and tells nothing about what decides them.
+The paper leaves l_c out of (2) and writes x_g; with iron the lengthened gap x must be used there. (4) is (3) divided by
+x': it holds for any smooth i and x, and says nothing about their causes.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from amb_core.plant.trace import Trace
 
 Values = NDArray[np.float64]
 
-SLOWEST = 0.05  # of the largest speed: below it (4) divides by next to nothing
+SLOWEST = 0.05  # of the largest speed: below it (4) divides by almost zero
 
 
 def iron_path_length(plant: Plant) -> float:
-    """Length l_c of an electromagnet's path through iron (m), of the cross-section of a pole face."""
+    """Length l_c of an electromagnet's path through iron (m), for the cross-section of a pole face."""
     (pole, pole_area), *rings = plant.network.paths
     face = plant.network.pole_area
     return face * (2.0 * pole / pole_area + sum(length / area for length, area in rings))
@@ -93,7 +93,7 @@ class ForceTrajectory:
 
     @property
     def moving(self) -> NDArray[np.bool_]:
-        """Where the gap changes fast enough for eq. (4) to be evaluated."""
+        """Whether the gap changes fast enough to evaluate eq. (4)."""
         speed = np.abs(self.gap_rate)
         return speed > SLOWEST * speed.max()
 
@@ -106,7 +106,7 @@ class ForceTrajectory:
 
     @property
     def speed_exponent(self) -> float:
-        """Exponent p of the power law f ~ |x'|^p that fits force over speed best (least squares of logarithms)."""
+        """Exponent p of the best fit f ~ |x'|^p of force over speed (least squares of logarithms)."""
         speed, force = np.abs(self.gap_rate[self.moving]), self.force[self.moving]
         return float(np.polyfit(np.log(speed), np.log(force), 1)[0])
 

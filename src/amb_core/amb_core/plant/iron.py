@@ -21,7 +21,7 @@ from amb_core.plant.parameters import IronParameters
 
 _SPAN = 2.0  # of the table of an anhysteretic curve, in mu0 M_s
 _DAMPING = 9.0 / 16.0
-"""Share of the stiff Jacobian in the Newton step; damps the lag of M behind M_an fastest where steps are long."""
+"""Share of the stiff Jacobian in the Newton step; for long steps it damps the lag of M behind M_an fastest."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,8 @@ class SaturationCurve:
     end : float
         Flux density where the straight line begins (T).
     coefficients : ndarray, shape (intervals + 1, 4)
-        Of each interval and of the straight line (A/m), lowest power first, in the place within the interval (0 to 1).
+        Coefficients of each interval and of the straight line (A/m), lowest power first; the variable is the position
+        within the interval (0 to 1).
     """
 
     end: float
@@ -80,7 +81,7 @@ def saturation_curve(parameters: IronParameters) -> SaturationCurve:
         )
         grid = np.linspace(0.0, flux_density[-1], CURVE_INTERVALS + 1)
         values, slopes = odd(grid), odd(grid, 1)
-        # Within these bounds an interpolant rises (Fritsch, Carlson 1980); they matter only where the table has a kink.
+        # Within these bounds an interpolant rises (Fritsch, Carlson 1980); they matter only at kinks of the table.
         secants = np.diff(values) * CURVE_INTERVALS / grid[-1]
         slopes[1:] = np.minimum(slopes[1:], 3.0 * secants)
         slopes[:-1] = np.minimum(slopes[:-1], 3.0 * secants)
@@ -130,7 +131,7 @@ def anhysteretic_field(
 
 
 def check_stability(parameters: IronParameters) -> None:
-    """Refuse Jiles-Atherton parameters whose anhysteretic curve would turn back at the origin.
+    """Refuse Jiles-Atherton parameters with an anhysteretic curve that would turn back at the origin.
 
     Raises
     ------

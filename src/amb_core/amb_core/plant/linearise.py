@@ -44,7 +44,7 @@ class Linearization:
     Attributes
     ----------
     point : OperatingPoint
-        Where the plant was linearised.
+        Point of linearisation.
     controller : ControllerParameters
         The controller of the loop.
     continuous : control.StateSpace
@@ -94,7 +94,7 @@ class Linearization:
         outputs = self.closed_loop.output_labels
         if len(swinging) == 0 or axis not in outputs:
             return None
-        # The amplifiers are far faster than the rotor, so its modes, one per axis, are the slowest that oscillate.
+        # The amplifiers are far faster than the rotor, so its modes, one per axis, are the slowest oscillating ones.
         slowest = swinging[np.argsort(np.abs(rates[swinging]))][: len(outputs)]
         shares = np.abs(self.closed_loop.C @ vectors[:, slowest])
         # Two bearings share modes evenly: then it is the slowest.
@@ -113,11 +113,12 @@ def linearize(
     Parameters
     ----------
     plant : Plant
-        Gives the parameters; its state is neither used nor changed. `switching` makes no difference here.
+        Gives the parameters; its state is neither used nor changed. `switching` has no effect here.
     controller : ControllerParameters, optional
         By default the paper's.
     position : ndarray, shape (2,), optional
-        Rotor position about which to linearise (m). By default where the controller holds the rotor, sag included.
+        Rotor position about which to linearise (m). By default the position at which the controller holds the rotor,
+        sag included.
 
     Raises
     ------
@@ -137,7 +138,7 @@ def linearize(
 
 def linear_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
     """The plant from control currents (A) to measured positions (m) about an operating point, continuous."""
-    import control  # takes a second to import, which programs that do not need it should not wait
+    import control  # takes a second to import: only on use
 
     averaged = AveragedPlant(plant)
     kept, embedding = _independent_states(averaged)
@@ -172,7 +173,7 @@ def linear_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
 
 
 def _discretise(continuous: control.StateSpace, plant: Plant) -> control.StateSpace:
-    """Inputs held over each sample, from the computation delay on; then the inputs before it are states."""
+    """Inputs held over each sample, starting after the computation delay; with a delay, earlier inputs are states."""
     import control
 
     delay = plant.parameters.converters.computation_delay * plant.sample_time
@@ -198,7 +199,7 @@ def _discretise(continuous: control.StateSpace, plant: Plant) -> control.StateSp
 def close_loop(
     plant: control.StateSpace, controllers: Sequence[ControllerParameters]
 ) -> tuple[control.StateSpace, control.StateSpace]:
-    """Loop of a discrete plant and PD controllers, their limits aside.
+    """Loop of a discrete plant and PD controllers without their limits.
 
     With a and w the pole and the weight of the derivative filter, the derivative d of u is d[k] = w (a - 1) s[k] +
     w u[k], s[k+1] = a s[k] + u[k].
@@ -252,11 +253,11 @@ def _rates(poles: NDArray[np.complex128], sample_time: float) -> NDArray[np.comp
 
 
 def _independent_states(averaged: AveragedPlant) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Indices of the states that no constraint binds, and the map from these states to all."""
+    """Indices of the states without constraints, and the map from these states to all states."""
     plant = averaged.plant
     poles, fluxes = flux_embedding(plant)
     left_out = np.setdiff1d(np.arange(POLES), poles)
-    # Without integral gain the integral parts stay what they are: no states of the linear model.
+    # Without integral gain the integral parts are constant: they are not states of the linear model.
     integrating = active_coils(plant.parameters.magnetic_circuit) if plant.parameters.amplifier.integral_gain else ()
     embedding = np.eye(averaged.size)
     kept = np.ones(averaged.size, dtype=bool)
@@ -279,7 +280,7 @@ def _scales(averaged: AveragedPlant) -> NDArray[np.float64]:
     circuit, network = averaged.plant.parameters.magnetic_circuit, averaged.plant.network
     scales = np.ones(averaged.size)
     for bearing in range(averaged.plant.bearings):
-        # Fluxes, circulating fluxes and memories stand in one piece
+        # Fluxes, circulating fluxes and memories are contiguous
         fluxes = slice(averaged.flux[bearing].start, averaged.integral[bearing].start)
         scales[fluxes] = circuit.turns_per_pole / (network.gap_reluctance * circuit.air_gap)
     scales[averaged.coordinates] = circuit.air_gap

@@ -1,7 +1,7 @@
-"""The magnetic circuit at rest: fluxes of constant currents, whether its iron is linear or saturates.
+"""The magnetic circuit at rest: fluxes of constant currents, with linear or saturating iron.
 
-With nonlinear iron, the fields of poles, back iron and journal follow from the single curve of the material; hysteresis
-makes loops about that curve, so states at rest and linear models lie on it.
+With nonlinear iron, the fields of poles, back iron and journal follow from the single-valued curve of the material.
+Hysteresis makes loops about that curve, so states at rest and linear models lie on it.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class Magnetostatics:
     def differential_reluctance(
         self, flux: NDArray[np.float64], circulating: NDArray[np.float64], x: float, y: float
     ) -> NDArray[np.float64]:
-        """Derivative of `drops` by the fluxes (A/Wb), shape (10, 10), symmetric."""
+        """Derivative of `drops` with respect to the fluxes (A/Wb), shape (10, 10), symmetric."""
         jacobian = np.zeros((POLES + RINGS, POLES + RINGS))
         jacobian[:POLES, :POLES] = self._network.reluctance(x, y, self._gap)
         if self.curve is not None:
@@ -118,7 +118,7 @@ class Magnetostatics:
         Raises
         ------
         PlantError
-            If saturated iron lets no solution be found.
+            If no solution is found for saturated iron.
         """
         kept = np.concatenate([np.arange(POLES), POLES + self.rings])
         constraints = np.zeros((len(kept), self._constraints.shape[1]))
@@ -162,7 +162,7 @@ class Magnetostatics:
         return np.asarray((flux**2 / (2.0 * mu_0 * self._network.pole_area)) @ POLE_DIRECTIONS)
 
     def shortest_time_constant(self) -> float:
-        """Of the eddy currents around the centred rotor (s), infinite without any."""
+        """Shortest time constant of the eddy currents with the rotor centred (s), infinite without eddy currents."""
         reluctance = self.differential_reluctance(np.zeros(POLES), np.zeros(RINGS), 0.0, 0.0)[:POLES, :POLES]
         fast = reluctance + self._diffusing * self._network.journal_reluctance
         rate = float(np.abs(np.linalg.eigvals(self._network.solution[:POLES, :POLES] @ fast)).max())

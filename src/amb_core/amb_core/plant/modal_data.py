@@ -1,4 +1,4 @@
-"""Modes of a flexible rotor: what the plant needs of it, and the file that holds them.
+"""Modes of a flexible rotor: the data that the plant needs, and their file.
 
 The modes are those of the free rotor at standstill: no bearings (their force comes from the magnetic circuit) and no
 speed. The rotor lies in axes x (horizontal), y (up) and z (along the shaft, bearing A at smaller z than B), and turns
@@ -39,7 +39,7 @@ from amb_core.errors import PlantError
 from amb_core.files.regular_files import open_regular, shown
 
 _SKEW_TOLERANCE = 1e-6
-"""Largest symmetric part of the gyroscopic matrix, relative to its largest element: room for files in single."""
+"""Largest symmetric part of the gyroscopic matrix, relative to its largest element; allows single precision files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +51,9 @@ class ModalData:
     natural_frequencies : ndarray, shape (n,)
         Natural frequencies at standstill (Hz); 0 for rigid body modes.
     damping_ratios : ndarray, shape (n,)
-        Damping ratios (-), 0 to 1; of no effect for rigid body modes.
+        Damping ratios (-), 0 to 1; without effect for rigid body modes.
     bearings, sensors : ndarray, shape (4, n)
-        Mode shapes where bearings A x, A y, B x, B y act, and where their sensors look (1/sqrt(kg)).
+        Mode shapes at bearings A x, A y, B x, B y, and at their sensors (1/sqrt(kg)).
     unbalance : ndarray, shape (2, n)
         Mode shapes along x and y in the plane of the unbalance (1/sqrt(kg)).
     weight : ndarray, shape (n,)
@@ -61,7 +61,7 @@ class ModalData:
     gyroscopic : ndarray, shape (n, n)
         Gyroscopic matrix per running speed in rad/s (-), skew.
     description : str
-        What rotor this is and where the data come from.
+        The rotor and the source of the data.
 
     Raises
     ------
@@ -118,8 +118,8 @@ class ModalData:
         Raises
         ------
         PlantError
-            If the file cannot be read, lacks an array, has one of another name, or its arrays are refused (see
-            `ModalData`); the message names the file.
+            If the file cannot be read, lacks an array, has an unknown one, or its arrays are refused (see `ModalData`);
+            the message names the file.
         """
         content = _read(Path(path))
         missing = [name for name in _ARRAYS if name not in content]
@@ -199,5 +199,5 @@ def _read(path: Path) -> dict[str, NDArray[np.float64]]:
         raise PlantError(f"modal data {shown(path)}: cannot be read: {problem.strerror}") from None
     except PlantError:
         raise
-    except Exception as problem:  # zip and NumPy each have their own for a file of another kind or a damaged one
-        raise PlantError(f"modal data {path}: is no .npz file: {' '.join(str(problem).split())}") from None
+    except Exception as problem:  # zip and NumPy raise different ones for a damaged file or another format
+        raise PlantError(f"modal data {path}: is not an .npz file: {' '.join(str(problem).split())}") from None

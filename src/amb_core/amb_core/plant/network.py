@@ -1,6 +1,6 @@
 """The magnetic circuit as constant matrices: eight-pole reluctance network with iron, eddy currents and four coils.
 
-Poles j = 0..7 stand at theta_j = 22.5 deg + 45 deg j; electromagnets c are +x (poles 7, 0), +y (1, 2), -x (3, 4),
+Poles j = 0..7 are at theta_j = 22.5 deg + 45 deg j; electromagnets c are +x (poles 7, 0), +y (1, 2), -x (3, 4),
 -y (5, 6). With pole fluxes phi_j (positive from stator to journal), gaps g_j and coil currents i_c,
 
     K dphi/dt + E psi - N_p S i = -h,   h = diag(g_j / (mu0 A)) phi + R phi
@@ -9,7 +9,7 @@ Poles j = 0..7 stand at theta_j = 22.5 deg + 45 deg j; electromagnets c are +x (
 
 where R holds the reluctances of poles, back iron and journal, K their eddy-current coefficients
 sigma d^2 l / (12 A) (thin laminations), S the winding polarity, and psi the magnetic potential between the rings.
-Nothing but h depends on the state, so the system is solved once for dphi/dt and i as a matrix on (-h, V).
+Only h depends on the state, so the system is solved once: dphi/dt and i are a constant matrix times (-h, V).
 
 Sources: Meeker, Maslen, Noh, "Augmented circuit model for magnetic bearings including eddy currents, fringing, and
 leakage", IEEE Trans. Magn. 32 (1996); Stoll, "The Analysis of Eddy Currents", Oxford 1974 (thin laminations);
@@ -36,7 +36,7 @@ COIL_AXES = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 """Direction in which each electromagnet pulls; also the sign with which a control current reference enters it."""
 _LEFT_WITHOUT_EDDY_CURRENTS = 1e-3
 POLARITY = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
-"""Winding polarity of the poles: neighbours of different electromagnets are alike (N S S N N S S N)."""
+"""Winding polarity of the poles: neighbours of different electromagnets have the same polarity (N S S N N S S N)."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class MagneticNetwork:
     pole_area : float
         Area of a pole face A (m^2).
     iron_reluctance : ndarray, shape (8, 8)
-        R: poles, back iron and journal, as far as their iron is linear (A/Wb), symmetric.
+        R: poles, back iron and journal, if their iron is linear (A/Wb), symmetric.
     eddy_coefficient : ndarray, shape (8, 8)
         K (A s/Wb), symmetric.
     winding : ndarray, shape (8, 4)
@@ -97,7 +97,7 @@ def build_network(parameters: PlantParameters) -> MagneticNetwork:
     Parameters
     ----------
     parameters : PlantParameters
-        Geometry, windings, which of them have an amplifier, and iron.
+        Geometry, windings, amplifiers present, and iron.
     """
     circuit, iron = parameters.magnetic_circuit, parameters.iron
     area = circuit.pole_width * circuit.axial_length
@@ -206,8 +206,8 @@ def _solve_static(
 ) -> NDArray[np.float64]:
     """The same without eddy currents.
 
-    Fluxes that balance, h = N_p S i - E psi, give the currents; the voltages that these leave move the flux linkages
-    by the smallest fluxes, which `amb_core.plant.kernel.quasistatic` then balances.
+    Fluxes in equilibrium, h = N_p S i - E psi, give the currents. The voltages left after the resistive drop move the
+    flux linkages by the smallest fluxes, which `amb_core.plant.kernel.quasistatic` then balances.
     """
     solution = np.zeros((POLES + COILS, POLES + COILS))
     placed = POLES + np.array(active)

@@ -1,4 +1,4 @@
-"""Equilibria of the plant: where the magnetic force carries the weight of the rotor and nothing changes."""
+"""Equilibria of the plant: states at rest in which the magnetic force carries the weight of the rotor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from amb_core.plant.averaged import AveragedPlant, coil_references
 from amb_core.plant.plant import Plant
 
 _TOLERANCE = 1e-9
-"""Force left over at an equilibrium, in parts of the weight."""
+"""Residual force allowed at an equilibrium, relative to the weight."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class OperatingPoint:
 
 
 def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPoint:
-    """Where the controller at rest holds the rotor: below its nominal reference by the sag, as it does not integrate.
+    """Equilibrium with the controller: below the nominal reference by the sag, since there is no integral action.
 
     Raises
     ------
     PlantError
-        If the rotor finds no equilibrium inside the backup bearing, or takes more current or voltage than there is.
+        If there is no equilibrium inside the backup bearing, or it needs more current or voltage than available.
     """
     averaged = AveragedPlant(plant)
     controllers = [controller, plant.parameters.controller_b][: plant.bearings]
@@ -67,14 +67,14 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
     point = held(scaled) if np.isfinite(scaled).all() else None
     if point is None or not _inside(point, radius):
         raise PlantError(
-            f"the controller with K_P = {controller.proportional_gain:g} A/m holds the rotor of "
-            f"{_rotor_mass(plant):g} kg nowhere inside the backup bearing, {radius:g} m"
+            f"the controller with K_P = {controller.proportional_gain:g} A/m cannot hold the rotor of "
+            f"{_rotor_mass(plant):g} kg inside the backup bearing, {radius:g} m"
         )
     currents = np.abs(point.current_reference).reshape(-1, 2).max(axis=1)
     for one, largest in zip(controllers, currents, strict=True):
         if largest >= one.current_limit:
             raise PlantError(
-                f"holding the rotor takes a control current of {largest:.3g} A; allowed: less than the controller's "
+                f"holding the rotor needs a control current of {largest:.3g} A; allowed: less than the controller's "
                 f"limit, {one.current_limit:g} A"
             )
     _check_duties(point, plant)
@@ -82,7 +82,7 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
 
 
 def point_at(position: NDArray[np.float64], plant: Plant) -> OperatingPoint:
-    """The equilibrium with all journals at a position (m), shape (2,), whatever control currents that takes.
+    """The equilibrium with all journals at a position (m), shape (2,), with the control currents that it needs.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def point_at(position: NDArray[np.float64], plant: Plant) -> OperatingPoint:
     def residual(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
         moved = scale * (shapes @ unknown[:size]) / 1e-3
         if "x" not in plant.axes:
-            moved[0] += unknown[size]  # i_x drives nothing, so it shall be zero
+            moved[0] += unknown[size]  # i_x has no effect, so it is set to zero
         return np.concatenate([_unbalanced(held(unknown), averaged), moved])
 
     unknown = _solve(residual, np.zeros(size + 2 * plant.bearings))
@@ -174,7 +174,7 @@ def _check_duties(point: OperatingPoint, plant: Plant) -> None:
 
 
 def _unbalanced(point: OperatingPoint, averaged: AveragedPlant) -> NDArray[np.float64]:
-    """What does not balance, over weight (or weight at 1 m/s^2); along directions that cannot move, the position."""
+    """Unbalanced force over weight (or weight at 1 m/s^2); for directions that cannot move, the position."""
     plant = averaged.plant
     left = averaged.unbalanced(point.state) / (_rotor_mass(plant) * max(plant.parameters.rotor.gravity, 1.0))
     if "x" not in plant.axes:
@@ -189,5 +189,5 @@ def _solve(
     from scipy.optimize import root  # takes a third of a second to import
 
     found = root(residual, start, tol=1e-12)
-    # Judged by the residual: at a root of zero the solver's own, relative measure of success cannot be met.
+    # The residual decides: at a root of zero the solver's own relative criterion of success cannot be met.
     return found.x if np.abs(found.fun).max() < _TOLERANCE else np.full(len(start), np.nan)

@@ -1,4 +1,4 @@
-"""The plant's parameters as the records and arrays that its compiled integrator works on."""
+"""Converts the plant's parameters to the records and arrays of its compiled integrator."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def pack(
 
 
 def _records(kind: np.dtype[Any], number: int = 1) -> NDArray[Any]:
-    """Records of zeros that begin on a cache line, so that their speed does not depend on where memory was free."""
+    """Records of zeros that begin on a cache line, so that their speed does not depend on the memory address."""
     line = 64
     memory = np.zeros(number * kind.itemsize + line, dtype=np.uint8)
     first = -memory.ctypes.data % line
@@ -74,7 +74,7 @@ def _records(kind: np.dtype[Any], number: int = 1) -> NDArray[Any]:
 
 
 def _pack_switches(record: np.void, parameters: PlantParameters, network: MagneticNetwork) -> None:
-    """Which effects there are, and the times of integration and sensors."""
+    """Switches of the effects, and the times of integration and sensors."""
     iron, amplifier, rotor = parameters.iron, parameters.amplifier, parameters.rotor
     step = record["step"] = parameters.integration.internal_step
     record["iron"] = iron.saturation + iron.hysteresis
@@ -158,11 +158,11 @@ def _pack_paths(record: np.void, parameters: PlantParameters, network: MagneticN
         record["length"][path] = length
         record["area"][path] = area
     if parameters.iron.solid_journal:
-        record["length"][2] = 0.0  # its iron is linear and stands in the matrices
+        record["length"][2] = 0.0  # its iron is linear and part of the matrices
     # Separate circuits have no rings; without eddy currents their fluxes have no rates.
     if circuit.coupling and parameters.iron.eddy_currents:
         record["circulation"] = 12.0 / (circuit.iron_conductivity * circuit.lamination_thickness**2)
-    # Half of what Adams-Bashforth allows the decay of an unlinked flux, 12 nu / (sigma d^2) with nu = 1 / mu_0 - dM/dB
+    # Half of the limit of Adams-Bashforth for the decay of an unlinked flux, 12 nu / (sigma d^2), nu = 1 / mu_0 - dM/dB
     eddies = circuit.iron_conductivity * circuit.lamination_thickness**2 / 12.0
     record["stiff_slope"] = 1.0 / mu_0 - 0.5 * eddies / parameters.integration.internal_step
 

@@ -1,6 +1,6 @@
 """Parameters of the plant: power amplifiers, magnetic circuit, iron, rotor, sensors. Defaults are the paper's table 1.
 
-What the table leaves open is marked "assumed" in its description. Effects beyond the paper's table are off.
+Values that the table does not give are marked "assumed" in their descriptions. Effects beyond the table are off.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class MagneticCircuitParameters(Parameters):
 
 
 class IronParameters(Parameters):
-    """What the iron does beyond its constant relative permeability; one material for poles, back iron and journal.
+    """Effects of the iron beyond its constant relative permeability; one material for poles, back iron and journal.
 
     Defaults of the Jiles-Atherton model are those of a non-oriented silicon steel in Gyselinck, Dular, Sadowski, Leite,
     Bastos, "Incorporation of a Jiles-Atherton vector hysteresis model in 2D FE magnetic field computations", COMPEL 23
@@ -153,7 +153,7 @@ class RotorParameters(Parameters):
     external_force_x: float = quantity(0.0, "N", "external force on the rotor at bearing A, x axis", -1e6, 1e6)
     external_force_y: float = quantity(0.0, "N", "external force on the rotor at bearing A, y axis", -1e6, 1e6)
     external_force_frequency: float = quantity(
-        0.0, "Hz", "frequency of the external force, a cosine from the reset on; 0 for a constant force", 0.0, 1e5
+        0.0, "Hz", "frequency of the external force, a cosine starting at the reset; 0 for a constant force", 0.0, 1e5
     )
     backup_bearing_radius: float = backup_bearing_radius(
         "radial rotor displacement at which it touches the backup bearing"
@@ -194,7 +194,7 @@ class FlexibleRotorParameters(Parameters):
 
 
 class BackupBearingParameters(Parameters):
-    """What happens when the rotor touches the backup bearing; its radius is `rotor.backup_bearing_radius`."""
+    """Contact of the rotor with the backup bearing; its radius is `rotor.backup_bearing_radius`."""
 
     contact: bool = switch(False, "the rotor bounces and rubs on the backup bearing; false: touching it ends the run")
     stiffness: float = quantity(2e7, "N/m", "contact stiffness (assumed)", 1e3, 1e10)

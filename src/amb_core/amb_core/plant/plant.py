@@ -26,7 +26,7 @@ from amb_core.plant.trace import Trace, row_size, unpack
 
 @dataclass(frozen=True)
 class PlantSnapshot:
-    """What happens inside the plant at the end of a sample; the first index of all arrays is the bearing, A then B.
+    """Internal state of the plant at the end of a sample; the first index of all arrays is the bearing, A then B.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class PlantSnapshot:
     position : ndarray, shape (bearings, 2)
         Of the journal (m).
     contact : ndarray of bool, shape (bearings,)
-        Whether the backup bearing pushed at the journal or the journal has come as far.
+        Whether the backup bearing pushed the journal or the journal has reached it.
     """
 
     coil_current: NDArray[np.float64]
@@ -55,12 +55,12 @@ class Plant:
 
     Inputs are the control current references i_x, i_y (A); the amplifiers add the bias current. The output is the
     measured rotor position x, y (m). `advance` integrates exactly one controller sample. With a rotor in two bearings,
-    inputs and outputs are those of bearing A; bearing B has a PD controller of its own, which acts at the same samples.
+    inputs and outputs are those of bearing A; bearing B has its own PD controller, which acts at the same samples.
 
     Attributes
     ----------
     parameters : PlantParameters
-        What it was made of.
+        Its parameters.
     network : MagneticNetwork
         The magnetic circuit, the same in both bearings.
     magnetostatics : Magnetostatics
@@ -103,7 +103,7 @@ class Plant:
         self.reset()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """A copy has arrays of its own, so its views are of these."""
+        """Restore a copy: it has its own arrays, so the views must refer to these."""
         self.__dict__.update(state)
         self._set_views()
 
@@ -144,7 +144,7 @@ class Plant:
             bearing["ring"]["flux"] = magnetised.circulating
         amplifier = self._arrays.constants[0]["amplifier"]
         period, shift = amplifier["period"], amplifier["carrier_shift"]
-        # Of the switching period that ends at its first update, a coil with a later carrier has part still to go.
+        # A coil with a later carrier still has a part of the switching period left that ends at its first update.
         gone = period - shift * np.arange(COILS) if shift else np.full(COILS, period)
         bearing["current_sum"] = bias * gone
         bearing["current_start"] = bias
@@ -163,7 +163,7 @@ class Plant:
 
     @property
     def contact(self) -> bool:
-        """Whether a backup bearing pushed at its journal in the last internal step."""
+        """Whether a backup bearing pushed its journal in the last internal step."""
         return bool(self._arrays.bearings["contact_force"].any())
 
     def bias_currents(self) -> NDArray[np.float64]:
@@ -266,7 +266,7 @@ class Plant:
         self._measured = self._sensing.measure(self._sensed) if self._sensing.real else self._sensed
 
     def _check_internal_step(self) -> None:
-        """The integrator is stable up to one step per fastest eddy-current time constant; half of that is asked for."""
+        """The integrator is stable up to one step per fastest eddy-current time constant; half of that is allowed."""
         fastest = 1.0 / self.magnetostatics.shortest_time_constant()
         step = self.parameters.integration.internal_step
         if step * fastest > 0.5:
@@ -276,7 +276,7 @@ class Plant:
             )
 
     def _check_modes(self) -> None:
-        """Explicit steps of undamped modes gain (omega h)^4 / 4; below a fifth that is less than half a per mille."""
+        """Explicit steps of undamped modes grow by (omega h)^4 / 4; for omega h below 0.2 that is less than 0.05 %."""
         if self.rotor is None:
             return
         step = self.parameters.integration.internal_step

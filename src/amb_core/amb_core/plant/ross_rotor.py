@@ -1,4 +1,4 @@
-"""Modal data from a rotor modelled in ROSS (ross-rotordynamics), so that its users bring their machines.
+"""Modal data from a rotor modelled in ROSS (ross-rotordynamics), for users with ROSS models of their machines.
 
     import ross
 
@@ -7,11 +7,11 @@
     rotor = ross.Rotor.load("rotor.toml")
     modal_data_from_ross(rotor, bearing_nodes=(4, 22)).save("rotor.npz")
 
-ROSS's axes are ours: x horizontal, y up, z along the shaft with ascending nodes, and its speed turns +x to +y. Its
-alpha turns about +x and its beta about +y, so the axis tilts by dx/dz = beta and dy/dz = -alpha.
+ROSS has the same axes as this library: x horizontal, y up, z along the shaft with ascending nodes, and its speed turns
++x to +y. Its alpha turns about +x and its beta about +y, so the axis tilts by dx/dz = beta and dy/dz = -alpha.
 
-Shafts, discs and masses on nodes of the shaft are taken. Bearings, seals and supports are not: the magnetic bearings
-take their place. Nor is ROSS's damping of the material; all bending modes have one damping ratio.
+Shafts, discs and masses on nodes of the shaft are used. Bearings, seals and supports are not: the magnetic bearings
+replace them. ROSS's material damping is not used either; all bending modes have one damping ratio.
 
 Source: Timbó et al., "ROSS - Rotordynamic Open Source Software", J. Open Source Software 5 (2020) 2120.
 """
@@ -29,11 +29,11 @@ from amb_core.errors import PlantError
 from amb_core.plant.modal_data import ModalData
 
 _TOLERANCE = 1e-9
-"""On elements of matrices and forces that must vanish, relative to the largest; rounding is far below."""
+"""Tolerance for elements of matrices and forces that must vanish, relative to the largest; far above rounding."""
 _TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 """Planes x and y as a gyroscopic matrix connects them."""
 _GAP = 1e3
-"""Least ratio of the lowest eigenvalue of bending to those that rounding gives the rigid body modes."""
+"""Least ratio of the lowest bending eigenvalue to those of the rigid body modes, which are rounding errors."""
 
 
 def modal_data_from_ross(
@@ -66,8 +66,8 @@ def modal_data_from_ross(
     Raises
     ------
     PlantError
-        If a node or the number of modes is not one that the rotor has, or the rotor is not a single free shaft that
-        bends along x as it does along y.
+        If the rotor does not have a node or that many modes, or is not a single free shaft that bends along x as it
+        does along y.
     """
     name = f"ROSS rotor '{rotor.tag}'"
     nodes, z = list(rotor.nodes), np.asarray(rotor.nodes_pos, dtype=np.float64)
@@ -104,7 +104,7 @@ def modal_data_from_ross(
 
 
 def _position(name: str, what: str, node: int, nodes: list[int]) -> int:
-    """Where a node stands in the list of all."""
+    """Index of a node in the list of all nodes."""
     if node not in nodes:
         raise PlantError(f"{name}: {what} has {node!r}; allowed: nodes {nodes[0]} to {nodes[-1]}")
     return nodes.index(node)
@@ -130,7 +130,7 @@ def _pose(displacement: NDArray[np.float64], tilt: float = 0.0) -> NDArray[np.fl
 
 
 def _plane(name: str, rotor: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Mass and stiffness of the plane of x, which are also those of y, and gyroscopic matrix from y' to forces on x."""
+    """Mass and stiffness of the plane of x (equal to those of y), and gyroscopic matrix from y' to forces on x."""
     first = rotor.number_dof * np.asarray(rotor.nodes)
     offset = rotor.shaft_elements[0].dof_mapping()
     lateral = np.concatenate([first + offset[f"{axis}_0"] for axis in ("x", "beta", "y", "alpha")])
@@ -157,7 +157,7 @@ def _plane(name: str, rotor: Any) -> tuple[NDArray[np.float64], NDArray[np.float
 def _rigid_modes(
     name: str, mass: NDArray[np.float64], stiffness: NDArray[np.float64], z: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
-    """Translation and tilt about the centre of mass, of unit modal mass, and where that centre is (m)."""
+    """Translation and tilt about the centre of mass, of unit modal mass, and the position of that centre (m)."""
     translation = _pose(np.ones_like(z))
     centre = float(translation @ mass @ _pose(z, 1.0) / (translation @ mass @ translation))
     poses = np.column_stack([translation, _pose(z - centre, 1.0)])
@@ -174,5 +174,5 @@ def _bending_modes(
     if squares[2] < _GAP * np.abs(squares[:2]).max():
         raise PlantError(f"{name}: moves in more than two ways without bending; needed: one shaft without hinges")
     squares, modes = squares[2:-1], modes[:, 2:-1]
-    modes -= rigid @ (rigid.T @ mass @ modes)  # what rounding has left of the rigid body modes
+    modes -= rigid @ (rigid.T @ mass @ modes)  # remove rounding residues of the rigid body modes
     return np.sqrt(squares), modes * np.where(modes[len(modes) // 2 - 1] < 0.0, -1.0, 1.0)

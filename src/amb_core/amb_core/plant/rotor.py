@@ -2,7 +2,7 @@
 
     M q'' + (D + G) q' + K q = B^T f + U^T f_u + w
 
-with bearing forces f at A x, A y, B x, B y, force f_u of the unbalance, weight w; journals stand at B q, sensors see
+with bearing forces f at A x, A y, B x, B y, force f_u of the unbalance, weight w; journals are at B q, sensors measure
 S q. Axes are x (horizontal), y (up), z (along the shaft, bearing A at smaller z than B); the rotor turns from +x to +y.
 Damping is that of the surroundings, D q' in the fixed frame; damping inside a turning rotor is not modelled.
 
@@ -34,7 +34,7 @@ class RotorModel:
     gyroscopic : ndarray, shape (n, n)
         G at the running speed, skew; units of the damping.
     bearings, sensors : ndarray, shape (4, n)
-        B and S: displacement of the journals, and what their sensors see, at A x, A y, B x, B y per coordinate.
+        B and S: displacement of the journals, and at their sensors, at A x, A y, B x, B y per coordinate.
     unbalance : ndarray, shape (2, n)
         U: displacement in the plane of the unbalance, x and y, per coordinate.
     weight : ndarray, shape (n,)
@@ -57,8 +57,8 @@ class RotorModel:
         return len(self.mass)
 
     def coordinates_at(self, x: float, y: float) -> NDArray[np.float64]:
-        """Coordinates, shape (n,), with both journals at x, y (m): of all such poses the least strained."""
-        # Stationary point of q^T K q / 2 + lambda^T (B q - target); it stays where it is when K is scaled.
+        """Coordinates, shape (n,), with both journals at x, y (m): the pose with the least strain energy."""
+        # Stationary point of q^T K q / 2 + lambda^T (B q - target); scaling K does not change it.
         scale = max(float(np.abs(self.stiffness).max()), np.finfo(np.float64).tiny)
         system = np.block([[self.stiffness / scale, self.bearings.T], [self.bearings, np.zeros((4, 4))]])
         target = np.concatenate([np.zeros(self.n), [x, y, x, y]])
@@ -84,7 +84,7 @@ class RotorModel:
 
 
 def rotor_model(parameters: PlantParameters) -> RotorModel:
-    """The rotor in two bearings that `rotor.model` asks for, `rigid` or `flexible`.
+    """The rotor in two bearings selected by `rotor.model`, `rigid` or `flexible`.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def flexible_rotor(parameters: PlantParameters) -> RotorModel:
 
 
 def modal_rotor(data: ModalData, gravity: float, running_speed: float) -> RotorModel:
-    """Rotor of given modes; coordinates are theirs (m sqrt(kg)).
+    """Rotor of given modes, in modal coordinates (m sqrt(kg)).
 
     Parameters
     ----------

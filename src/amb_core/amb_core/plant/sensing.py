@@ -1,4 +1,4 @@
-"""From the rotor to the numbers of the controller, and back: sensor noise, converters, computation delay."""
+"""Signal path from the rotor to the controller and back: sensor noise, converters, computation delay."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _NOISE_BLOCK = 4096
 
 
 class Sensing:
-    """What the controller reads: position with noise, in steps of the converter. The low-pass is part of the kernel.
+    """Measured positions: with noise, in steps of the converter. The low-pass is part of the kernel.
 
     Parameters
     ----------
     parameters : PlantParameters
-        Its `sensor` and `converters` count.
+        The plant; only its `sensor` and `converters` are used.
     axes : int
         Number of measured positions.
 
@@ -33,7 +33,7 @@ class Sensing:
         self.reset()
 
     def reset(self) -> None:
-        """Start the noise anew: the same after every reset."""
+        """Restart the noise: it is the same after every reset."""
         self._generator = np.random.Generator(np.random.PCG64(self._sensor.noise_seed))
         self._noise = np.empty((0, self._axes))
         self._used = 0

@@ -4,8 +4,8 @@
 
     uniform_shaft(length=0.5, diameter=0.064, bearings=(-0.15, 0.15)).save("shaft.npz")
 
-Bending is that of a slender beam with free ends (Euler and Bernoulli: no shear, no rotary inertia), whose frequencies
-are somewhat too high where the shaft is not slender; so is the rotary inertia of a tilting disc left out of the tilt.
+Bending is that of a slender beam with free ends (Euler and Bernoulli: no shear, no rotary inertia). Its frequencies are
+somewhat too high if the shaft is not slender. The tilt also neglects the rotary inertia of the cross-sections.
 
 Source: Blevins, "Formulas for Natural Frequency and Mode Shape", Van Nostrand Reinhold 1979, table 8-1, free-free beam.
 """
@@ -22,7 +22,7 @@ from amb_core.errors import PlantError
 from amb_core.plant.modal_data import ModalData
 
 MOST_BENDING_MODES = 8
-"""Beyond, hyperbolic functions of the shape cancel to less than six digits."""
+"""For more modes, cancellation in the hyperbolic functions of the shape leaves less than six digits."""
 _TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 """Planes x and y as a gyroscopic matrix connects them."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(80)

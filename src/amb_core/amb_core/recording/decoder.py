@@ -1,4 +1,4 @@
-"""Decodes stored messages by the definitions that their bag brings along."""
+"""Decodes stored messages with the definitions in their bag."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from amb_core.recording.storage import Definition
 
 
 def register(types: Typestore, message_type: str, definition: Definition) -> None:
-    """Let a store of types know a message type, `package/msg/Name`, and those that it uses.
+    """Add a message type, `package/msg/Name`, and those that it uses to a store of types.
 
     Raises
     ------
@@ -33,9 +33,9 @@ class Decoder:
     Parameters
     ----------
     path : Path
-        The bag, for messages of errors.
+        The bag, for error messages.
     definitions : dict of str to Definition
-        By message type; may fill up until a type is decoded for the first time.
+        By message type; entries may be added until a type is decoded for the first time.
     """
 
     def __init__(self, path: Path, definitions: dict[str, Definition]) -> None:

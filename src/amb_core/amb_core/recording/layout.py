@@ -1,4 +1,4 @@
-"""Whether two definitions of a message type describe the same bytes."""
+"""Compares the byte layouts of two definitions of a message type."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from amb_core.recording.storage import Definition
 
 
 def layout_hash(message_type: str, definition: Definition) -> str:
-    """Hash of the fields of a message type (RIHS01 of ROS 2), which comments and constants do not change.
+    """Hash of the fields of a message type (RIHS01 of ROS 2); comments and constants have no influence.
 
     Parameters
     ----------

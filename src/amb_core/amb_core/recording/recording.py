@@ -1,6 +1,6 @@
-"""A recording: what a bag holds, read in one pass, as the library's own types.
+"""A recording: the content of a bag, read in one pass, as the library's own types.
 
-Topics are found by message type, so that a bag reads whatever namespace it was recorded in.
+Topics are found by message type, so a bag from any namespace can be read.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 SIMULATOR_STATE = "amb_msgs/msg/SimulatorState"
-DELEVITATED = 3  # its mode, see there
+DELEVITATED = 3  # mode in this message, see its definition
 REGION_STATE = "amb_msgs/msg/RegionState"
 REGION_MAP = "amb_msgs/msg/RegionMap"
 KEPT = (
@@ -52,7 +52,7 @@ KEPT = (
     REGION_MAP,
     PARAMETER_EVENT,
 )
-"""Message types that the library knows, but for those of single samples, of which there are too many."""
+"""Message types that the library reads, except those of single samples, since there are too many of these."""
 
 CONTROLLER_NODE, SIMULATOR_NODE = "pd_controller", "simulator"
 
@@ -67,20 +67,20 @@ class TopicInfo:
 
 
 class Recording:
-    """A bag read through once: counted, checked, and its known messages kept as they are stored.
+    """A bag read once: its messages are counted and checked, and those of known types are kept as stored.
 
-    They are converted when they are asked for, so that a wrong one costs nothing but what it belongs to.
+    They are converted on request, so a wrong message affects only the data to which it belongs.
 
     Attributes
     ----------
     path : Path
         Its folder or file.
     topics : list of TopicInfo
-        What it holds, by name.
+        Its topics, by name.
     duration : float
         Time from its first to its last message (s).
     truncated : str
-        Why it does not read to its end, empty for a whole bag. What comes before the damage is read.
+        Why it cannot be read to its end; empty for a complete bag. Everything before the damage is read.
     """
 
     def __init__(self, path: Path, storage: Storage) -> None:
@@ -104,12 +104,12 @@ class Recording:
 
     @classmethod
     def read(cls, path: str | Path) -> Recording:
-        """Read a bag: a folder, an `.mcap` or a `.db3` file, also one that was cut off while being written.
+        """Read a bag: a folder, an `.mcap` or a `.db3` file, also an incomplete one whose recording was interrupted.
 
         Raises
         ------
         BagError
-            If there is no bag, or if not one message of a damaged one can be read.
+            If there is no bag, or if no message of a damaged one can be read.
         """
         return cls(Path(path), open_storage(Path(path)))
 
@@ -159,7 +159,7 @@ class Recording:
         return coverage.spans
 
     def plant_states(self, run: int | None = None) -> PlantRecord:
-        """The inside of the plant during a run (by default the last recorded), at the steps that were published.
+        """Internal states of the plant during a run (by default the last recorded), at the published steps.
 
         Raises
         ------
@@ -186,7 +186,7 @@ class Recording:
             If there are no such samples.
         """
         if not self.runs:
-            return self.telemetry()  # which says what is there instead
+            return self.telemetry()  # its error lists what is available
         run = self.runs[-1]
         blocks = self._blocks[run]
         available = (
@@ -216,13 +216,13 @@ class Recording:
         Returns
         -------
         ndarray, shape (stop - first_step,)
-            NaN where nothing was excited, by a signal without an instantaneous frequency, or from a definition that
+            NaN where there was no excitation, for a signal without an instantaneous frequency, or for a definition that
             this version of the library does not know.
         """
         known = {(int(item.run), int(item.id)): item for item in self._excitations}
         frequency = np.full(max(stop, 0), np.nan)
         for answer in self.excitations(run):
-            if answer.accepted:  # also of a stop: an excitation ends where the next one begins
+            if answer.accepted:  # also for a stop: an excitation ends where the next one begins
                 frequency[answer.first_step :] = np.nan
                 excitation = known.get((answer.run, answer.id))
                 part = np.zeros(0) if excitation is None else frequency_from_message(excitation)
@@ -231,9 +231,9 @@ class Recording:
         return frequency[first_step:]
 
     def delevitation(self, run: int | None = None) -> int | None:
-        """Step before which the simulator ended a run (by default the last one) since the rotor delevitated, or None.
+        """Step before which the simulator ended a run (by default the last one) due to delevitation, or None.
 
-        A simulation that goes on after contact, and a real bearing, have none.
+        A simulation that continues after contact, and a real bearing, have none.
         """
         if run is None and not self.runs:
             return None
@@ -257,7 +257,7 @@ class Recording:
         return None if values is None else controller_of(values)
 
     def plant_parameters(self) -> PlantParameters | None:
-        """Parameters of the simulated plant (a node named simulator), None when there are none, as for a real bearing.
+        """Parameters of the simulated plant (a node named simulator), None if there are none, as for a real bearing.
 
         Raises
         ------
@@ -276,7 +276,7 @@ class Recording:
         return model_from_message(self._models[-1]) if self._models else None
 
     def regions(self, run: int | None = None) -> list[RegionState]:
-        """The states that the region monitor published of a run, by default the last with telemetry, in order."""
+        """The states that the region monitor published in a run, by default the last with telemetry, in order."""
         if run is None and not self.runs:
             return []
         run = self.runs[-1] if run is None else run
@@ -291,7 +291,7 @@ class Recording:
         return region_map_from_message(self._region_maps[-1])
 
     def messages_of(self, topic: str) -> Iterator[Any]:
-        """The messages of a topic, decoded, as they were recorded; reads the files once more.
+        """The messages of a topic, decoded, as they were recorded; reads the files again.
 
         Raises
         ------
@@ -372,7 +372,7 @@ class Recording:
         return names[0] if names else None
 
     def _converted(self, message_type: str, convert: Callable[[Any], T]) -> list[T]:
-        """The messages of a type in order; what was stored of them is dropped."""
+        """The messages of a type in order; their stored form is dropped."""
         if self._topic_of(message_type) is None:
             return []
         converted = [convert(self._decoder.decode(message_type, data)) for data in self._stored[message_type]]

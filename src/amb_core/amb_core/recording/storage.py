@@ -1,4 +1,4 @@
-"""The files of a bag: messages as stored, from MCAP files that may be cut off and from what else rosbag2 writes."""
+"""The files of a bag: messages as stored, from possibly incomplete MCAP files and from other formats of rosbag2."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class StoredMessage(NamedTuple):
 
 
 class Definition(NamedTuple):
-    """How a message type is defined: `ros2msg` or `ros2idl`, and the text."""
+    """Definition of a message type: its format, `ros2msg` or `ros2idl`, and the text."""
 
     encoding: str
     text: str
@@ -44,7 +44,7 @@ class Storage(Protocol):
     definitions: dict[str, Definition]
     """By message type; complete once `messages` has run through."""
     damage: str
-    """Why reading stopped before the end; empty for a whole bag. Known once `messages` has run through."""
+    """Why reading stopped before the end; empty for a complete bag. Known at the end of `messages`."""
 
     def messages(self) -> Iterator[StoredMessage]:
         """All messages in the order in which they were stored."""
@@ -57,7 +57,7 @@ def open_storage(path: Path) -> Storage:
     Raises
     ------
     BagError
-        If there is nothing, or no bag.
+        If nothing is there, or it is not a bag.
     """
     mode = _mode_of(path)
     if stat.S_ISDIR(mode):
@@ -87,7 +87,7 @@ def _storage_of_folder(path: Path) -> Storage:
     listed = description.get("relative_file_paths")
     files = [path / Path(name).name for name in listed] if listed else _by_number(path.glob("*.mcap"))
     if missing := [file.name for file in files if not file.exists()]:
-        raise BagError(f"bag {path}: metadata.yaml lists {', '.join(missing)}, which is not there")
+        raise BagError(f"bag {path}: metadata.yaml lists {', '.join(missing)}, which does not exist")
     if files:
         return McapStorage(files)
     databases = _by_number(path.glob("*.db3"))
@@ -97,7 +97,7 @@ def _storage_of_folder(path: Path) -> Storage:
 
 
 class McapStorage:
-    """MCAP files read from front to back, so that the end may be missing."""
+    """MCAP files read from the beginning, so their end may be missing."""
 
     def __init__(self, files: list[Path]) -> None:
         self.definitions: dict[str, Definition] = {}
@@ -105,7 +105,7 @@ class McapStorage:
         self._files = files
 
     def messages(self) -> Iterator[StoredMessage]:
-        """All messages up to the end of each file or to where it breaks off."""
+        """All messages up to the end of each file, or up to the damage."""
         for file in self._files:
             yield from self._messages_of(file)
 
@@ -116,14 +116,14 @@ class McapStorage:
                 if not MCAP0_MAGIC.startswith(magic):
                     raise BagError(f"bag {file}: not an MCAP file")
                 stream.seek(0)
-                # A broken length must not make the reader ask for more memory than the file has bytes.
+                # A corrupt length must not make the reader allocate more memory than the size of the file.
                 reader = StreamReader(stream, validate_crcs=True, record_size_limit=file.stat().st_size)
                 yield from self._decoded(reader)
         except OSError as problem:
             raise BagError(f"bag {file}: cannot be read: {problem.strerror}") from None
         except (McapError, ValueError, LookupError, struct.error, zstandard.ZstdError, RuntimeError) as problem:
-            # What reader, checksums and decompressors (lz4: RuntimeError) raise on bytes that are not whole.
-            self.damage = f"{file.name} breaks off or is damaged ({type(problem).__name__})"
+            # Raised by reader, checksums and decompressors (lz4: RuntimeError) for incomplete data.
+            self.damage = f"{file.name} is incomplete or damaged ({type(problem).__name__})"
 
     def _decoded(self, reader: StreamReader) -> Iterator[StoredMessage]:
         schemas: dict[int, Schema] = {}
@@ -163,7 +163,7 @@ class RosbagsStorage:
 
 
 def _description(folder: Path) -> dict[str, Any]:
-    """What `metadata.yaml` says; nothing when it is missing or broken, as a killed recorder leaves it."""
+    """Content of `metadata.yaml`; empty if it is missing or broken, as after a crash of the recorder."""
     try:
         content = yaml.safe_load(read_text(folder / "metadata.yaml", 16 * MIB))
         description = content["rosbag2_bagfile_information"]

@@ -1,7 +1,7 @@
 """Writes bags: an MCAP file in a folder with `metadata.yaml`, as rosbag2 does, so that `ros2 bag` and Foxglove open it.
 
-Messages are written as received, without decoding. Chunks go to the disk by size and by age: a recorder that is killed
-leaves a file that reads up to its last chunk. Format: https://mcap.dev/spec and rosbag2 metadata version 9.
+Messages are written as received, without decoding. Chunks are written to the disk by size and by age: if the recorder
+is killed, its file is readable up to the last chunk. Format: https://mcap.dev/spec and rosbag2 metadata version 9.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from amb_core.recording.messages.parameters import ParameterValue, encode_parame
 from amb_core.recording.storage import Definition
 
 METADATA_VERSION = 9
-SHOWN = 200  # characters of a path that cannot be right
+SHOWN = 200  # characters shown of an invalid path
 CHUNK_SIZE = 256 * 1024
-"""Bytes after which a chunk is written whatever its age."""
+"""Bytes after which a chunk is written regardless of its age."""
 
 
 @dataclass
@@ -44,8 +44,8 @@ class BagWriter:
     folder : path
         Folder of the bag; must not exist.
     chunk_age : float, optional
-        Longest time that a message waits in memory while messages arrive (s). Where they may stop arriving, call
-        `flush` from a timer.
+        Longest time that a message waits in memory while messages arrive (s). If they may stop arriving, call `flush`
+        from a timer.
 
     Raises
     ------
@@ -94,7 +94,7 @@ class BagWriter:
             Text of the `.msg` file, followed by those of the types it uses, each after a line of 80 `=` and a line
             `MSG: package/Name`.
         offered_qos : sequence of mapping, optional
-            Quality of service that its publishers offer, in the words of rosbag2's metadata; whoever plays the bag
+            Quality of service that its publishers offer, in the format of rosbag2's metadata; a player of the bag
             offers the same. Reliable and volatile by default.
         """
         if message_type not in self._schemas:
@@ -162,7 +162,7 @@ class BagWriter:
         Raises
         ------
         BagError
-            If they cannot be written; what is on the disk stays readable.
+            If they cannot be written; everything on the disk remains readable.
         """
         try:
             self._writer.finish()
@@ -171,7 +171,7 @@ class BagWriter:
         except OSError as problem:
             raise self._unwritable(problem) from None
         finally:
-            # Closing retries what could not be written, fails again, and closes all the same.
+            # Closing tries again to write the rest, fails again, but still closes the file.
             with contextlib.suppress(OSError):
                 self._stream.close()
 
@@ -221,7 +221,7 @@ class BagWriter:
 
 
 def _reliable_profile() -> dict[str, Any]:
-    """A reliable, volatile quality-of-service profile in the words of rosbag2; its largest times mean without limit."""
+    """A reliable, volatile quality-of-service profile in rosbag2's format; its largest times mean unlimited."""
     unlimited = {"sec": 9223372036, "nsec": 854775807}
     return {
         "history": "keep_last",

@@ -1,5 +1,5 @@
-"""What messages carry as the library's own types: one file per message, both ways where both are needed.
+"""Converts messages to the library's own types and, where needed, back: one file per message.
 
-Fields are read and set by name, so that a message may be one of ROS or one decoded from a bag. Nothing is imported
-here: who converts telemetry alone needs no region map, which loads a compiler.
+Fields are read and set by name, so a message may come from ROS or be decoded from a bag. Nothing is imported here: code
+that converts only telemetry does not need the region map, which loads a compiler.
 """

@@ -1,4 +1,4 @@
-"""Arrays of a message: the type that ROS takes without a look at each element, and back."""
+"""Arrays of a message: the type that ROS accepts without a check of each element, and back."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from numpy.typing import ArrayLike
 
 
 def doubles(values: ArrayLike) -> array[float]:
-    """Row by row, as a field `float64[]` takes it."""
+    """Values row by row, for a field `float64[]`."""
     return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())

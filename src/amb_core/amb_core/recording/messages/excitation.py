@@ -1,4 +1,4 @@
-"""amb_msgs/Excitation: what the rotor shall follow, as a definition from which each node makes the samples."""
+"""amb_msgs/Excitation: a signal on the reference, as a definition from which each node makes the samples."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ EXCITATION = "amb_msgs/msg/Excitation"
 def frequency_from_message(message: Any) -> NDArray[np.float64]:
     """Instantaneous frequency of each sample of an Excitation message (Hz), shape (steps,); empty where none is known.
 
-    A message of version 0.1 carries it, of later ones the definition has it.
+    A message of version 0.1 contains it; for later ones it follows from the definition.
     """
     if hasattr(message, "frequency"):
         return np.asarray(message.frequency, dtype=np.float64)
-    if len(message.reference_x) or message.kind not in KINDS:  # a waveform of the sender's own, a stop
+    if len(message.reference_x) or message.kind not in KINDS:  # a user-defined waveform, or a stop
         return np.zeros(0)
     try:
         excitation = excitation_from_definition(str(message.kind), str(message.description))
         frequency = instantaneous_frequency(excitation, 1.0 / message.sample_time)
-    except (ExcitationError, ZeroDivisionError):  # of a later version, or refused by the controller as well
+    except (ExcitationError, ZeroDivisionError):  # of a later version, or also refused by the controller
         return np.zeros(0)
     return np.zeros(0) if frequency is None else frequency
 
@@ -42,7 +42,7 @@ def frequency_from_message(message: Any) -> NDArray[np.float64]:
 def fill_excitation(message: M, excitation: Excitation, run: int, first_step: int, sample_rate: float) -> M:
     """Set the fields of an Excitation message to a definition, with number and checksum of its samples.
 
-    The samples are made for it at a sample rate (Hz), and not kept.
+    For these, the samples are made at a sample rate (Hz), and not kept.
     """
     playback = Playback(excitation, sample_rate)
     message.run, message.first_step, message.sample_time = run, first_step, 1.0 / sample_rate

@@ -15,7 +15,7 @@ from amb_core.recording.messages.time_stamp import LONGEST_TIME, set_step_time
 M = TypeVar("M", bound=Any)
 
 LOOP_SAMPLES = "amb_msgs/msg/LoopSamples"
-SHORTEST_SAMPLE_TIME, LONGEST_SAMPLE_TIME = 1e-7, 10.0  # s; wider than any loop, so that nothing downstream overflows
+SHORTEST_SAMPLE_TIME, LONGEST_SAMPLE_TIME = 1e-7, 10.0  # s; wider than for any loop; prevents overflows later
 _SIGNALS = ("reference", "position", "current")
 
 
@@ -25,7 +25,7 @@ def block_from_message(message: Any) -> LoopRecord:
     Raises
     ------
     BagError
-        If its arrays differ in length, or its sample time or step is that of no loop.
+        If its arrays differ in length, or its sample time or step is out of range.
     """
     where = f"telemetry block of run {message.run} at step {message.first_step}"
     try:
@@ -37,7 +37,7 @@ def block_from_message(message: Any) -> LoopRecord:
             _axes(message.current_x, message.current_y),
         )
     except ValueError:
-        raise BagError(f"{where}: its arrays must have one length") from None
+        raise BagError(f"{where}: its arrays must have the same length") from None
     if not SHORTEST_SAMPLE_TIME <= block.sample_time <= LONGEST_SAMPLE_TIME:
         raise BagError(
             f"{where}: sample time {block.sample_time} s must be positive; allowed: {SHORTEST_SAMPLE_TIME:g} s to "

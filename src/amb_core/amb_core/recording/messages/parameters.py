@@ -1,7 +1,6 @@
 """rcl_interfaces/Parameter: names and values of a node's parameters, and a serialized ParameterEvent with them.
 
-The event is made here and not with rclpy, whose `serialize_message` leaves a tail of stray memory behind nested
-messages.
+The event is not made with rclpy, because its `serialize_message` appends arbitrary bytes of memory to nested messages.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ PARAMETER_EVENT = "rcl_interfaces/msg/ParameterEvent"
 
 ParameterValue = bool | int | float | str | list[Any] | None
 
-# Of rcl_interfaces/ParameterValue, whose type counts them from 1, see ParameterType there.
+# Fields of rcl_interfaces/ParameterValue; its type counts them from 1, see ParameterType there.
 _FIELDS = (
     "bool_value",
     "integer_value",
@@ -88,7 +87,7 @@ def _fields_of(value: ParameterValue) -> dict[str, Any]:
 
 
 def _array(values: list[Any]) -> Any:
-    """As rosbags takes it: texts as a list, all others as an array; bytes come one by one."""
+    """As rosbags expects it: texts as a list, all others as an array; bytes are given one by one."""
     if not values or isinstance(values[0], str):
         return values
     return np.frombuffer(b"".join(values), np.uint8) if isinstance(values[0], bytes) else np.array(values)

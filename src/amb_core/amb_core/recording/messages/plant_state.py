@@ -1,4 +1,4 @@
-"""amb_msgs/PlantState: the inside of the plant at a step."""
+"""amb_msgs/PlantState: the internal state of the plant at a step."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PLANT_STATE = "amb_msgs/msg/PlantState"
 
 
 def plant_record_from_messages(messages: Sequence[Any]) -> PlantRecord:
-    """The record of the PlantState messages of one run, of which there must be at least one.
+    """The record of the PlantState messages of one run; at least one message is needed.
 
     Raises
     ------

@@ -26,7 +26,7 @@ def region_map_from_message(message: Any) -> RegionMap:
     Raises
     ------
     RegionError
-        If it holds no sweep, or its arrays or texts are not those of a map.
+        If it has no sweep, or its arrays or texts are not those of a map.
     """
     try:
         _check_map_arrays(message)
@@ -61,7 +61,7 @@ def region_map_from_message(message: Any) -> RegionMap:
 
 
 def fill_region_map(message: M, region_map: RegionMap) -> M:
-    """Set the fields of a RegionMap message to a map, all but its stamp."""
+    """Set the fields of a RegionMap message to a map, except its stamp."""
     sweeps = region_map.sweeps
     message.complete = region_map.complete
     message.settings = json.dumps(region_map.settings.model_dump())
@@ -81,12 +81,12 @@ def fill_region_map(message: M, region_map: RegionMap) -> M:
 
 
 def map_settings_from_message(message: Any) -> MapSettings:
-    """Settings of a map from the goal of a BuildMap action, in which 0, empty and a negative rest ask for the default.
+    """Settings of a map from the goal of a BuildMap action; there 0, empty and a negative rest mean the default.
 
     Raises
     ------
     RegionError
-        If a value is not allowed; the message says what is.
+        If a value is not allowed; the message gives the allowed values.
     """
     given = {name: getattr(message, name) for name in MapSettings.model_fields}
     asked = {name: value for name, value in given.items() if (value >= 0.0 if name == "rest" else value)}
@@ -94,7 +94,7 @@ def map_settings_from_message(message: Any) -> MapSettings:
 
 
 def _check_map_arrays(message: Any) -> None:
-    """Raise RegionError if the arrays of a RegionMap message do not belong together or hold what no sweep shows."""
+    """Raise RegionError if the arrays of a RegionMap message are inconsistent or have impossible values."""
     sweeps = len(message.amplitude)
     most = next(item.maximum for item in declarations(MapSettings) if item.name == "max_sweeps")
     if most is not None and sweeps > most:
@@ -105,19 +105,19 @@ def _check_map_arrays(message: Any) -> None:
                 raise RegionError(f"{name} has {len(getattr(message, name))} elements; allowed: {length}")
     if any(number >= sweeps for number in message.beat_sweep):
         raise RegionError(
-            f"beat_sweep = {max(message.beat_sweep)} is the index of no sweep; allowed: 0 to {sweeps - 1}"
+            f"beat_sweep = {max(message.beat_sweep)} is not the index of a sweep; allowed: 0 to {sweeps - 1}"
         )
     for name in _NUMBERS:
         for value in getattr(message, name):
             # A boundary that does not occur is NaN.
             if not 0.0 <= value < math.inf and not (name in _ONSET_ARRAYS and math.isnan(value)):
-                raise RegionError(f"{name} holds {value:g}; allowed: finite numbers, 0 or more")
+                raise RegionError(f"{name} = {value:g}; allowed: finite numbers, 0 or more")
     if 0.0 in message.amplitude:
-        raise RegionError("amplitude holds 0; allowed: finite numbers above 0")
+        raise RegionError("amplitude = 0; allowed: finite numbers above 0")
 
 
 def _map_texts(message: Any) -> tuple[MapSettings, dict[str, Any]]:
-    """Settings and provenance of a RegionMap message from their JSON; RegionError if they are none."""
+    """Settings and provenance of a RegionMap message from their JSON; RegionError if they are invalid."""
     texts = {}
     for name in ("settings", "provenance"):
         try:
@@ -125,5 +125,5 @@ def _map_texts(message: Any) -> tuple[MapSettings, dict[str, Any]]:
         except (ValueError, RecursionError):
             raise RegionError(f"field {name} is not JSON") from None
         if not isinstance(texts[name], dict):
-            raise RegionError(f"field {name} is no JSON object")
+            raise RegionError(f"field {name} is not a JSON object")
     return validate(MapSettings, texts["settings"], RegionError), texts["provenance"]

@@ -1,4 +1,4 @@
-"""amb_msgs/RegionState: in which region the bearing runs."""
+"""amb_msgs/RegionState: the region in which the bearing runs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _FEATURES = [field.name for field in fields(AxisState) if field.name not in ("re
 
 
 def region_state_from_message(message: Any) -> RegionState:
-    """The state of a RegionState message; which run it belongs to stays in the message."""
+    """The state of a RegionState message; its run remains in the message."""
     return RegionState(
         step=int(message.step),
         x=_axis_state(message.x),

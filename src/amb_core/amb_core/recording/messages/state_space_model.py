@@ -40,7 +40,7 @@ def model_from_message(message: Any) -> StateSpaceModel:
         sample_time=float(message.sample_time),
         input_names=tuple(message.input_names),
         output_names=tuple(message.output_names),
-        input_units=tuple(getattr(message, "input_units", ())),  # bags of old lack them
+        input_units=tuple(getattr(message, "input_units", ())),  # missing in old bags
         output_units=tuple(getattr(message, "output_units", ())),
         method=str(message.method),
         source=str(message.source),

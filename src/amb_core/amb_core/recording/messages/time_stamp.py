@@ -16,7 +16,7 @@ def set_step_time(stamp: Any, step: int, sample_rate: float) -> None:
 
 
 def last_stamped_step(sample_rate: float) -> int:
-    """The last controller step whose time a stamp can hold: after 68 years of simulation time."""
+    """The last controller step with a time that a stamp can represent: after 68 years of simulation time."""
     return int(LONGEST_TIME * sample_rate)
 
 
