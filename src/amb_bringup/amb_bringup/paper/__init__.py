@@ -1,4 +1,4 @@
-"""The paper reproduced: its figures and claims on the simulator, as studies that run in parallel and are kept.
+"""Reproduction of the paper: its figures and claims on the simulator, as studies that run in parallel and are kept.
 
-`run_campaign` runs them; `amb reproduce` and `make reproduce` leave figures, claims.json and a report.
+`run_campaign` runs them; `amb reproduce` and `make reproduce` write figures, claims.json and a report.
 """

@@ -1,4 +1,4 @@
-"""Runs the studies: those that can in parallel, finished ones from the disk."""
+"""Runs the studies, in parallel where possible; finished ones are read from the disk."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from amb_core.tasks import Request, ResultCache, run
 
 @dataclass(frozen=True)
 class CampaignProgress:
-    """How far the studies are: how many of `total` are done, `reused` of them from the disk, and the last one."""
+    """Progress of the studies: how many of `total` are done, `reused` of them from the disk, and the last one."""
 
     done: int
     total: int
@@ -27,14 +27,14 @@ def run_campaign(
     *,
     progress: Callable[[CampaignProgress], None] | None = None,
 ) -> dict[str, StudyResult]:
-    """Results of studies by name, in their order; what has been run before with the same code is not run again.
+    """Results of studies by name, in their order; studies finished earlier with the same code are not run again.
 
     Parameters
     ----------
     studies : sequence of Study
         With different names.
     workplace : Workplace, optional
-        Its cluster, where results are kept, and where studies leave files.
+        Its cluster, and the folders for results and for files of the studies.
     progress : callable, optional
         Called at the start and after each study.
 
@@ -51,7 +51,7 @@ def run_campaign(
     requests = [Request(study, partial(campaign.take, study), reuse=False) for study in missing if study.parallel]
     run(requests, campaign.cache, workplace.scheduler, workplace.workers)
     for study in missing:
-        if not study.parallel:  # after the others, since it has the whole machine
+        if not study.parallel:  # after the others, since it uses the whole machine
             workplace.tell(study.name)
             campaign.run_here(study)
     if campaign.problems:
@@ -60,7 +60,7 @@ def run_campaign(
 
 
 class _Campaign:
-    """Results of studies, and why others have none."""
+    """Results of studies, and the reasons of those without one."""
 
     def __init__(
         self, studies: Sequence[Study], workplace: Workplace, progress: Callable[[CampaignProgress], None]
@@ -72,7 +72,7 @@ class _Campaign:
         self._reused = 0
 
     def take_kept(self) -> list[Study]:
-        """Take results from the disk; the studies that have none."""
+        """Read results from the disk. Returns the studies without one."""
         missing = []
         for study in self._studies:
             whole = study.files_are_whole(self._workplace.folder)
@@ -86,7 +86,7 @@ class _Campaign:
         return missing
 
     def take(self, study: Study, result: StudyResult | AmbError, _kept: bool = False) -> tuple[()]:
-        """Take the result of a study, after which nothing else is to be run, or why there is none."""
+        """Store the result of a study or its error; no further task follows from it."""
         if isinstance(result, AmbError):
             self.problems.append(f"{study.name}: {result}")
         else:

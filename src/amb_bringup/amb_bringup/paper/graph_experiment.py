@@ -1,7 +1,7 @@
 """Experiments on the paper's bearing that run through the ROS graph, and give the samples of the loop without ROS.
 
-The bag of an experiment is kept, with a note next to it that tells the version of the code and the checksums of its
-files. It is used again as long as these hold and its samples are those of the loop without ROS, bit for bit.
+The bag of an experiment is kept, together with a note of the version of the code and the checksums of its files. It is
+used again as long as these are the same and its samples are those of the loop without ROS, bit for bit.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ _MODULES = (client, connection, launch_file, launcher)
 
 @dataclass(frozen=True)
 class LoopRun:
-    """A run of the loop: its samples, and whether it ended since the rotor delevitated."""
+    """A run of the loop: its samples, and whether it ended because the rotor delevitated."""
 
     record: LoopRecord
     delevitated: bool
 
     @property
     def excited(self) -> LoopRecord:
-        """The samples from the first of the excitation on."""
+        """The samples from the start of the excitation onwards."""
         return self.record.window(SETTLING, self.record.steps - SETTLING)
 
 
@@ -61,7 +61,7 @@ class GraphExperiment:
     name : str
         Name of its bag.
     excitation : Excitation
-        What is added to the reference.
+        Signal on the reference.
     """
 
     name: str
@@ -85,14 +85,14 @@ class GraphExperiment:
         return LoopRun(record, plant.delevitated)
 
     def through_ros(self, folder: Path, expected: LoopRun) -> LoopRun:
-        """The experiment through the graph, from the bag in a folder of bags, which is recorded if need be.
+        """The experiment through the graph, from the bag in a folder of bags, which is recorded if necessary.
 
         Parameters
         ----------
         folder : Path
             Made if it does not exist.
         expected : LoopRun
-            The experiment without ROS; a bag that differs from it is recorded anew, once.
+            The experiment without ROS; a bag that differs from it is recorded again, once.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class GraphExperiment:
         return _read(folder / self.name)
 
     def is_kept(self, folder: Path) -> bool:
-        """Whether the folder of bags has an undamaged one that this version of the code has recorded."""
+        """Whether the folder has an undamaged bag that was recorded with this version of the code."""
         try:
             note = json.loads(self._note(folder).read_text())
             return bool(note == {"version": self._version(), "files": _checksums(folder / self.name)})
@@ -118,7 +118,7 @@ class GraphExperiment:
             return False
 
     def keep(self, folder: Path) -> None:
-        """Note that the bag in a folder of bags is that of this version of the code; StudyError if that fails."""
+        """Note that the bag in the folder belongs to this version of the code; StudyError if that fails."""
         try:
             note = {"version": self._version(), "files": _checksums(folder / self.name)}
             self._note(folder).write_text(json.dumps(note, indent=1) + "\n")
@@ -151,7 +151,7 @@ class GraphExperiment:
         return folder / f"{self.name}.json"
 
     def _version(self) -> str:
-        """Checksum of all that decides what is in the bag."""
+        """Checksum of everything that determines the content of the bag."""
         described = json.dumps([self.name, SETTLING, self.excitation.kind, self.excitation.model_dump()])
         digest = hashlib.sha256((code_version() + described).encode())
         files = [_parameter_file(), launcher.launch_file("bearing"), Path(__file__)]
@@ -164,7 +164,7 @@ class GraphExperiment:
 
 
 def equality_claim(name: str, figure: str, without: LoopRun, through: LoopRun) -> Claim:
-    """Our own statement that the graph changes nothing."""
+    """Our own statement that the graph does not change the samples."""
     mine, theirs = without.record, through.record
     equal = theirs.identical_to(mine) and without.delevitated == through.delevitated
     finding = f"through ROS: {theirs.steps:,} samples equal bit for bit"
@@ -173,11 +173,11 @@ def equality_claim(name: str, figure: str, without: LoopRun, through: LoopRun) -
     return Claim(
         id=f"{name}-through-ros",
         paper_figure=figure,
-        statement="Ours, not the paper's: run through the ROS graph, nodes as processes that talk over DDS, the "
-        "experiment gives the samples of the loop without ROS.",
+        statement="Our statement, not the paper's: through the ROS graph, with nodes as processes connected by DDS, "
+        "the experiment gives the samples of the loop without ROS.",
         finding=finding,
         verdict="agrees" if equal else "does not agree",
-        reason="" if equal else "Lock-step has been broken; what is shown comes from the run without ROS.",
+        reason="" if equal else "Lock-step is broken; the figures show the run without ROS.",
     )
 
 

@@ -1,7 +1,7 @@
-"""Identification tried on one data set after another, over orders and methods: does the model's closed loop stand?
+"""Trials of identification over data sets, orders and methods: is the closed loop of the model stable?
 
-Unlike `amb_core.identification.identify`, no check of the data refuses a trial: whether data determine a model is the
-question here.
+Unlike in `amb_core.identification.identify`, no check of the data refuses a trial: here the question is whether the
+data determine a model.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ class DataSet:
     samples: int
 
     def trial(self) -> Trial:
-        """The simulation of the bearing, and the region that it ran in; kept in this process."""
+        """The simulation of the bearing, and the region in which it ran; kept in this process."""
         return _trial(self)
 
     def data(self) -> IdentificationData:
-        """The samples for identification, at most from the start of the excitation on."""
+        """The samples for identification, not earlier than the start of the excitation."""
         record = self.trial().record
         excited = int(np.argmax(np.any(record.reference != 0.0, axis=1)))
         first = max(excited, record.steps - self.samples)
@@ -52,7 +52,7 @@ class DataSet:
 
 @dataclass(frozen=True)
 class ModelTrial:
-    """What came of a method and an order on a data set.
+    """Result of a method and an order on a data set.
 
     Attributes
     ----------
@@ -61,9 +61,9 @@ class ModelTrial:
     order : int
         Number of states.
     radius : float or None
-        Magnitude of the largest pole of model and controller; None where there is no model.
+        Magnitude of the largest pole of model and controller; None if there is no model.
     fit : float or None
-        Closed-loop fit of the worse axis (percent); None where the simulation diverges or there is no model.
+        Closed-loop fit of the worse axis (percent); None if the simulation diverges or there is no model.
     problem : str
         Why there is no model.
     """
@@ -82,7 +82,7 @@ class ModelTrial:
 
 
 class ModelTask(Task[ModelTrial]):
-    """Identifies one model and puts it in closed loop."""
+    """Identifies one model and simulates it in closed loop."""
 
     def __init__(self, data: DataSet, method: str, order: int) -> None:
         self.data, self.method, self.order = data, method, order
@@ -100,7 +100,7 @@ class ModelTask(Task[ModelTrial]):
         }
 
     def run(self) -> ModelTrial:
-        """Identify; of several models that a method offers, the best one counts."""
+        """Identify; if a method gives several models, the best one counts."""
         data, controller = self.data.data(), ControllerParameters()
         try:
             models = estimate(data, self.order, self.method, Watch(), self.data.name)

@@ -1,4 +1,4 @@
-"""Writes what the studies found: figures, claims.json and the report."""
+"""Writes the results of the studies: figures, claims.json and the report."""
 
 from __future__ import annotations
 

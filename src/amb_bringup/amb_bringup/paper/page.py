@@ -1,4 +1,4 @@
-"""The report on the paper: one sweep, the map, then figure by figure what the paper says and what we got."""
+"""The report on the paper: one sweep, the map, then figure by figure the paper's statements and our results."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def paper_report(
     studies, results
         The studies, and their results by name.
     opening : sequence of str
-        Names of the figures that stand first.
+        Names of the first figures.
     made_from : str
-        Where the numbers come from.
+        Source of the numbers.
     """
     figures = {figure.name: figure for result in results.values() for figure in result.figures}
     claims = [claim for study in studies for claim in results[study.name].claims]
@@ -33,10 +33,10 @@ def paper_report(
     )
     return Report(
         "What magnetic bearings do when they are shaken too fast",
-        "Shaken slowly, an active magnetic bearing answers like a linear system. Shaken faster, at the same amplitude, "
-        "its rotor drifts away from the centre, may oscillate slowly, and then falls. This page redoes, on a simulated "
-        "bearing and figure by figure, the paper “LTI modelling of active magnetic bearings by means of system "
-        "identification”.",
+        "Shaken slowly, an active magnetic bearing behaves like a linear system. Shaken faster, at the same amplitude, "
+        "its rotor drifts away from the centre, may oscillate slowly, and then falls. This page reproduces, on a "
+        "simulated bearing and figure by figure, the paper “LTI modelling of active magnetic bearings by means of "
+        "system identification”.",
         [*_opening([figures[name] for name in opening]), table],
         [Section(study.heading, _blocks(results[study.name])) for study in studies],
         made_from,
@@ -44,7 +44,7 @@ def paper_report(
 
 
 def _opening(figures: Sequence[DrawnFigure]) -> list[Block]:
-    """Figures below their titles as text, since no heading of a section stands above them yet."""
+    """Figures with their titles as text above, since there is no section heading yet."""
     return [
         block for figure in figures for block in (Prose(f"{figure.title}."), FigureBlock(page_from_json(figure.page)))
     ]

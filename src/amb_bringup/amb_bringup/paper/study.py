@@ -1,4 +1,4 @@
-"""A study: what it takes to redo one figure or claim of the paper, and what comes out of it."""
+"""A study: reproduces one figure or claim of the paper; and its results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class StudyError(AmbError):
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the paper next to what the simulator shows.
+    """A statement of the paper compared with the simulator.
 
     Attributes
     ----------
@@ -34,13 +34,13 @@ class Claim:
     paper_figure : str
         Figure, equation or section of the paper.
     statement : str
-        What the paper says, in our words.
+        Statement of the paper, in our words.
     finding : str
-        What we got, with numbers of this run.
+        Our result, with numbers of this run.
     verdict : Answer
         Whether both agree.
     reason : str
-        Why they do not, or only in part; empty where they agree and nothing need be said.
+        Why they do not, or only in part; empty if they agree and no comment is needed.
     figure : str
         Name of our figure that shows it.
     """
@@ -78,7 +78,7 @@ class DrawnFigure:
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What came out of a study.
+    """Results of a study.
 
     Attributes
     ----------
@@ -87,9 +87,9 @@ class StudyResult:
     claims : sequence of Claim
         Likewise.
     parameters : mapping of str to str
-        What the experiment was, by name, with units.
+        Settings of the experiment, by name, with units.
     notes : sequence of str
-        Paragraphs for the report: what a reader must know to judge the figures.
+        Paragraphs for the report that explain the figures.
     """
 
     figures: Sequence[DrawnFigure]
@@ -104,18 +104,18 @@ def _tell_nobody(doing: str) -> None:
 
 @dataclass(frozen=True)
 class Workplace:
-    """What a study that is not parallel may use besides its own process.
+    """Resources of a study that is not parallel, in addition to its own process.
 
     Attributes
     ----------
     folder : Path
         For files that belong to its result, such as bags.
     cache : Path
-        For results of tasks of its own.
+        For results of its own tasks.
     scheduler, workers : optional
         Of a cluster, as for `amb_core.tasks.cluster.open_cluster`.
     tell : callable
-        Called with what is being done, such as `sweep 3 of 23`.
+        Called with the present activity, such as `sweep 3 of 23`.
     """
 
     folder: Path = Path("results/paper")
@@ -126,7 +126,7 @@ class Workplace:
 
 
 class Study(Task[StudyResult]):
-    """Redoes a figure or claim of the paper. Studies have no parameters: those of the paper are in their code.
+    """Reproduces a figure or claim of the paper. Studies have no parameters: those of the paper are in their code.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class Study(Task[StudyResult]):
     heading : str
         Heading of its section in the report.
     parallel : bool
-        Whether it runs on a worker of the cluster; otherwise in the program itself, which may use the cluster or ROS.
+        Whether it runs on a worker of the cluster; otherwise it runs in the program itself and may use cluster or ROS.
     """
 
     name: ClassVar[str]
@@ -144,14 +144,14 @@ class Study(Task[StudyResult]):
 
     @abstractmethod
     def run(self) -> StudyResult:
-        """Run the experiments, draw the figures, judge the claims."""
+        """Run the experiments, draw the figures, evaluate the claims."""
 
     def run_at(self, workplace: Workplace) -> StudyResult:
-        """As `run`, for a study that is not parallel and leaves files or uses the cluster."""
+        """As `run`, for a study that is not parallel and writes files or uses the cluster."""
         return self.run()
 
     def files_are_whole(self, folder: Path) -> bool:
-        """Whether the files that it left in the folder of a workplace are still there; otherwise it is run again."""
+        """Whether its files in the folder of a workplace are complete; otherwise it is run again."""
         return True
 
     def describe(self) -> dict[str, Any]:

@@ -27,23 +27,23 @@ SLOW_AMPLIFIER = {"amplifier.supply_voltage": 30.0}
 
 SLOW_NOTE = (
     "Why a slower amplifier: with the parameters of table 1 as we read them, the current follows its reference up to "
-    "kilohertz. The paper does not tell how the output of its amplifiers' PI controllers is scaled, so its amplifiers "
-    "may be slower than ours. The second bearing therefore has a tenth of the supply voltage and differs in nothing "
-    "else. That value is ours, not the paper's."
+    "kilohertz. The paper does not state how the output of its amplifiers' PI controllers is scaled, so its amplifiers "
+    "may be slower than ours. The second bearing therefore has a tenth of the supply voltage; all else is equal. "
+    "That value is ours, not the paper's."
 )
 
-REST = 1.0  # s, before the sweep: the rotor settles where gravity leaves it
+REST = 1.0  # s, before the sweep: the rotor settles at its sag
 SWEEP = {"frequency": "10 Hz to 5 kHz in 20 s, linear", "axis": "y", "before the sweep": f"{REST:g} s at rest"}
 
 
 @dataclass(frozen=True)
 class SweptBearing:
-    """A bearing that went through the sweep.
+    """A bearing after the sweep.
 
     Attributes
     ----------
     plant : Plant
-        As it was at the end.
+        Its state at the end.
     controller : ControllerParameters
         Its controller.
     record : LoopRecord
@@ -62,11 +62,11 @@ class SweptBearing:
 
     @property
     def onsets(self) -> dict[Region, Onset]:
-        """Where B, C and D begin, those that do."""
+        """Onsets of B, C and D, if they occur."""
         return self.found.onsets
 
     def case(self, name: str) -> SweepCase:
-        """It under a name, to be compared with others."""
+        """The case under a name, for a comparison with others."""
         return SweepCase(name, self.record, self.frequency, self.found)
 
     @property
@@ -75,7 +75,7 @@ class SweptBearing:
         return onset_summary(self.case(""))
 
     def states_in(self, region: Region) -> list[RegionState]:
-        """The states told of a region."""
+        """The states in a region."""
         return [state for state in self.found.states if state.region is region]
 
 
@@ -95,7 +95,7 @@ def sweep_bearing(
     amplitude : float
         Of the reference (m).
     values : mapping, optional
-        What differs from the paper's bearing, by the names of `amb_core.simulation.parameters`.
+        Differences from the paper's bearing, by the names of `amb_core.simulation.parameters`.
     axis : str
         The axis that is swept.
     """
@@ -110,7 +110,7 @@ def sweep_bearing(
 
 
 def in_order(bearing: SweptBearing) -> bool:
-    """Whether, some time after the start of the sweep, B begins, then C, and D, if it does, last."""
+    """Whether B begins some time after the start of the sweep, then C, and D, if it occurs, last."""
     onsets = bearing.onsets
     if Region.B not in onsets or Region.C not in onsets:
         return False
@@ -127,6 +127,6 @@ def order_verdict(paper: SweptBearing, slow: SweptBearing) -> tuple[Answer, str]
         return (
             "agrees in part",
             "With table 1 as we read it a region is missing or out of order; with a tenth of the supply voltage all "
-            "come in order. The paper does not tell how its amplifiers are scaled.",
+            "come in order. The paper does not state how its amplifiers are scaled.",
         )
     return "does not agree", "Neither bearing shows A, B and C in this order."

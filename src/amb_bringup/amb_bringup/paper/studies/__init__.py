@@ -37,7 +37,7 @@ OPENING = ("fig3-slow-amplifier", "fig9")
 
 
 def studies_named(names: Sequence[str]) -> tuple[Study, ...]:
-    """Studies by name; StudyError if there is none of a name."""
+    """Studies by name; StudyError if a name is unknown."""
     known = {study.name: study for study in STUDIES}
     unknown = [name for name in names if name not in known]
     if unknown:

@@ -27,13 +27,13 @@ from amb_core.units import UM
 NOISES = (0.0, 0.1e-6, 1e-6)  # m, standard deviation of the sensors' noise; none in the paper's simulation
 LAGS = (2, 3, 5, 8, 10, 15, 20, 30)
 SAME_ORDER = ORDER // 2  # lags with which ARX has as many states as the state-space model
-LARGE = 3.0  # times the error of the state-space model, from which on a transient counts as large
+LARGE = 3.0  # times the error of the state-space model, above which a transient counts as large
 SHOWN = 0.06  # s, after an edge
 
 
 @dataclass(frozen=True)
 class Transient:
-    """How a model follows the square waves, noise left out.
+    """Response of a model to the square waves without noise.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Transient:
     states : int
         Number of states.
     error : float
-        Largest distance between the model's and the plant's position (m); infinite where its loop diverges.
+        Largest distance between the model's and the plant's position (m); infinite if its loop diverges.
     """
 
     noise: float
@@ -54,7 +54,7 @@ class Transient:
 
 
 class ArxTransients(Study):
-    """ARX and PEM on the same data, with and without noise; their simulated closed loops against the plant's."""
+    """ARX and PEM on the same data, with and without noise; their simulated closed loops compared with the plant's."""
 
     name = "arx"
     heading = "Section 3.3: ARX models and their transients"
@@ -90,15 +90,15 @@ class ArxTransients(Study):
                 "state space": f"PEM, order {ORDER}",
             },
             [
-                "ARX fits the next sample in least squares, and noise of the sensors enters its regressors. At a high "
-                "rate of sampling the position hardly moves from sample to sample, so that little noise suffices to "
-                "bias a short ARX model. Errors are told against the response of the plant without noise.",
+                "ARX fits the next sample by least squares, and noise of the sensors enters its regressors. At a high "
+                "sample rate the position hardly changes from sample to sample, so little noise is enough to bias a "
+                "short ARX model. Errors are deviations from the response of the plant without noise.",
             ],
         )
 
 
 def claims(transients: Sequence[Transient]) -> list[Claim]:
-    """What the paper says of ARX, judged."""
+    """Evaluation of the paper's statements on ARX."""
     ratios, findings = {}, []
     for noise in NOISES:
         same = next(one for one in transients if (one.noise, one.lags) == (noise, SAME_ORDER))
@@ -106,7 +106,7 @@ def claims(transients: Sequence[Transient]) -> list[Claim]:
         ratios[noise] = same.error / pem.error
         best = min((one for one in transients if one.noise == noise and one.lags), key=lambda one: one.error)
         findings.append(
-            f"noise {UM * noise:g} µm: ARX of {same.states} states errs by up to {_um(same.error)}, the best ARX "
+            f"noise {UM * noise:g} µm: ARX of {same.states} states is off by up to {_um(same.error)}, the best ARX "
             f"({best.lags} lags, {best.states} states) by {_um(best.error)}, PEM of {pem.states} by {_um(pem.error)}"
         )
     large = [noise for noise, ratio in ratios.items() if ratio >= LARGE]

@@ -1,4 +1,4 @@
-"""Section 2.2: what makes the regions, shown by switching off one effect of the loop at a time."""
+"""Section 2.2: the causes of the regions, found by switching off one effect of the loop at a time."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 SWITCHES = (
-    "The slew limit is the limit on the amplifiers' duty cycles. It can be lifted only where their voltages are "
-    "averaged, so averaging is shown by itself too; with it goes the limit on coil currents. While amplifiers have "
-    "limits they clip the references of coil currents at zero, whatever the currents may do. What polarity does is "
-    "therefore seen by comparing the loops without limits, with and without it."
+    "The slew limit is the limit on the amplifiers' duty cycles. It can be removed only if their voltages are "
+    "averaged, so averaging alone is shown too. This also removes the limit on coil currents. Amplifiers with limits "
+    "always clip the references of coil currents at zero. The effect of polarity therefore follows from a comparison "
+    "of the loops without limits, with and without it."
 )
 
 
 @dataclass(frozen=True)
 class RotorSpeed:
-    """How fast the rotor moves under the sweep, sine amplitudes (m/s) and the frequency of the input (Hz)."""
+    """Speed of the rotor under the sweep: sine amplitudes (m/s) and the frequency of the input (Hz)."""
 
     fastest: float
     fastest_at: float
@@ -67,7 +67,7 @@ class Causes(Study):
     notes: ClassVar[tuple[str, ...]]
 
     def run(self) -> StudyResult:
-        """Simulate all cases, draw, judge."""
+        """Simulate all cases, draw, evaluate."""
         runs = {name: sweep_bearing(AMPLITUDE, {**ONE_AXIS, **self.values, **case}) for name, case in CASES.items()}
         chart = sweep_comparison_chart([run.case(name) for name, run in runs.items()], title=self.title)
         claims = [cause_claim(self.name, runs), speed_claim(self.name, rotor_speed(runs[ALL]), runs[ALL])]
@@ -88,8 +88,8 @@ class PaperCauses(Causes):
     bearing = "with the supply of table 1"
     title = "Supply of table 1: the sweep without one effect at a time"
     notes = (
-        "An identity such as (4) shows no cause. An experiment does: the same sweep through the same bearing, without "
-        "one of the effects that could be the cause.",
+        "An identity such as (4) does not show a cause. An experiment does: the same sweep through the same bearing, "
+        "without one of the effects that could be the cause.",
     )
 
 
@@ -105,7 +105,7 @@ class SlowAmplifierCauses(Causes):
 
 
 def cause_claim(figure: str, runs: Mapping[str, SweptBearing]) -> Claim:
-    """Which regions remain when all limits of amplifiers and controller are gone and the force law is left."""
+    """Which regions remain without all limits of amplifiers and controller, with the force law alone."""
     remain = [region for region in runs[ALL].onsets if region in runs[FORCE_LAW].onsets]
     gone = [region for region in runs[ALL].onsets if region not in remain]
     reasons = []
@@ -145,7 +145,7 @@ def speed_claim(figure: str, speed: RotorSpeed | None, run: SweptBearing) -> Cla
     return Claim(
         id=f"{figure}-rotor-speed",
         paper_figure="Section 2.2",
-        statement="Sudden and large changes of the rotor's position bring the loss of force about.",
+        statement="Sudden and large changes of the rotor's position cause the loss of force.",
         finding=finding,
         verdict="agrees" if faster else "does not agree",
         reason=""
@@ -158,7 +158,7 @@ def speed_claim(figure: str, speed: RotorSpeed | None, run: SweptBearing) -> Cla
 def rotor_speed(run: SweptBearing) -> RotorSpeed | None:
     """Speed of the rotor in region A and where it ends; None if it does not end.
 
-    From the amplitude of the response at the frequency of the input, which the classifier tells.
+    From the amplitude of the response at the frequency of the input, which the classifier reports.
     """
     if not run.onsets:
         return None
@@ -171,7 +171,7 @@ def rotor_speed(run: SweptBearing) -> RotorSpeed | None:
 
 
 def effects_note(runs: Mapping[str, SweptBearing]) -> str:
-    """What each switch does to each region, in words."""
+    """Effect of each switch on each region, in words."""
     parts = []
     for name, run in runs.items():
         if name == ALL:
@@ -185,7 +185,7 @@ def effects_note(runs: Mapping[str, SweptBearing]) -> str:
 
 
 def change(region: Region, before: SweptBearing, after: SweptBearing) -> str:
-    """What became of a region, such as `C gone`; empty if it is in neither."""
+    """Change of a region, such as `C gone`; empty if it is in neither."""
     old, new = before.onsets.get(region), after.onsets.get(region)
     if new is None:
         return f"{region.name} gone" if old is not None else ""

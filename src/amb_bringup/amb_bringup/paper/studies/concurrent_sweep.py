@@ -1,4 +1,4 @@
-"""Fig. 15: a sweep on both axes at once, and how far the model from square waves follows it."""
+"""Fig. 15: a sweep on both axes at once, compared with the model from square waves."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from amb_core.units import UM
 SWEEP = Sweep(amplitude=50e-6, frequency_start=11.0, frequency_end=400.0, duration=5.0, axes="both")
 EXPERIMENT = GraphExperiment("fig15-sweep", SWEEP)
 GOOD = 0.1  # relative error of a model that represents the bearing
-USELESS = 0.5  # relative error of one that does not any more
+USELESS = 0.5  # relative error of a model that no longer does
 
 
 class ConcurrentSweep(Study):
@@ -60,25 +60,25 @@ class ConcurrentSweep(Study):
             ],
             {
                 "excitation": f"sine of {UM * SWEEP.amplitude:g} µm on x and y at once, {SWEEP.spacing} sweep from "
-                f"{SWEEP.frequency_start:g} Hz to {SWEEP.frequency_end:g} Hz in {SWEEP.duration:g} s; the paper tells "
+                f"{SWEEP.frequency_start:g} Hz to {SWEEP.frequency_end:g} Hz in {SWEEP.duration:g} s; the paper gives "
                 "no duration",
                 "samples": f"{measured.steps:,} of {signal.steps:,} at {1.0 / measured.sample_time:g} Hz",
                 "model": f"that of Fig. 13, order {model.order}, with the means of its data",
                 "bag": str(Path("bags") / EXPERIMENT.name),
             },
             [
-                "Model and plant are driven by the same controller, whose limit of the control current is part of "
-                "both. Where the sweep meets that limit, the model drifts too; what it lacks is the rest of the drift.",
+                "Model and plant have the same controller, with the same limit of the control current. Where the sweep "
+                "reaches that limit, the model drifts too, but less than the plant.",
             ],
         )
 
     def files_are_whole(self, folder: Path) -> bool:
-        """Whether the bag is there."""
+        """Whether the bag exists."""
         return EXPERIMENT.is_kept(folder / "bags")
 
 
 def claims(errors: SweepError, found: Classification, last: float, delevitated: bool) -> list[Claim]:
-    """What the paper says of Fig. 15, judged; the plant's response ends at the frequency `last` (Hz)."""
+    """Evaluation of the paper's statements on Fig. 15; the plant's response ends at the frequency `last` (Hz)."""
     onsets = "; ".join(f"{region.name} from {onset_text(onset)}" for region, onset in found.onsets.items())
     good_at_first = bool(np.all(errors.relative[0] < GOOD))
     departs = bool(np.all(errors.relative[-1] > USELESS))
@@ -117,7 +117,7 @@ def claims(errors: SweepError, found: Classification, last: float, delevitated: 
             verdict="agrees" if oscillates else "agrees in part" if found.onsets else "does not agree",
             reason=""
             if oscillates
-            else f"{ends}No slow oscillation comes before; where it would is a matter of the authors' iron and "
+            else f"{ends}No slow oscillation occurs before; its onset depends on the authors' iron and "
             "amplifiers, whose parameters are not public.",
             figure="fig15",
         ),

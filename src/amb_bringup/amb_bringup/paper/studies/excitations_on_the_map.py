@@ -1,4 +1,4 @@
-"""Fig. 11 and 12: white noise and rectangular pulses on the frequency-amplitude graph, and what they do."""
+"""Fig. 11 and 12: white noise and rectangular pulses on the frequency-amplitude graph and in simulation."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ NOISE = WhiteNoise(amplitude=5e-6, frequency_start=10.0, frequency_end=5_000.0, 
 WEAK_NOISE = NOISE.model_copy(update={"amplitude": 1e-6})
 PULSES = Square(amplitude=50e-6, frequency=5.0, duration=4.0, axes="in_turn")
 LARGE_PULSES = PULSES.model_copy(update={"amplitude": 90e-6})
-SIGNIFICANT = 0.05  # share of the power from which on a region holds a significant part of a signal
+SIGNIFICANT = 0.05  # share of the power above which a region contains a significant part of a signal
 
 
 class ExcitationsOnTheMap(Study):
-    """Two excitations, where the map says that they run, and where they do in simulation."""
+    """Two excitations, their regions according to the map, and those in simulation."""
 
     name = "fig11-12"
     heading = "Fig. 11 and 12: excitations on the graph"
@@ -35,7 +35,7 @@ class ExcitationsOnTheMap(Study):
         return self.run_at(Workplace())
 
     def run_at(self, workplace: Workplace) -> StudyResult:
-        """Check both on the map, simulate both, and each once more with another amplitude."""
+        """Check both on the map, simulate both, and each again with another amplitude."""
         found = paper_map(workplace)
         bench = TrialBench(PlantParameters(), ControllerParameters())
         signals = {kind: generate(kind, RATE) for kind in (NOISE, WEAK_NOISE, PULSES, LARGE_PULSES)}
@@ -50,7 +50,7 @@ class ExcitationsOnTheMap(Study):
                 f"pulses on x, then y, {_amplitude(PULSES)}": trials[PULSES],
                 f"pulses on x, then y, {_amplitude(LARGE_PULSES)}": trials[LARGE_PULSES],
             },
-            title="What the excitations do",
+            title="Effect of the excitations",
         )
         return StudyResult(
             [
@@ -66,20 +66,20 @@ class ExcitationsOnTheMap(Study):
             ],
             {
                 "white noise": f"{_amplitude(NOISE)} rms on y, flat from 10 Hz to 5 kHz, {NOISE.duration:g} s; "
-                "the paper does not tell its amplitude",
+                "the paper does not state its amplitude",
                 "rectangular pulses": f"{_amplitude(PULSES)}, {PULSES.frequency:g} Hz, on x and then on y, "
                 f"{PULSES.duration:g} s",
             },
             [
-                "A point on the graph is a sine of the same power: of white noise, each third of an octave; of the "
-                "pulses, each harmonic. What a signal does follows from all of its points together, since the squares "
-                "of the control currents that they make add up. " + _continued(checks[NOISE], found)
+                "A point on the graph is a sine of the same power: for white noise, each third of an octave; for the "
+                "pulses, each harmonic. The effect of a signal follows from all of its points together, since the "
+                "squares of their control currents add up. " + _continued(checks[NOISE], found)
             ],
         )
 
 
 def judge_noise_content(check: ExcitationCheck) -> Claim:
-    """Whether white noise reaches into B and C."""
+    """Whether white noise extends into B and C."""
     above = {region: check.shares[region] for region in list(Region)[1:]}
     significant = sum(above.values()) >= SIGNIFICANT
     both = above[Region.B] >= SIGNIFICANT and above[Region.C] >= SIGNIFICANT
@@ -101,7 +101,7 @@ def judge_noise(check: ExcitationCheck, trial: Trial, weak: Trial) -> Claim:
     return Claim(
         id="noise-is-nonlinear",
         paper_figure="Fig. 11",
-        statement="White noise induces nonlinear behaviour, as the graph tells beforehand.",
+        statement="White noise induces nonlinear behaviour, as the graph predicts.",
         finding=f"The graph predicts {check.predicted.name}: {check.verdict}. In simulation the bearing "
         f"{_outcome(trial)}; with {_amplitude(WEAK_NOISE)} rms it {_outcome(weak)}.",
         verdict="agrees"
@@ -144,16 +144,16 @@ def judge_pulses(check: ExcitationCheck, trial: Trial, large: Trial) -> Claim:
         if linear
         else "does not agree",
         reason=_unforeseen(linear, check.predicted is Region.A)
-        or ("" if large.region > Region.A else "Larger pulses leave it there too, so prudence is not needed."),
+        or ("" if large.region > Region.A else "Larger pulses leave it there too, so the amplitude is not critical."),
         figure="fig11-12-tried",
     )
 
 
 def _unforeseen(happened: bool, predicted: bool) -> str:
-    """Why a claim on what an excitation does, and on what the graph tells of it, does not hold."""
+    """Why a claim on the effect of an excitation, and on its prediction from the graph, does not hold."""
     if not happened:
         return "In simulation it does not."
-    return "" if predicted else "In simulation it does, but the graph does not tell so."
+    return "" if predicted else "In simulation it does, but the graph does not predict it."
 
 
 def _amplitude(excitation: WhiteNoise | Square) -> str:
@@ -161,14 +161,14 @@ def _amplitude(excitation: WhiteNoise | Square) -> str:
 
 
 def _continued(check: ExcitationCheck, found: RegionMap) -> str:
-    """From where on points lie beyond region A although the graph does not reach them."""
+    """The frequency above which points lie beyond region A although the graph does not cover them."""
     axis = check.axes[-1]
     beyond = axis.frequency[(axis.region > Region.A) & (axis.amplitude < found.amplitudes[0])]
     if not len(beyond):
         return ""
     return (
-        f"Below the smallest amplitude of the graph its boundaries are continued at constant control current: hollow "
-        f"points of the noise, {beyond.min():.0f} Hz and above, lie beyond region A."
+        f"Below the smallest amplitude of the graph its boundaries are extrapolated at constant control current: "
+        f"hollow points of the noise, {beyond.min():.0f} Hz and above, lie beyond region A."
     )
 
 
@@ -181,7 +181,7 @@ def _largest_share(check: ExcitationCheck) -> float:
 
 
 def _outcome(trial: Trial) -> str:
-    """What a trial ended in, as the end of a sentence."""
+    """Result of a trial, as the end of a sentence."""
     if trial.region is Region.D:
         return f"delevitates {trial.onsets[Region.D].time:.2f} s after its release"
     shift = UM * trial.bias_shift[1]

@@ -1,4 +1,4 @@
-"""Equations (1) to (4): the force law and its derivative along a trajectory, and what may be inferred from them."""
+"""Equations (1) to (4): the force law and its derivative along a trajectory, and the conclusions from them."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from amb_core.regions.stretches import stretches
 from amb_core.simulation.parameters import with_values
 
 AMPLITUDE = 15e-6  # m, as in Fig. 2
-WINDOWS = (150.0, 600.0, 1_050.0)  # Hz of the input in the middle of what is traced: in regions A, B and C
+WINDOWS = (150.0, 600.0, 1_050.0)  # Hz of the input in the middle of each trace: in regions A, B and C
 TRACED = 200  # steps, 20 ms
 TOP = 1  # coil +y
 EXACT = 1e-9  # relative: rounding
-DIFFERENCES = 1e-3  # relative: what finite differences over an internal step leave
+DIFFERENCES = 1e-3  # relative: error of finite differences over an internal step
 BARE_GAP = 0.02  # relative: up to here (2) counts as exact with the air gap alone
-INVERSE = (-1.5, -0.5)  # exponents that pass for inverse proportionality
+INVERSE = (-1.5, -0.5)  # exponents that count as inverse proportionality
 
-# Eq. (1) holds for a magnetic circuit of its own without eddy currents; averaged voltages leave currents whose
-# derivatives differences can follow.
+# Eq. (1) holds for a separate magnetic circuit without eddy currents. Averaged voltages give currents that are smooth
+# enough for derivatives by differences.
 VALUES = {
     **ONE_AXIS,
     **SLOW_AMPLIFIER,
@@ -50,7 +50,7 @@ VALUES = {
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of the sweep with every internal step: in which region it lies, its trace and what follows from it."""
+    """A piece of the sweep with every internal step: its region, its trace and the trajectory from it."""
 
     region: Region
     trace: Trace
@@ -58,13 +58,13 @@ class Piece:
 
 
 class ForceEquations(Study):
-    """The identities on pieces of one sweep in regions A, B and C, and on signals that no bearing has made."""
+    """The identities on pieces of one sweep in regions A, B and C, and on arbitrary signals without a bearing."""
 
     name = "equations"
     heading = "Equations (1) to (4): the force law, and what it does not show"
 
     def run(self) -> StudyResult:
-        """Simulate, evaluate the equations, judge."""
+        """Simulate, evaluate the equations and the claims."""
         plant, pieces = traced_sweep()
         trajectories = {piece.region: piece.trajectory for piece in pieces}
         return StudyResult(
@@ -87,10 +87,10 @@ class ForceEquations(Study):
                 "every internal step",
             },
             [
-                "(4) is (3) divided by the speed of the rotor and solved for the force. Its terms are not free: "
-                "whatever the speed, the rates of force and current are those that go with it, and the terms add up to "
-                "the force of (2). That the speed stands in a denominator does not make the force fall with it. (4) "
-                "holds as well in region A, where nothing is lost, and for signals that no bearing has made.",
+                "(4) is (3) divided by the speed of the rotor and solved for the force. Its terms are not independent: "
+                "at any speed the rates of force and current correspond to it, and the terms add up to the force of "
+                "(2). The speed in the denominator does not mean that the force falls with it. (4) also holds in "
+                "region A, where no force is lost, and for arbitrary signals without a bearing.",
                 SLOW_NOTE,
             ],
         )
@@ -127,7 +127,7 @@ def traced_sweep() -> tuple[Plant, list[Piece]]:
 
 
 def joined(traces: Sequence[Trace]) -> Trace:
-    """One trace of consecutive ones, of a bearing alone."""
+    """One trace from consecutive ones, of a single bearing."""
     step = traces[0].time[1] - traces[0].time[0]
     arrays: dict[str, Any] = {
         item.name: np.concatenate([getattr(trace, item.name) for trace in traces])
@@ -138,7 +138,7 @@ def joined(traces: Sequence[Trace]) -> Trace:
 
 
 def unrelated_signals(constant: float) -> ForceTrajectory:
-    """Current and gap that wander at random, each for itself, and the force that eq. (2) gives them."""
+    """Independent random signals of current and gap, and their force by eq. (2)."""
     time = np.linspace(0.0, 0.02, 40_001)
     random = np.random.default_rng(1)
 
@@ -236,11 +236,11 @@ def inference_claim(trajectories: Mapping[Region, ForceTrajectory]) -> Claim:
         "position cause a loss of force.",
         finding="exponent of the speed in the force that fits best: "
         + ", ".join(f"{exponent:+.2f} in region {region.name}" for region, exponent in exponents.items())
-        + "; inverse proportionality is -1",
+        + "; inverse proportionality would be -1",
         verdict="agrees" if all(inverse) else "agrees in part" if any(inverse) else "does not agree",
         reason=""
         if all(inverse)
-        else "(4) only rearranges (3) and holds for any signals; force and current have rates that go with the speed.",
+        else "(4) only rearranges (3) and holds for any signals; the rates of force and current depend on the speed.",
         figure="equations-speed",
     )
 

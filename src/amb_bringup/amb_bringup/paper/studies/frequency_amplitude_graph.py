@@ -1,4 +1,4 @@
-"""Fig. 8 and 9: responses to sweeps of several amplitudes, and the frequency-amplitude graph that many of them make."""
+"""Fig. 8 and 9: responses to sweeps of several amplitudes, and the frequency-amplitude graph from many sweeps."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from amb_core.regions.region_map import Comparison, MapSettings, RegionMap, anal
 from amb_core.report import Answer
 
 SHOWN = (10e-6, 20e-6, 35e-6, 60e-6)  # m, amplitudes whose responses are drawn
-GRID = 400  # places on each axis of the map at which its region is asked for
+GRID = 400  # points on each axis of the map at which the region is evaluated
 SLOPE_ERROR = 0.15  # by which the slope of a boundary may differ from -1 and count as amplitude times frequency
 
 
 class FrequencyAmplitudeGraph(Study):
-    """The region map of the paper's bearing, from sweeps as many as its boundaries need."""
+    """The region map of the paper's bearing, from as many sweeps as its boundaries need."""
 
     name = "fig8-9"
     heading = "Fig. 8 and 9: the frequency-amplitude graph"
@@ -51,7 +51,7 @@ class FrequencyAmplitudeGraph(Study):
 
 
 def paper_map(workplace: Workplace) -> RegionMap:
-    """The map of the paper's bearing; what of it has been simulated before is read from the disk."""
+    """The map of the paper's bearing; sweeps simulated earlier are read from the disk."""
     return build_map(
         MapSettings(),
         PlantParameters(),
@@ -104,24 +104,24 @@ def judge_fall(found: RegionMap) -> Claim:
     return Claim(
         id="boundaries-fall",
         paper_figure="Fig. 9",
-        statement="Whether the bearing behaves linearly depends on amplitude and frequency together: the larger the "
-        "amplitude, the lower the frequency at which it ceases to.",
+        statement="Whether the bearing behaves linearly depends on amplitude and frequency together: a larger "
+        "amplitude lowers the frequency at which it ceases to.",
         finding=f"From the smallest to the largest amplitude that has it, {' and '.join(parts)}; lower from one sweep "
         f"to the next in {falling} of {pairs} steps.",
         verdict="agrees" if share > 0.9 else "agrees in part" if share > 0.6 else "does not agree",
-        reason="" if share > 0.9 else "At many a step to a larger amplitude a boundary lies no lower.",
+        reason="" if share > 0.9 else "At many steps to a larger amplitude a boundary is not lower.",
         figure="fig9",
     )
 
 
 def judge_speed(found: RegionMap) -> Claim:
-    """Whether the boundaries are those of a given amplitude times frequency."""
+    """Whether amplitude times frequency is constant along the boundaries."""
     slopes = {region: _slope(found, region) for region in (Region.B, Region.D)}
     close = [abs(slope + 1.0) <= SLOPE_ERROR for slope in slopes.values()]
     return Claim(
         id="speed-decides",
         paper_figure="Fig. 9, eq. (4)",
-        statement="How quickly the position changes takes the force away, so amplitude and frequency count alike.",
+        statement="The rate of change of the position reduces the force, so amplitude and frequency count equally.",
         finding="Frequency of the boundary goes with the amplitude to the power of "
         + " and ".join(f"{slope:.2f} for {region.name}" for region, slope in slopes.items())
         + "; -1 means that amplitude times frequency decides.",
@@ -136,7 +136,7 @@ def judge_speed(found: RegionMap) -> Claim:
 
 
 def judge_extent(found: RegionMap) -> Claim:
-    """How much of the map is not A."""
+    """Share of the map outside region A."""
     linear, logarithmic = (1.0 - _linear_share(found, spread) for spread in (np.linspace, np.geomspace))
     many = [share > 0.5 for share in (linear, logarithmic)]
     return Claim(
@@ -152,21 +152,21 @@ def judge_extent(found: RegionMap) -> Claim:
 
 
 def lines_note(comparisons: Sequence[Comparison]) -> str:
-    """What the analytic lines are, and how far from the boundaries."""
+    """Explanation of the analytic lines, and their distance from the boundaries."""
     ratios = "; ".join(
         f"{one.line} over {one.region.name}: {one.median:.2f} ({one.ratio.min():.2f} to {one.ratio.max():.2f})"
         for one in comparisons
     )
     return (
         "The lines are calculated, not fitted: the amplitudes at which the control current reaches the bias current "
-        "(bias limit), or what the weight of the rotor leaves of it (static-load limit), changes as fast as the "
-        "amplifiers can follow (slew limit), or is cut so much that the negative stiffness wins (gain-loss limit). "
+        "(bias limit), or the bias current less the static load current (static-load limit), changes as fast as the "
+        "amplifiers can follow (slew limit), or is clipped so much that the negative stiffness wins (gain-loss limit). "
         f"Frequency of the line over that of the simulated boundary, median and range over the sweeps: {ratios}."
     )
 
 
 def _slope(found: RegionMap, region: Region) -> float:
-    """Slope of a boundary's logarithm over that of the amplitude, without onsets by resonance; NaN for lack of them."""
+    """Slope of a boundary's logarithm over that of the amplitude, without resonance onsets; NaN if too few."""
     places = [
         (sweep.amplitude, sweep.boundaries[region].frequency)
         for sweep in found.sweeps
@@ -179,7 +179,7 @@ def _slope(found: RegionMap, region: Region) -> float:
 
 
 def _linear_share(found: RegionMap, spread: Callable[[float, float, int], NDArray[np.float64]]) -> float:
-    """Share of the map's area in region A, with places spread evenly by a NumPy function."""
+    """Share of the map's area in region A, with points spaced by a NumPy function."""
     settings = found.settings
     amplitude = spread(found.amplitudes[0], found.amplitudes[-1], GRID)
     frequency = spread(settings.frequency_start, settings.frequency_end, GRID)

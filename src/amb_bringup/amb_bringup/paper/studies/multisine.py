@@ -20,7 +20,7 @@ from amb_core.units import UM
 
 ORDERS = range(4, 17)
 PAPER = Multisine(amplitude=50e-6, frequency_start=11.0, frequency_end=400.0, duration=2.0, axes="both")
-SAMPLES = 10_000  # of the multisines, so that all trials take a few minutes
+SAMPLES = 10_000  # of the multisines; then all trials take a few minutes
 
 
 def _multisine(amplitude: float) -> DataSet:
@@ -55,7 +55,7 @@ class MultisineModels(Study):
         return self.run_at(Workplace())
 
     def run_at(self, workplace: Workplace) -> StudyResult:
-        """Identify on the cluster, judge the regions meanwhile."""
+        """Identify on the cluster, and meanwhile determine the regions."""
         tasks = [ModelTask(data, method, order) for data in DATA for method in METHODS for order in ORDERS]
         as_rms = _as_rms()
         runs: dict[str, Trial] = {}
@@ -70,16 +70,16 @@ class MultisineModels(Study):
             [_region_claim(runs, as_rms), beyond_claim(trials, regions), control_claim(trials, regions)],
             {
                 "multisine": f"random phases, {PAPER.frequency_start:g} Hz to {PAPER.frequency_end:g} Hz on x and y at "
-                f"once, {PAPER.duration:g} s, of which the last {SAMPLES:,} samples are identified from",
+                f"once, {PAPER.duration:g} s, of which the last {SAMPLES:,} samples are used for identification",
                 "amplitude": "peak value; " + ", ".join(data.name for data in DATA[:3]),
                 "sweep": f"as in Fig. 15, but {SWEPT.excitation.duration:g} s long, until the rotor delevitates",
                 "orders and methods": f"{ORDERS[0]} to {ORDERS[-1]}; {', '.join(METHODS)}",
             },
             [
-                "A model counts as stable where all poles of its closed loop with the known controller are, and its "
-                "simulation under the reference of the data stays bounded, with the controller's limit of the current. "
-                "Data come without noise, as in the paper's simulation. A band-limited signal in region A may then "
-                "determine fewer states than a method is asked for, which fails for want of excitation.",
+                "A model counts as stable if all poles of its closed loop with the known controller are stable, and "
+                "its simulation under the reference of the data stays bounded, with the controller's current limit. "
+                "The data have no noise, as in the paper's simulation. A band-limited signal in region A may then "
+                "determine fewer states than requested, and the method fails because the excitation is insufficient.",
             ],
         )
 
@@ -103,7 +103,7 @@ def _region_claim(runs: Mapping[str, Trial], as_rms: DataSet) -> Claim:
         verdict="agrees" if region >= Region.C else "agrees in part" if region is Region.B else "does not agree",
         reason=""
         if region >= Region.C
-        else "The paper does not tell whether 50 µm is the peak or the rms value; its regions come from an "
+        else "The paper does not state whether 50 µm is the peak or the rms value; its regions come from an "
         "algorithm, and from iron and amplifiers, that are not public.",
         figure="multisine-models",
     )
@@ -120,8 +120,7 @@ def beyond_claim(trials: Sequence[ModelTrial], regions: Mapping[str, Region]) ->
     return Claim(
         id="multisine-no-stable-model",
         paper_figure="Section 4",
-        statement="From data with behaviour of regions B and C not a single model with a stable closed loop could "
-        "be found.",
+        statement="From data with behaviour of regions B and C no model with a stable closed loop could be found.",
         finding=told,
         verdict="does not agree" if not barren else "agrees" if barren == sets else "agrees in part",
         reason=""
@@ -154,8 +153,8 @@ def control_claim(trials: Sequence[ModelTrial], regions: Mapping[str, Region]) -
         verdict="agrees" if linear and leads else "agrees in part" if linear and accurate else "does not agree",
         reason=""
         if linear and leads
-        else "The fit does not part region A from what is beyond it: models from data in region A may be no more "
-        "accurate. Each is judged by the data that it comes from."
+        else "The fit does not separate region A from the other regions: models from data in region A may not be more "
+        "accurate. Each model is evaluated on the data from which it was identified."
         if linear and accurate
         else f"The control runs in region {regions[CONTROL.name].name}, and its best model is not accurate enough.",
         figure="multisine-models",
@@ -189,7 +188,7 @@ def _chart(trials: Sequence[ModelTrial], regions: Mapping[str, Region]) -> Chart
         items: list[Item] = []
         for number, (method, (colour, marker)) in enumerate(LOOKS.items()):
             mine = [trial for trial in trials if (trial.data, trial.method) == (name, method)]
-            # Side by side, since several methods find nearly the same model.
+            # Side by side, since several methods give nearly the same model.
             x = np.array([trial.order for trial in mine]) + 0.12 * (number - 2.5)
             stable = np.array([trial.stable for trial in mine])
             fits = [max(trial.fit or 0.0, 0.0) if trial.stable else UNSTABLE for trial in mine]

@@ -21,15 +21,15 @@ from amb_core.loop.records import LoopRecord
 from amb_core.report import Answer
 from amb_core.units import UM
 
-REPLICATES = 90.0  # percent; fit of both axes from which on the model is said to replicate the response
+REPLICATES = 90.0  # percent; fit of both axes above which the model counts as replicating the response
 ORBIT, RESPONSE = "Orbit of plant and model", "Response of plant and model to square waves"
 HIDDEN, SPANS = 0.5, 500  # um and spans of time, coarse enough for two panels side by side
-SMALL_OFFSET = 0.1  # share of the offset before that may be left after adding the means
+SMALL_OFFSET = 0.1  # share of the original offset that may remain after adding the means
 
 
 @dataclass(frozen=True)
 class Means:
-    """The closed loop of a model without and with the means of the data, next to the plant.
+    """The closed loop of a model without and with the means of the data, compared with the plant.
 
     Attributes
     ----------
@@ -63,12 +63,12 @@ class Means:
         return cls(runs[0], runs[1], fits[0], fits[1], offsets[0], offsets[1])
 
     def dynamics(self, measured: LoopRecord) -> NDArray[np.float64]:
-        """Fit of the simulation without means when its constant error is taken away (percent), shape (2,)."""
+        """Fit of the simulation without means after removal of its constant error (percent), shape (2,)."""
         return nrmse_fit(measured.position, self.without.position + self.offset_without)
 
 
 class SquareWaves(Study):
-    """Square waves through the ROS graph; the model from them, judged in closed loop."""
+    """Square waves through the ROS graph; the model from them, validated in closed loop."""
 
     name = "fig13"
     heading = "Fig. 13 and 14: square waves, and the model identified from them"
@@ -97,7 +97,7 @@ class SquareWaves(Study):
             ],
             {
                 "excitation": f"squares of {UM * excitation['amplitude']:g} µm and {excitation['frequency']:g} Hz, "
-                f"{excitation['duration'] / 2:g} s on x, then as long on y",
+                f"{excitation['duration'] / 2:g} s on x, then the same on y",
                 "before": f"{SETTLING * measured.sample_time:g} s at rest",
                 "samples": f"{measured.steps:,} at {1.0 / measured.sample_time:g} Hz",
                 "method": f"subspace (SSARX), then PEM with prediction focus, order {found.model.order}",
@@ -106,19 +106,19 @@ class SquareWaves(Study):
             },
             [
                 "The model is identified from data without their means, as is usual. In closed loop it then moves "
-                "about the centre, while the rotor hangs below it; the means of currents and positions, added to the "
-                "model, put it in its place.",
+                "about the centre, while the rotor hangs below it. Adding the means of currents and positions to the "
+                "model corrects this.",
                 found.summary + ".",
             ],
         )
 
     def files_are_whole(self, folder: Path) -> bool:
-        """Whether the bag is there."""
+        """Whether the bag exists."""
         return EXPERIMENT.is_kept(folder / "bags")
 
 
 def claims(found: Identification, means: Means, dynamics: NDArray[np.float64]) -> list[Claim]:
-    """What the paper says of Fig. 13 and 14, judged; `dynamics` is the fit apart from the offset (percent)."""
+    """Evaluation of the paper's statements on Fig. 13 and 14; `dynamics` is the fit without the offset (percent)."""
     unstable, largest = len(found.model.unstable_poles()), _largest(found)
     good = dynamics >= REPLICATES
     before, after = np.abs(means.offset_without), np.abs(means.offset_added)
@@ -132,7 +132,7 @@ def claims(found: Identification, means: Means, dynamics: NDArray[np.float64]) -
             "the dynamic response, in closed loop with the known controller.",
             finding=f"fit apart from the offset: x {dynamics[0]:.2f} %, y {dynamics[1]:.2f} %",
             verdict=_answer(bool(good.all()), bool(good.any())),
-            reason="" if good.all() else f"A fit below {REPLICATES:g} % is not a replica.",
+            reason="" if good.all() else f"A fit below {REPLICATES:g} % is not a replication.",
             figure="fig14",
         ),
         Claim(
@@ -143,7 +143,7 @@ def claims(found: Identification, means: Means, dynamics: NDArray[np.float64]) -
             finding=f"offset of the plant from the model: x {_um(means.offset_without[0])}, "
             f"y {_um(means.offset_without[1])}; fit x {means.fit_without[0]:.2f} %, y {means.fit_without[1]:.2f} %",
             verdict=_answer(bool(missed)),
-            reason="" if missed else "The model has the offset without being told the means.",
+            reason="" if missed else "The model has the offset even without the means.",
             figure="fig13",
         ),
         Claim(
@@ -164,7 +164,7 @@ def claims(found: Identification, means: Means, dynamics: NDArray[np.float64]) -
             finding=f"{unstable} unstable plant poles; the largest pole of model and controller has magnitude "
             f"{largest:.4f}",
             verdict=_answer(unstable > 0 and found.stable, unstable > 0),
-            reason="" if unstable and found.stable else "The plant or its closed loop is not what it should be.",
+            reason="" if unstable and found.stable else "The plant has no unstable pole, or its loop is unstable.",
             figure="fig14",
         ),
     ]

@@ -1,4 +1,4 @@
-"""Fig. 6 and 7: products of three tones in the response, and a slow component that the third tone brings about."""
+"""Fig. 6 and 7: products of three tones in the response, and a slow component caused by the third tone."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from amb_core.units import UM
 CURRENT_LIMIT = 10.0  # A; with the default of 3 A the third tone throws the rotor out
 SURFACE = SurfaceSettings(amplitude_low=5e-6, amplitude_high=40e-6, amplitude_count=8, shifted=True)
 LONGEST_RUN = 6.0  # s, deadline of a run of the surface
-SIGNIFICANT = 0.1  # ratio of the product to the smaller tone's response from which on it is significant
+SIGNIFICANT = 0.1  # ratio of the product to the smaller tone's response above which it is significant
 STRONG = 10.0  # ratio of the largest to the smallest slow component that makes an influence strong
 PAPER_SLOW = 2.2  # Hz, frequency of the slow component in the paper's Fig. 7
 FOLDED = "10 f3 - 3 fs"  # product that sampling folds to ten times the offset of the third tone from 3 kHz
 
 
 class Subharmonics(Study):
-    """Tones of 200 and 300 Hz, and one that is to induce nonlinear behaviour."""
+    """Tones of 200 and 300 Hz, and a third one to induce nonlinear behaviour."""
 
     name = "fig6-7"
     heading = "Fig. 6 and 7: products of three tones"
@@ -71,7 +71,7 @@ class Subharmonics(Study):
         return StudyResult(
             [
                 DrawnFigure.of("fig6", spectrum_chart(spectra, "Response on y to tones of 200 and 300 Hz and a third")),
-                DrawnFigure.of("fig7", surface_chart(surface, "What inducing tones bring about, all tones shifted")),
+                DrawnFigure.of("fig7", surface_chart(surface, "Effect of inducing tones, all tones shifted")),
             ],
             [judge_product(three), judge_cause(two, three), judge_slow(three, shifted), judge_influence(surface)],
             {
@@ -81,8 +81,8 @@ class Subharmonics(Study):
                 f"{settings.offset_1:g}, {settings.offset_2:g} and {settings.offset_3:g} Hz",
             },
             [
-                "The paper's tones and the sample rate are all multiples of 100 Hz, so that many products coincide, "
-                "among them those that sampling folds. Shifting the tones by a few Hz parts them. "
+                "The paper's tones and the sample rate are all multiples of 100 Hz, so many products coincide, "
+                "including those folded by sampling. A shift of the tones by a few Hz separates them. "
                 f"With the default limit of the control current, {ControllerParameters().current_limit:g} A, the "
                 f"bearing is {limited.state} under the paper's third tone"
                 + (f": {limited.reason}." if limited.state != "steady" else ".")
@@ -91,7 +91,7 @@ class Subharmonics(Study):
 
 
 def judge_product(three: SubharmonicSpectrum) -> Claim:
-    """Whether f2 - f1 is there."""
+    """Whether f2 - f1 is present."""
     product, tones = _size(three, -1, 1), (_size(three, 1, 0), _size(three, 0, 1))
     share = product / min(tones)
     steady = three.state == "steady"
@@ -100,7 +100,7 @@ def judge_product(three: SubharmonicSpectrum) -> Claim:
         paper_figure="Fig. 6",
         statement="The response to tones of 200 Hz, 300 Hz and 3 kHz has a significant component at 100 Hz, which a "
         "linear bearing would not make.",
-        finding=f"f2 - f1 has {product:.2f} µm, beside "
+        finding=f"f2 - f1 has {product:.2f} µm, compared with "
         f"{tones[0]:.2f} and {tones[1]:.2f} µm at f1 and f2; the response is {three.state}.",
         verdict="agrees" if steady and share >= SIGNIFICANT else "agrees in part" if share > 0.0 else "does not agree",
         reason="There is no steady state."
@@ -113,7 +113,7 @@ def judge_product(three: SubharmonicSpectrum) -> Claim:
 
 
 def judge_cause(two: SubharmonicSpectrum, three: SubharmonicSpectrum) -> Claim:
-    """Whether it is the third tone that makes it."""
+    """Whether the third tone causes it."""
     alone, with_third = _size(two, -1, 1), _size(three, -1, 1)
     ratio = with_third / alone if alone > 0.0 else math.inf
     verdict: Answer = "agrees" if ratio > STRONG else "agrees in part" if ratio > 1.2 else "does not agree"
@@ -126,8 +126,8 @@ def judge_cause(two: SubharmonicSpectrum, three: SubharmonicSpectrum) -> Claim:
         verdict=verdict,
         reason=""
         if verdict == "agrees"
-        else "Two tones suffice: the rotor hangs low under its weight, where force over current and gap is not "
-        "symmetric. The third tone changes only how much.",
+        else "Two tones are enough: the rotor hangs low under its weight, where force over current and gap is not "
+        "symmetric. The third tone changes only the amplitude.",
         figure="fig6",
     )
 
@@ -155,7 +155,7 @@ def judge_slow(three: SubharmonicSpectrum, shifted: SubharmonicSpectrum) -> Clai
 
 
 def judge_influence(surface: SubharmonicSurface) -> Claim:
-    """Whether both amplitude and frequency of the inducing tone decide about the slow component."""
+    """Whether both amplitude and frequency of the inducing tone influence the slow component."""
     slow = np.where(surface.state == "steady", UM * surface.slow_amplitude, np.nan)
     over_frequency, over_amplitude = _spread(slow, axis=1), _spread(slow, axis=0)
     strong = [over_frequency > STRONG, over_amplitude > STRONG]
@@ -183,7 +183,7 @@ def judge_influence(surface: SubharmonicSurface) -> Claim:
 
 
 def _size(spectrum: SubharmonicSpectrum, a: int, b: int) -> float:
-    """Peak amplitude of a product (um); 0 where it was not looked for."""
+    """Peak amplitude of a product (um); 0 if it was not evaluated."""
     line = spectrum.line(a, b)
     return 0.0 if line is None else UM * abs(line.amplitude)
 
@@ -196,7 +196,7 @@ def _slow(spectrum: SubharmonicSpectrum) -> str:
 
 
 def _spread(slow: NDArray[np.float64], axis: int) -> float:
-    """Median over the other axis of largest over smallest, where two or more are known; NaN where none are."""
+    """Median over the other axis of largest over smallest, if two or more are known; NaN otherwise."""
     lines = slow if axis == 1 else slow.T
     ratios = [np.nanmax(line) / np.nanmin(line) for line in lines if np.isfinite(line).sum() > 1]
     return float(np.median(ratios)) if ratios else math.nan

@@ -1,4 +1,4 @@
-"""Fig. 2: the bearing with 1 DOF under a sweep next to an identified linear model, and where its regions come from."""
+"""Fig. 2: the bearing with 1 DOF under a sweep compared with an identified linear model, and its regions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from amb_core.regions import Region
 from amb_core.report import Answer
 from amb_core.simulation import simulate
 
-AMPLITUDE = 15e-6  # m; the paper does not tell its own
+AMPLITUDE = 15e-6  # m; the paper does not state its value
 VOLTAGES = (300.0, 150.0, 75.0, 50.0, 30.0)  # V, of the supply: from that of table 1 to that of the slow amplifier
 ORDER = 6  # of two bearings: rotor (2) and current loop (1) of each
 EXCITATIONS = tuple(  # of the two copies; so small that the bearing stays in region A
@@ -54,13 +54,13 @@ class Pole:
 
 
 class OneAxisSweep(Study):
-    """The sweep with the parameters of table 1 and with a slower amplifier, each next to its identified model."""
+    """The sweep with the parameters of table 1 and with a slower amplifier, each compared with its identified model."""
 
     name = "fig2"
     heading = "Fig. 2: the bearing with one axis under a sweep, and a linear model"
 
     def run(self) -> StudyResult:
-        """Simulate, classify, identify, draw, judge."""
+        """Simulate, classify, identify, draw, evaluate."""
         scan = {
             voltage: sweep_bearing(AMPLITUDE, {**ONE_AXIS, "amplifier.supply_voltage": voltage}) for voltage in VOLTAGES
         }
@@ -80,7 +80,7 @@ class OneAxisSweep(Study):
             figures.append(DrawnFigure.of(figure, chart))
         comparison = sweep_comparison_chart(
             [bearing.case(f"supply voltage {voltage:g} V") for voltage, bearing in scan.items()],
-            title="The same sweep with slower and slower amplifiers",
+            title="The same sweep with increasingly slow amplifiers",
         )
         figures.insert(2, DrawnFigure.of("fig2-supply-voltage", comparison))
         return StudyResult(
@@ -103,8 +103,8 @@ class OneAxisSweep(Study):
             [
                 SLOW_NOTE,
                 "The library identifies plants with two inputs and two outputs. Two copies of the bearing, each with "
-                "a random signal of its own, make such a plant; the model of the second copy answers the sweep. Its "
-                "loop has no limits, as a linear one has none.",
+                "its own random signal, make such a plant. The model of the second copy is simulated under the sweep, "
+                "in a loop without limits, since a linear loop has none.",
             ],
         )
 
@@ -134,7 +134,7 @@ def model_response(found: Identification, bearing: SweptBearing) -> LoopRecord:
 
 
 def region_a_fit(bearing: SweptBearing, model: LoopRecord) -> tuple[float, float]:
-    """Fit of the model (percent) to the response about its mean, in region A and from where it ends."""
+    """Fit of the model (percent) to the response about its mean, in region A and beyond it."""
     first = model.first_step
     end = min((onset.step for onset in bearing.onsets.values()), default=bearing.record.steps)
     parts = []
@@ -149,7 +149,7 @@ def region_a_fit(bearing: SweptBearing, model: LoopRecord) -> tuple[float, float
 
 
 def dominant_pole(found: Identification, sample_rate: float) -> Pole:
-    """The slowest pole pair of the model's loop that oscillates, of the second copy."""
+    """The slowest oscillating pole pair of the model's loop, of the second copy."""
     assert found.closed_loop_poles is not None  # the data are of the bearing's loop
     swinging = found.closed_loop_poles[found.closed_loop_poles.imag > 0.0]
     rates = np.log(swinging) * sample_rate / (2.0 * np.pi)
@@ -158,20 +158,20 @@ def dominant_pole(found: Identification, sample_rate: float) -> Pole:
 
 
 def linear_claim(fits: Mapping[str, tuple[float, float]]) -> Claim:
-    """Whether the model follows in region A, and departs beyond."""
+    """Whether the model follows the bearing in region A, and deviates beyond."""
     follows = [inside > 70.0 for inside, _ in fits.values()]
     departs = [beyond < inside - 20.0 for inside, beyond in fits.values()]
     return Claim(
         id="one-axis-linear-model",
         paper_figure="Fig. 2",
         statement="At low frequencies the bearing behaves as the identified linear model does, like a low-pass; as "
-        "the frequency rises it departs from it.",
+        "the frequency rises it deviates from it.",
         finding="; ".join(
             f"{name}: the model fits the rotor's motion in region A to {inside:z.0f} %, beyond it to {beyond:z.0f} %"
             for name, (inside, beyond) in fits.items()
         ),
         verdict=_verdict(follows + departs),
-        reason="" if all(follows + departs) else "The model is not as good in region A, or as bad beyond, as told.",
+        reason="" if all(follows + departs) else "The model is worse in region A, or better beyond, than stated.",
         figure="fig2",
     )
 

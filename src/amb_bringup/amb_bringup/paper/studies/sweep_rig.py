@@ -41,7 +41,7 @@ OPTIONS: Mapping[str, dict[str, Any]] = {
     "derivative on the error, 10 A, no gravity": WIDE_LIMIT | {"rotor.gravity": 0.0},
     SURVIVING: ON_MEASUREMENT | WIDE_LIMIT,
 }
-"""What is tried, by derivative and limit of the control current; the rest as in config/rig.yaml."""
+"""Options, by derivative and limit of the control current; all else as in config/rig.yaml."""
 
 SETTLED = 200.0  # Hz; above, the rotor no longer follows the reference
 HIGH = 1_000.0  # Hz; above, motion slower than SLOW_BAND is much slower than the input
@@ -50,8 +50,8 @@ SLOW = RegionParameters().oscillation_threshold
 DRIFT = RegionParameters().drift_threshold
 BIAS_TIME = 0.5  # s, over which the mean is taken
 PROMINENT = 2.0  # ratio of a resonance to the response beside it
-VISIBLE = 0.05  # share of the largest movement from which on a resonance is seen in a figure that shows both
-BESIDE = (60.0, 150.0)  # Hz from a resonance, where the response beside it is
+VISIBLE = 0.05  # share of the largest movement above which a resonance is visible in a figure that shows both
+BESIDE = (60.0, 150.0)  # Hz from a resonance, for the response beside it
 SHORT = 0.02  # s, some periods of the input
 
 
@@ -62,7 +62,7 @@ class RigSweep(Study):
     heading = "Fig. 5: the rig under a sweep"
 
     def run(self) -> StudyResult:
-        """Try the options with the rigid rotor, then the one that survives with a flexible one."""
+        """Simulate the options with the rigid rotor, then the surviving one with a flexible rotor."""
         tried = {name: sweep_bearing(AMPLITUDE, RIG | change) for name, change in OPTIONS.items()}
         rigid = tried[SURVIVING]
         flexible, bending = _sweep_flexible()
@@ -98,8 +98,8 @@ class RigSweep(Study):
                 "rotor": f"{RIGID.mass:g} kg: rigid, or a uniform shaft of {LENGTH:g} m that bends at "
                 f"{', '.join(f'{frequency:.0f}' for frequency in bending)} Hz (assumed)",
                 "iron": "of the rigid rotor's bearings with saturation and hysteresis, of the flexible one's linear",
-                "controllers of both bearings": f"{SURVIVING}; the paper tells of the derivative that it acts on the "
-                "error (its Fig. 10), and nothing of a limit",
+                "controllers of both bearings": f"{SURVIVING}; in the paper the derivative acts on the error "
+                "(its Fig. 10), and no limit is given",
             },
             [
                 "A sweep ends when the rotor touches a backup bearing. Options of the loop, and where it ends: "
@@ -134,14 +134,14 @@ def slow_component(swept: SweptBearing) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Resonance:
-    """The largest response of y near a frequency: its amplitude (m), and over the median of what is beside it."""
+    """The largest response of y near a frequency: its amplitude (m), and its ratio to the median beside it."""
 
     amplitude: float
     prominence: float
 
 
 def resonance(swept: SweptBearing, frequency: float) -> Resonance:
-    """What a resonance at a frequency (Hz) adds to the response; NaN if the sweep did not reach it."""
+    """Contribution of a resonance at a frequency (Hz) to the response; NaN if the sweep did not reach it."""
     window = round(SHORT / swept.record.sample_time)
     count = swept.record.steps // window
     y = swept.record.position[: count * window, 1].reshape(count, window)
@@ -153,7 +153,7 @@ def resonance(swept: SweptBearing, frequency: float) -> Resonance:
 
 
 def judge_survival(ends: Mapping[str, float | None]) -> Claim:
-    """Whether the rig gets through the sweep as configured, or with other options; `ends` has None for those (Hz)."""
+    """Whether the rig survives the sweep as configured, or with other options, which have None in `ends` (Hz)."""
     through = [name for name, end in ends.items() if end is None]
     if CONFIGURED in through:
         verdict: Answer = "agrees"
@@ -169,16 +169,16 @@ def judge_survival(ends: Mapping[str, float | None]) -> Claim:
         verdict=verdict,
         reason=""
         if verdict == "agrees"
-        else "At its resonance the rotor moves more than its reference does, and it hangs low by its weight: together "
-        "this is all of the clearance. Past it, the derivative of the reference drives the control current into its "
-        "limits. The paper does not say what keeps its rig up; in its section 3.2 it calls the controllers PID, whose "
-        "integral part would take the weight.",
+        else "At its resonance the rotor moves more than its reference, and it hangs low by its weight: together this "
+        "takes up the whole clearance. Above the resonance, the derivative of the reference drives the control current "
+        "into its limits. The paper does not state what keeps its rig levitated. Its section 3.2 calls the controllers "
+        "PID; their integral part would carry the weight.",
         figure="fig5",
     )
 
 
 def judge_drift(means: NDArray[np.float64], told: bool) -> Claim:
-    """Whether the bias (m) drifts above the resonance, and the classifier tells region B of it."""
+    """Whether the bias (m) drifts above the resonance, and the classifier reports region B for it."""
     span = float(np.ptp(means)) if len(means) else 0.0
     drifts = span >= DRIFT
     return Claim(
@@ -187,19 +187,19 @@ def judge_drift(means: NDArray[np.float64], told: bool) -> Claim:
         statement="During the sweep the level about which the rotor moves drifts (region B).",
         finding=f"Above {SETTLED:g} Hz the mean of y moves by {UM * span:.1f} µm"
         + (f", between {UM * means.min():.1f} and {UM * means.max():.1f} µm" if len(means) else "")
-        + (". The classifier tells region B." if told else ". The classifier does not call that region B."),
+        + (". The classifier reports region B." if told else ". The classifier does not report region B."),
         verdict="agrees" if drifts and told else "agrees in part" if drifts else "does not agree",
         reason=f"It moves by less than the threshold of the classifier, {UM * DRIFT:g} µm."
         if not drifts
         else ""
         if told
-        else "It is slow: the classifier wants the bias to move by its threshold within the span of its test.",
+        else "It is slow: the classifier requires the bias to move by its threshold within the span of its test.",
         figure="fig5",
     )
 
 
 def judge_slow(amplitude: float, frequency: float, *, told: bool) -> Claim:
-    """Whether y moves slowly (m) while the input is fast (Hz), and the classifier tells region C of it."""
+    """Whether y moves slowly (m) while the input is fast (Hz), and the classifier reports region C for it."""
     there = amplitude >= SLOW
     return Claim(
         id="rig-moves-slowly",
@@ -211,7 +211,7 @@ def judge_slow(amplitude: float, frequency: float, *, told: bool) -> Claim:
         else "Nothing above the threshold of the classifier.",
         verdict="agrees" if there and told else "agrees in part" if there else "does not agree",
         reason="Slow motion comes in bursts where a harmonic of the input folds to a low frequency at the sample rate. "
-        "The classifier tells this beating of a sampled loop apart from an oscillation of its own, region C."
+        "The classifier separates this beating of a sampled loop from an oscillation of the loop itself, region C."
         if there and not told
         else ""
         if there
@@ -227,7 +227,7 @@ def judge_resonances(reach: float, bending: Mapping[float, Resonance]) -> Claim:
     seen = any(one.prominence >= PROMINENT and one.amplitude >= VISIBLE * reach for one in bending.values())
     verdict: Answer = "agrees" if rigid and seen else "agrees in part" if rigid or there else "does not agree"
     bends = ", ".join(
-        f"{UM * one.amplitude:.1f} µm at {frequency:.0f} Hz, {one.prominence:.1f} times what is beside it"
+        f"{UM * one.amplitude:.1f} µm at {frequency:.0f} Hz, {one.prominence:.1f} times the response beside it"
         for frequency, one in bending.items()
     )
     return Claim(
@@ -239,10 +239,10 @@ def judge_resonances(reach: float, bending: Mapping[float, Resonance]) -> Claim:
         verdict=verdict,
         reason=""
         if verdict == "agrees"
-        else "The shaft is assumed, the paper does not tell its own: it bends far above the bandwidth of the loop, "
-        "where its bending stands out, but is small beside the resonance of the loop."
+        else "The shaft is assumed, since the paper does not describe its own. It bends far above the bandwidth of the "
+        "loop, where its bending is visible, but small compared with the resonance of the loop."
         if there
-        else "The shaft is assumed, the paper does not tell its own, and its bending hardly shows.",
+        else "The shaft is assumed, since the paper does not describe its own, and its bending is hardly visible.",
         figure="fig5-flexible",
     )
 

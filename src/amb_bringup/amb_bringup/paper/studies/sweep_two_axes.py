@@ -10,17 +10,17 @@ from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult
 from amb_bringup.paper.sweeps import SLOW_AMPLIFIER, SLOW_NOTE, SWEEP, SweptBearing, order_verdict, sweep_bearing
 from amb_core.figures.sweep import sweep_chart
 
-AMPLITUDE = 15e-6  # m, as in Fig. 2; the paper does not tell its own
+AMPLITUDE = 15e-6  # m, as in Fig. 2; the paper does not state its value
 
 
 class TwoAxisSweep(Study):
-    """The sweep on y with the parameters of table 1 and with a slower amplifier; for gravity's part, on x as well."""
+    """The sweep on y with table 1 and with a slower amplifier; also on x, for the effect of gravity."""
 
     name = "fig3"
     heading = "Fig. 3: the two-axis bearing under a sweep"
 
     def run(self) -> StudyResult:
-        """Simulate, classify, draw, judge."""
+        """Simulate, classify, draw, evaluate."""
         voltage = SLOW_AMPLIFIER["amplifier.supply_voltage"]
         names = {"fig3": "supply of table 1", "fig3-slow-amplifier": f"slow amplifier, {voltage:g} V"}
         settings = {"fig3": {}, "fig3-slow-amplifier": SLOW_AMPLIFIER}
@@ -35,8 +35,8 @@ class TwoAxisSweep(Study):
             {"amplitude": f"{1e6 * AMPLITUDE:g} µm (ours)", **SWEEP},
             [
                 "The boundaries come from the region classifier of this project, since the algorithm of the paper is "
-                "not public. It tells a slow oscillation from beats of the input with the sample rate, which the grey "
-                "bars mark.",
+                "not public. It distinguishes a slow oscillation from beats of the input with the sample rate, which "
+                "the grey bars mark.",
                 SLOW_NOTE,
             ],
         )
@@ -50,7 +50,7 @@ def figure_of(name: str, bearing: SweptBearing, description: str) -> DrawnFigure
 
 
 def regions_claim(paper: SweptBearing, slow: SweptBearing) -> Claim:
-    """Whether the regions of the bearing with one axis come, and in their order."""
+    """Whether the regions of the bearing with one axis occur, and in the same order."""
     verdict, reason = order_verdict(paper, slow)
     return Claim(
         id="two-axis-regions",
@@ -65,7 +65,7 @@ def regions_claim(paper: SweptBearing, slow: SweptBearing) -> Claim:
 
 
 def gravity_claim(swept: Mapping[str, tuple[SweptBearing, SweptBearing]]) -> Claim:
-    """Whether the nonlinear behaviour begins at a lower frequency where the sweep acts along gravity.
+    """Whether the nonlinear behaviour begins at a lower frequency if the sweep acts along gravity.
 
     Parameters
     ----------
