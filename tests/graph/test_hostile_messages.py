@@ -153,7 +153,7 @@ def test_a_first_step_of_impossible_time_is_an_error_on_diagnostics(wires: Wires
     wires.answer(run, 1, time=time)
     health = wires.health("pd_controller")
     assert health.level == DiagnosticStatus.ERROR
-    assert "the controller is set to sample_rate = 10000 Hz" in health.message
+    assert "the controller has sample_rate = 10000 Hz" in health.message
 
 
 @pytest.mark.parametrize("x", [math.nan, math.inf, -math.inf, 1e300, -1.1])
