@@ -22,7 +22,7 @@ from amb_ros.leaving import leave_graph
 from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
 
-REASON_TIMEOUT = 5.0  # s; wait for the reason of a rejection, which is published
+REASON_TIMEOUT = 5.0  # s; longest wait for the published reason of a rejection
 
 
 class ClientError(AmbError):

@@ -103,7 +103,7 @@ def _finite_parts(record: LoopRecord) -> list[LoopRecord]:
 
 
 def _between(spans: Sequence[tuple[int, int]], first_step: int, stop: int) -> list[tuple[int, int]]:
-    """The gaps between spans of steps, within two steps."""
+    """The gaps between spans of steps, from one step to another."""
     ends = [(first_step, first_step), *spans, (stop, stop)]
     return [(end, start) for (_, end), (start, _) in pairwise(ends) if start > end]
 
