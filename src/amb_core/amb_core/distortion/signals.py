@@ -1,7 +1,8 @@
 """Random-phase odd multisines with detection lines.
 
-Only odd multiples of the resolution 1 / period are excited, and one of every few consecutive ones, drawn by lot, is not.
-A nonlinearity of even order then shows only at the even lines, one of odd order at the odd lines that are not excited.
+Only odd multiples of the resolution 1 / period are excited. One of every few consecutive ones, drawn by lot, is left
+out. A nonlinearity of even order then shows only at the even lines, one of odd order at the odd lines that are not
+excited.
 
 Source: R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley, 2012, sections
 4.2 and 4.3; T. P. Dobrowiecki, J. Schoukens and P. Guillaume, Optimized excitation signals for MIMO frequency response
