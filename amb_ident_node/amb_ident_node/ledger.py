@@ -15,6 +15,7 @@ from amb_core.errors import BagError
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.time_stamp import stamped_time
 from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount, TelemetryAccount
+from amb_msgs.msg import RegionState, SimulatorState
 from amb_ros import topics
 
 KEPT_CLOCKS = 10_000
@@ -67,6 +68,7 @@ class Ledger:
             self._clocks = PeriodicAccount(topics.CLOCK)
             self._answers.start()
             self._regions: dict[int, int] = {}  # step up to which the regions of a run are known
+            self._delevitations: set[int] = set()  # runs in which a region D was received
             for account in self._counted.values():
                 account.start()
             if self.state is not None:
@@ -141,11 +143,7 @@ class Ledger:
             if awaited is not None:
                 texts += self._answers.lacks()
                 if topics.REGION in published and not self._regions_reached(awaited):
-                    known = self._regions.get(awaited.run, self._telemetry.first_step(awaited.run))
-                    texts.append(
-                        f"region of run {awaited.run} lacks steps {known} to {awaited.step - 1} "
-                        f"({awaited.step - known} steps)"
-                    )
+                    texts.append(self._missing_region(awaited))
                 if self._state_awaited(published) and not self._simulator_reached(awaited):
                     texts.append(f"simulator/state lacks that of step {awaited.step} of run {awaited.run}")
             if self._malformed:
@@ -200,6 +198,8 @@ class Ledger:
 
     def _note_region(self, message: Any) -> None:
         self._regions[message.run] = max(self._regions.get(message.run, 0), message.next_step)
+        if message.region == RegionState.D:
+            self._delevitations.add(message.run)
 
     # -- progress; called with the lock held
 
@@ -223,7 +223,23 @@ class Ledger:
         return self.state is not None and topics.SIMULATOR_STATE in published
 
     def _regions_reached(self, awaited: Mark) -> bool:
+        if self._delevitated_at(awaited):  # a region of the telemetry may reach as far before that of the delevitation
+            return awaited.run in self._delevitations
         if self._regions.get(awaited.run, 0) >= awaited.step:
             return True
         run, next_step, messages = self._monitor  # in a run too short for a region it has nothing to publish
         return run == awaited.run and next_step >= awaited.step and messages <= self._counted[topics.REGION].last
+
+    def _delevitated_at(self, place: Mark) -> bool:
+        state = self.state
+        return (
+            state is not None
+            and state.mode == SimulatorState.DELEVITATED
+            and (state.run, state.step) == (place.run, place.step)
+        )
+
+    def _missing_region(self, awaited: Mark) -> str:
+        known = self._regions.get(awaited.run, self._telemetry.first_step(awaited.run))
+        if known >= awaited.step:
+            return f"region of run {awaited.run} lacks the delevitation before step {awaited.step}"
+        return f"region of run {awaited.run} lacks steps {known} to {awaited.step - 1} ({awaited.step - known} steps)"

@@ -12,6 +12,7 @@ from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps
 from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount
 from amb_ident_node.ledger import Ledger
+from amb_msgs.msg import RegionState, SimulatorState
 from amb_ros.namesakes import Namesakes
 
 TOPICS = {"telemetry", "plant_state", "region", "simulator/state", "clock"}
@@ -23,8 +24,9 @@ def block(run: int, first: int, steps: int) -> Any:
     return SimpleNamespace(run=run, first_step=first, sample_time=1e-4, **dict.fromkeys(names, samples))
 
 
-def state(run: int, step: int, sequence: int, plant_state_steps: int = 50) -> Any:
+def state(run: int, step: int, sequence: int, plant_state_steps: int = 50, mode: int = SimulatorState.PAUSED) -> Any:
     return SimpleNamespace(
+        mode=mode,
         run=run,
         step=step,
         sequence=sequence,
@@ -38,8 +40,8 @@ def clock(step: int) -> Any:
     return SimpleNamespace(clock=SimpleNamespace(sec=0, nanosec=100_000 * step))
 
 
-def region(run: int, next_step: int, sequence: int) -> Any:
-    return SimpleNamespace(run=run, next_step=next_step, sequence=sequence)
+def region(run: int, next_step: int, sequence: int, region: int = RegionState.A) -> Any:
+    return SimpleNamespace(run=run, next_step=next_step, sequence=sequence, region=region)
 
 
 @pytest.fixture
@@ -132,6 +134,17 @@ def test_a_run_too_short_for_a_region_is_complete_once_the_monitor_has_taken_it_
     assert "region of run 5 lacks steps 0 to 4 (5 steps)" in ledger.lacks(Mark(5, 5), TOPICS)
     ledger.note_monitor(5, 5, 0)
     assert not [text for text in ledger.lacks(Mark(5, 5), TOPICS) if text.startswith("region")]
+
+
+def test_the_region_of_a_delevitation_is_awaited_although_another_reaches_as_far(ledger):
+    """The monitor classifies the last telemetry, and only then hears that the rotor has fallen."""
+    fill(ledger)
+    ledger.note("simulator/state", state(5, 200, 3, mode=SimulatorState.DELEVITATED))
+    ledger.note_monitor(5, 200, 2)
+    assert ledger.lacks(Mark(5, 200), TOPICS) == ["region of run 5 lacks the delevitation before step 200"]
+    assert ledger.lacks(Mark(5, 150), TOPICS) == []
+    ledger.note("region", region(5, 200, 3, RegionState.D))
+    assert ledger.lacks(Mark(5, 200), TOPICS) == []
 
 
 def test_blocks_of_an_older_run_that_come_late_are_no_part_of_the_recording(ledger):
