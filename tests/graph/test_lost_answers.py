@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.action import ActionServer
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from amb_bringup.client import AmbClient, ClientError
+from amb_bringup.connection import GraphConnection
 from amb_core.errors import ParameterError
 from amb_core.recording import Recording
+from amb_msgs.action import BuildMap
 from amb_msgs.msg import LoopSamples, SimulatorState
 from amb_msgs.srv import GetModel, StartRecording, StopRecording
 from amb_ros import middleware
@@ -22,6 +25,7 @@ from amb_ros.remote_parameters import RemoteParameters
 from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
+    from rclpy.action.server import ServerGoalHandle
     from rclpy.node import Node
 
     from tests.graph.conftest import Graph
@@ -113,6 +117,20 @@ def test_a_client_leaves_the_graph_though_a_request_is_open(graph: Graph) -> Non
             client.wait_until(lambda: client.node.count_services("/amb/identifier/get_model") > 0, timeout=TIMEOUT)
             client.get_model()
     graph.wait_until(lambda: "amb_client" not in graph.node.get_node_names(), "the end of the last client")
+
+
+def test_a_client_that_has_used_an_action_leaves_the_graph_when_it_closes(graph: Graph) -> None:
+    def succeed(goal: ServerGoalHandle) -> BuildMap.Result:
+        goal.succeed()
+        return BuildMap.Result(success=True)
+
+    server = ActionServer(graph.node, BuildMap, "/amb/region_monitor/build_map", succeed)
+    client = GraphConnection("amb", TIMEOUT, graph.domain, [])
+    with client:
+        assert client.act(BuildMap, "region_monitor/build_map", BuildMap.Goal(), lambda _: None, lambda: False).success
+        graph.wait_until(lambda: "amb_client" in graph.node.get_node_names(), "the client")
+    graph.wait_until(lambda: "amb_client" not in graph.node.get_node_names(), "the end of the client", timeout=30.0)
+    server.destroy()
 
 
 @pytest.mark.slow

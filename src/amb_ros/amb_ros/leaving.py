@@ -13,6 +13,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence, Set
 from pathlib import Path
 
+from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import Executor
 from rclpy.node import Node
@@ -24,6 +25,9 @@ def leave_graph(context: Context, executor: Executor, nodes: Sequence[Node]) -> 
         context.try_shutdown()  # first: workers of the nodes then see that nobody waits for them any more
         executor.shutdown()  # releases the nodes: one with an open request would live as long as the process
         for node in reversed(nodes):
+            for waitable in list(node.waitables):
+                if isinstance(waitable, ActionClient):
+                    waitable.destroy()  # rclpy's node does not, and lives on in the graph while they do
             node.destroy_node()
 
 
