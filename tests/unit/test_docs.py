@@ -257,8 +257,8 @@ def test_modules_have_the_names_that_the_readme_promises(package: str) -> None:
     for module, name in promised(ROOT / package / "README.md"):
         classes = [item for item in vars(importlib.import_module(module)).values() if inspect.isclass(item)]
         found = any(hasattr(owner, name) for owner in (importlib.import_module(module), *classes))
-        figure = hasattr(importlib.import_module(module), f"{name}_figure")
-        assert found or figure, f"{package}/README.md: {module} has no {name}"
+        chart = hasattr(importlib.import_module(module), f"{name}_chart")
+        assert found or chart, f"{package}/README.md: {module} has no {name}"
 
 
 # -- messages

@@ -63,7 +63,7 @@ def test_a_map_comes_back_as_it_was(region_map: RegionMap) -> None:
         ("amplitude", [0.0, 1e-5], "amplitude = 0; allowed: finite numbers above 0"),
         ("amplitude", [3e-5, 1e-5], "in order of amplitude"),
         ("amplitude", [1e-5] * 1_001, "region map of 1001 sweeps: allowed: at most 1000 sweeps"),
-        ("highest_frequency", [math.inf, 1.0], "highest_frequency holds inf"),
+        ("highest_frequency", [math.inf, 1.0], "highest_frequency = inf; allowed: finite numbers, 0 or more"),
         ("frequency_d", [math.nan, -1.0], "frequency_d = -1"),
         ("settings", "{}{", "field settings is not JSON"),
         ("settings", "[" * 100_000, "field settings is not JSON"),

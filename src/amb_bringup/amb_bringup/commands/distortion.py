@@ -25,9 +25,10 @@ def distortion(
     change: ChangeOption = None,
     out: Annotated[Path, typer.Option(help="Folder for summary.json and figures.")] = Path("results/distortion"),
 ) -> None:
-    """Measure nonlinear distortion with random-phase odd multisines on both axes.
+    """Measure nonlinear distortion: how much of the rotor's motion no linear model can explain.
 
-    Distortions of even order show at even lines, those of odd order at odd lines that are not excited.
+    Random-phase odd multisines excite both axes. Distortions of even order show at even lines, those of odd order at odd
+    lines that are not excited.
     """
     settings = part_of(DistortionSettings, given)
     loop = load_changed_loop(params, change or [])

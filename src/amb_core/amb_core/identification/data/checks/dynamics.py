@@ -40,7 +40,7 @@ def check_feedback(data: IdentificationData) -> Finding:
     """
     lags = _lags(data)
     if lags is None:
-        return Finding("feedback", Severity.INFO, "not judged: too few samples")
+        return Finding("feedback", Severity.INFO, "not checked: too few samples")
     lead = (lags + 1) // 2
     m, p = len(data.input_names), len(data.output_names)
     factor, rows = _factor(data, lags, lead)
@@ -75,7 +75,7 @@ def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
     """
     lags = _lags(data)
     if lags is None:
-        return Finding("delay", Severity.INFO, "not judged: too few samples")
+        return Finding("delay", Severity.INFO, "not checked: too few samples")
     m, p = len(data.input_names), len(data.output_names)
     first = 1 if feedback else 0
     factor, rows = _factor(data, lags)
