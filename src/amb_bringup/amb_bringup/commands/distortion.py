@@ -27,8 +27,8 @@ def distortion(
 ) -> None:
     """Measure nonlinear distortion: how much of the rotor's motion no linear model can explain.
 
-    Random-phase odd multisines excite both axes. Distortions of even order show at even lines, those of odd order at odd
-    lines that are not excited.
+    Random-phase odd multisines excite both axes. Distortions of even order show at even lines, those of odd order at
+    odd lines that are not excited.
     """
     settings = part_of(DistortionSettings, given)
     loop = load_changed_loop(params, change or [])
