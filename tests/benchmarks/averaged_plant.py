@@ -25,7 +25,6 @@ from scipy.integrate import solve_ivp
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import AmplifierParameters, IntegrationParameters, Plant, PlantParameters
 from amb_core.plant.averaged import AveragedPlant, coil_references
-from amb_core.plant.kernel import layout
 from amb_core.plant.network import COILS, POLE_ANGLES, POLES
 
 SAMPLES = 500
@@ -93,16 +92,8 @@ class Start:
 
     def state(self) -> NDArray[np.float64]:
         """That of `AveragedPlant`."""
-        state = self._plant._arrays.state
-        block = state[layout.HEAD_SIZE :]
-        return np.concatenate(
-            [
-                block[layout.FLUX : layout.FLUX + POLES],
-                block[layout.INTEGRAL : layout.INTEGRAL + COILS],
-                state[layout.POSITION : layout.POSITION + 2],
-                state[layout.VELOCITY : layout.VELOCITY + 2],
-            ]
-        )
+        bearing = self._plant._arrays.bearings[0]
+        return np.concatenate([bearing[name] for name in ("flux", "integral", "position", "velocity")])
 
     def run_kernel(self) -> NDArray[np.float64]:
         """Positions (m) at the samples, shape (500, 2)."""
