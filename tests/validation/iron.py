@@ -19,7 +19,8 @@ from scipy.optimize import brentq
 from scipy.special import ive
 
 from amb_core.plant.iron import anhysteretic_field, initial_iron, pack_material, saturation_curve
-from amb_core.plant.kernel.iron import ELEMENTS, FIELD, TARGET, WORK, advance_hysteresis
+from amb_core.plant.kernel.iron import advance_hysteresis
+from amb_core.plant.kernel.records import ELEMENTS
 from amb_core.plant.kernel.langevin import ASYMPTOTE_FROM, langevin
 from amb_core.plant.parameters import IronParameters
 
@@ -87,9 +88,9 @@ def _follow(parameters: IronParameters, path: NDArray[np.float64]) -> tuple[NDAr
     iron, material = initial_iron(np.full(ELEMENTS, path[0]), parameters), pack_material(parameters)
     result = np.empty((len(path), 2))
     for n, flux_density in enumerate(path):
-        iron[TARGET] = flux_density
+        iron["target"] = flux_density
         advance_hysteresis(iron, material)
-        result[n] = iron[FIELD, 0], iron[WORK, 0]
+        result[n] = iron["field"][0], iron["work"][0]
     return result[:, 0], result[:, 1]
 
 
