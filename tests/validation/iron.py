@@ -20,8 +20,8 @@ from scipy.special import ive
 
 from amb_core.plant.iron import anhysteretic_field, initial_iron, pack_material, saturation_curve
 from amb_core.plant.kernel.iron import advance_hysteresis
-from amb_core.plant.kernel.records import ELEMENTS
 from amb_core.plant.kernel.langevin import ASYMPTOTE_FROM, langevin
+from amb_core.plant.kernel.records import ELEMENTS
 from amb_core.plant.parameters import IronParameters
 
 STEEL = IronParameters(
