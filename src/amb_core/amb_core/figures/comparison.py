@@ -73,7 +73,7 @@ def comparison_chart(
 
 
 def save_validation_figures(folder: str | Path, validations: Mapping[str, Validation]) -> list[str]:
-    """Write response, prediction, Bode diagram and residuals of one or more models, judged by the same data.
+    """Write response, prediction, Bode diagram and residuals of one or more models, validated on the same data.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def save_validation_figures(folder: str | Path, validations: Mapping[str, Valida
 
 
 def _closed_loops(validations: Mapping[str, Validation]) -> tuple[LoopRecord | None, dict[str, LoopRecord]]:
-    """The longest measured experiment and, by name, what models make of it, those left out whose loop diverges."""
+    """The longest measured experiment and, by name, the models' simulations of it, without those that diverge."""
     loops = {label: item.closed_loop for label, item in validations.items() if item.closed_loop is not None}
     if not loops:
         return None, {}

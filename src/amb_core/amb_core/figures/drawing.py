@@ -15,7 +15,7 @@ from amb_core.figures.style import Hatch, Marker, Stroke
 
 Values = NDArray[Any]
 
-WIDE = 3000.0  # ratio of the ends of a logarithmic axis from which on it is numbered by powers of ten alone
+WIDE = 3000.0  # ratio of the ends of a logarithmic axis above which only powers of ten are numbered
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Heat:
     """Positive values on a grid as colours on a logarithmic scale; NaN is left blank.
 
     `values` has a row for each y; `limits` are the ends of the scale, which all panels of a chart share; `label` and
-    `unit` tell what the colours mean.
+    `unit` say what the colours mean.
     """
 
     x: Values
@@ -102,7 +102,7 @@ class Heat:
 
 @dataclass(frozen=True)
 class HoverGrid:
-    """What the page tells about the places of a grid when pointed at: x, y and a name. Figures omit it.
+    """What the page shows for a place of a grid under the pointer: x, y and a name. Figures omit it.
 
     `number` has a row for each y, and the place of each name in `names`; `units` are those of x and y.
     """

@@ -17,7 +17,7 @@ SPEEDS = 250  # points of a trajectory over speed
 
 
 def force_chart(trajectories: Mapping[Region, ForceTrajectory], title: str = "Force along trajectories") -> Chart:
-    """Force over time in several regions, next to eq. (4), which is left out where the rotor hardly moves.
+    """Force over time in several regions, compared with eq. (4), which is omitted where the rotor hardly moves.
 
     Parameters
     ----------

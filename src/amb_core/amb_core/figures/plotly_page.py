@@ -42,7 +42,7 @@ def draw_page(chart: Drawing) -> go.Figure:
         for item in panel.items:
             draw(item, page, place)
             if gridded and isinstance(item, Curve) and not item.hover:
-                page.data[-1].hoverinfo = "skip"  # the grid below tells more, with units
+                page.data[-1].hoverinfo = "skip"  # the grid below shows more, with units
         lowest = number + chart.columns >= len(chart.panels)
         page.update_xaxes(**_axis(panel.x, labelled=lowest or not chart.shared_x), **place)
         page.update_yaxes(**_axis(panel.y, labelled=True), **place)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 LEVEL = 0.99
 DETAIL = 0.1  # half the width of the part around z = 1 that is drawn larger
-CORNERS = 73  # of the polygon that stands for a region
+CORNERS = 73  # of the polygon that represents a region
 
 
 def poles_chart(result: Identification, title: str = "Poles of plant and closed loop") -> Chart:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from amb_core.regions.region_map import AnalyticLine, GridCell
 
 POINTS = 300  # amplitudes at which boundaries are drawn
-HOVER = (60, 90)  # amplitudes and frequencies at which a page tells the region
+HOVER = (60, 90)  # amplitudes and frequencies at which a page shows the region
 LETTER_ROOM = 0.12  # decades of frequency that a region must span to have its letter in it
 AMPLITUDE = "amplitude of the reference (µm)"
 FREQUENCY = "input frequency (Hz)"
@@ -119,7 +119,7 @@ def region_items(region_map: RegionMap) -> list[Item]:
 def _lower_edges(
     region_map: RegionMap, amplitude: NDArray[np.float64], ends: tuple[float, float]
 ) -> list[NDArray[np.float64]]:
-    """Frequencies from which each region is drawn at amplitudes (m), and the top, shape (5, n): a higher one wins."""
+    """Lower ends of the regions (Hz) at amplitudes (m), and the top, shape (5, n); higher regions come first."""
     edges = [np.full(amplitude.shape, ends[1])]
     for region in reversed(BOUNDARIES):
         edges.append(np.minimum(np.clip(region_map.boundary(region, amplitude), *ends), edges[-1]))
@@ -155,7 +155,7 @@ def _simulated(region_map: RegionMap) -> list[Item]:
 
 
 def _hover(region_map: RegionMap) -> list[Item]:
-    """What a page tells at any place: amplitude, frequency and region."""
+    """What a page shows at any place: amplitude, frequency and region."""
     horizontal, vertical = map_axes(region_map)
     assert horizontal.limits is not None and vertical.limits is not None
     amplitude, frequency = np.geomspace(*horizontal.limits, HOVER[0]), np.geomspace(*vertical.limits, HOVER[1])

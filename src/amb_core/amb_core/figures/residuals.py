@@ -64,7 +64,7 @@ def residuals_chart(
 def _items(
     lags: NDArray[np.int64], correlation: NDArray[np.float64], band: float, tested: NDArray[np.bool_]
 ) -> tuple[Item, ...]:
-    """Stems, so that each lag is seen, and the band."""
+    """Stems, which show each lag, and the band."""
     ends = np.array([lags[0] - 0.5, lags[-1] + 0.5])
     half = np.array([band, band])
     outside = tested & (np.abs(correlation) > band)

@@ -1,7 +1,7 @@
 """Looks that all figures share: colours that colour-blind readers can tell apart, and strokes that differ in dash too.
 
 Colours: Okabe and Ito, "Color Universal Design", https://jfly.uni-koeln.de/color/. Each has a contrast of some 2:1 or
-more with white and with the dark background of the pages. No figure tells anything by colour alone.
+more with white and with the dark background of the pages. No figure relies on colour alone.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from amb_core.regions import Classification, Region
 from amb_core.regions.stretches import stretches
 from amb_core.units import UM
 
-SPANS = 400  # of the axis of which the extremes are drawn: the panels are small
-ROOM = 1.03  # free to the right, so that a line at the end is seen
+SPANS = 400  # of the axis, each drawn by its extremes: the panels are small
+ROOM = 1.03  # free space on the right, which keeps a line at the end visible
 PANEL_HEIGHT, MARGINS = 1.25, 1.5  # inch
 
 

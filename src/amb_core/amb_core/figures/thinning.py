@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SPANS = 1200
-"""Spans of which the extremes are kept: about one per pixel of a figure's width."""
+"""Number of spans whose extremes are kept: about one per pixel of a figure's width."""
 
 
 def extremes(

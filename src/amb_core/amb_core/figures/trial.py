@@ -61,7 +61,7 @@ def trial_chart(trials: Mapping[str, Trial], axis: str = "y", title: str = "Exci
 
 
 def _settled(trial: Trial) -> LoopRecord:
-    """The trial after the fall into place, of which half is shown where there is no more."""
+    """The trial after the fall into place; half of a trial that is not longer than that."""
     record = trial.record
     first = min(round(SETTLED / record.sample_time), record.steps // 2)
     return record.window(record.first_step + first, record.steps - first)

@@ -96,7 +96,7 @@ class Report:
     sections : sequence of Section
         With different headings.
     made_from : str
-        Where the numbers come from, told at the end.
+        Where the numbers come from; shown at the end.
     """
 
     title: str

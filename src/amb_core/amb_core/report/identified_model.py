@@ -31,7 +31,7 @@ def identified_sections(
     controller: ControllerParameters | None,
     tell: Callable[[str], None],
 ) -> list[Section]:
-    """Identify a model from the last experiment of a run, and judge it by the same data.
+    """Identify a model from the last experiment of a run, and validate it on the same data.
 
     Raises
     ------
@@ -108,7 +108,10 @@ def _validation(validation: Validation) -> Section:
     return Section(
         "Validation",
         [
-            Prose("By the same data from which the model was identified; data of another experiment say more."),
+            Prose(
+                "Validated on the data that the model was identified from. Data of another experiment are more "
+                "conclusive."
+            ),
             Listing(validation.report(), "All tests"),
             FigureBlock(residuals_chart(*tests).page(), "Residuals"),
         ],

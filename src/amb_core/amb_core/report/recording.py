@@ -33,7 +33,7 @@ def recording_report(
     """The report on a run of a bag.
 
     The model is identified from the last experiment of the run. If that cannot be done, for want of excitation for
-    example, the lead and its section tell so; the other sections are there all the same.
+    example, the lead and its section say so, and the other sections remain.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def _model_sections(
     controller: ControllerParameters | None,
     tell: Callable[[str], None],
 ) -> tuple[list[Section], str]:
-    """Model and validation; or a section that tells why there are none, and the reason."""
+    """Model and validation; or a section with the reason why there are none, and the reason."""
     from amb_core.report.identified_model import identified_sections
 
     try:
