@@ -6,6 +6,7 @@ topic and writes it first into every bag. The ledger knows which messages a bag 
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import Counter
@@ -159,6 +160,8 @@ class RecorderNode(Node):
             now = time.monotonic()
             late = [name for name in self._undescribed_nodes() if now >= self._next_attempt.get(name, now)]
             if late:
+                # One attempt at a time: the worker also serves requests, which would wait behind the others.
+                self._next_attempt.update(dict.fromkeys(late, math.inf))
                 self._worker.submit(self._describe, late, self._settings.parameter_timeout)
 
     # -- services, in the worker

@@ -14,7 +14,7 @@ from amb_core.loop.control import PdController
 from amb_core.plant.iron import initial_iron
 from amb_core.plant.kernel import records
 from amb_core.plant.kernel.advance import advance
-from amb_core.plant.kernel.rotor import COORDINATE, place_journals
+from amb_core.plant.kernel.rotor import COORDINATE, INPUTS, place_journals
 from amb_core.plant.magnetostatics import Magnetostatics
 from amb_core.plant.network import COILS, active_coils, build_network
 from amb_core.plant.packing import pack
@@ -121,7 +121,7 @@ class Plant:
         if self.rotor is None:
             self._sensed[:] = x, y
         else:
-            arrays.modes[: COORDINATE + 4] = 0.0
+            arrays.modes[:INPUTS] = 0.0  # the rows of the state
             arrays.modes[COORDINATE] = self.rotor.coordinates_at(x, y)
             place_journals(arrays.bearings, arrays.modes)
             self._sensed[:] = self.rotor.sensors @ self.rotor.coordinates_at(x, y)
