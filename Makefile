@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo reproduce test test-slow test-graph stress validate fuzz bench bench-ident lint clean
+.PHONY: help setup demo reproduce test test-slow test-graph stress validate fuzz bench bench-regions bench-ident lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -42,6 +42,9 @@ fuzz: setup  ## hostile messages to the whole graph (MINUTES=60 SEED=2 for more)
 
 bench: setup  ## speed of plant and loop; writes results/bench.json
 	@$(RUN) python tests/benchmarks/run.py
+
+bench-regions: setup  ## regions, excitation design and identification on random cases; writes results/bench_regions.json
+	@$(RUN) python tests/benchmarks/regions/run.py
 
 bench-ident: setup .venv-peers/.complete  ## identification next to other packages (hours); writes results/bench_ident.json
 	@$(RUN) python tests/benchmarks/ident/run.py
