@@ -1,6 +1,6 @@
-"""Counts behind the words of the region monitor, the excitation design and the identification, on cases drawn at random.
+"""Counts behind the words of region monitor, excitation design and identification, on cases drawn at random.
 
-Every subject is a module with `KEY` and `measure() -> dict`; the cases of a subject run in processes, as many as there
+Every subject is a module of its name with `measure() -> dict` (counts and seeds); the cases of a subject run in processes, as many as there
 are cores. Prints a table and writes results/bench_regions.json, each subject as soon as it is measured; keys of earlier
 runs that this run does not measure are kept.
 
