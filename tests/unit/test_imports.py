@@ -25,7 +25,9 @@ def test_a_process_starts_without_what_it_does_not_compute_with(module: str, unw
     assert found.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("program", ["benchmarks/run", "benchmarks/ident/run", "benchmarks/regions/run", "validation/run"])
+@pytest.mark.parametrize(
+    "program", ["benchmarks/run", "benchmarks/ident/run", "benchmarks/regions/run", "validation/run"]
+)
 def test_programs_beside_the_tests_find_what_they_import(program: str) -> None:
     """`make bench` and `make validate` are not run by the tests, and would break unseen when a module moves."""
     folder, module = (ROOT / "tests" / program).parent, Path(program).name

@@ -1,8 +1,8 @@
 """Counts behind the words of region monitor, excitation design and identification, on cases drawn at random.
 
-Every subject is a module of its name with `measure() -> dict` (counts and seeds); the cases of a subject run in processes, as many as there
-are cores. Prints a table and writes results/bench_regions.json, each subject as soon as it is measured; keys of earlier
-runs that this run does not measure are kept.
+Every subject is a module of its name with `measure() -> dict` (counts and seeds); the cases of a subject run in
+processes, as many as there are cores. Prints a table and writes results/bench_regions.json, each subject as soon as it
+is measured; keys of earlier runs that this run does not measure are kept.
 
     make bench-regions
     python tests/benchmarks/regions/run.py constant_line dead_time    # some subjects only
