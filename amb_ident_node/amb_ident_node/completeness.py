@@ -6,6 +6,7 @@ messages. Everything published from the start of the recording up to an awaited 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -102,24 +103,35 @@ class TelemetryAccount:
 class PeriodicAccount:
     """Messages that are published every so many steps of a run.
 
+    The state of a simulator, which contains this number, may arrive after the first messages of its run.
+
     Parameters
     ----------
     topic : str
         Its name, for texts.
     """
 
+    KEPT = 10_000  # messages that arrived before their period was known
+
     def __init__(self, topic: str) -> None:
         self._topic = topic
         self._every: dict[int, int] = {}
+        self._early: deque[tuple[int, int]] = deque(maxlen=self.KEPT)  # run and step
         self._seen: dict[int, StepCoverage] = {}
 
     def expect(self, run: int, every: int) -> None:
         """In this run a message is due at every multiple of `every` steps; 0: none is due."""
         self._every[run] = every
+        early, self._early = self._early, deque(maxlen=self.KEPT)
+        for place in early:
+            self.note(*place)
 
     def note(self, run: int, step: int) -> None:
         """The message of a step has arrived."""
-        every = self._every.get(run, 0)
+        if run not in self._every:
+            self._early.append((run, step))
+            return
+        every = self._every[run]
         if every and step % every == 0:
             self._seen.setdefault(run, StepCoverage()).add(step // every, 1)
 

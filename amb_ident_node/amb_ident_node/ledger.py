@@ -35,7 +35,7 @@ class Ledger:
     Attributes
     ----------
     state : SimulatorState or None
-        The last one received.
+        The last one known.
     """
 
     def __init__(self) -> None:
@@ -47,12 +47,14 @@ class Ledger:
             topics.PLANT_STATE: lambda message: self._plant_states.note(message.run, message.step),
             topics.CLOCK: self._note_clock,
             topics.REGION: self._note_region,
-            topics.SIMULATOR_STATE: self._note_state,
+            topics.SIMULATOR_STATE: self._note_reported_state,
             topics.EXCITATION: self._note_excitation,
             topics.EXCITATION_STATUS: lambda message: self._answers.note_answer(message.run, message.id),
         }
         self.state: Any = None
         self._monitor = (0, 0, 0)  # run, next step and messages of the region monitor, as it reports them
+        self._learned = Mark(0, 0)  # place of a state whose message is still on its way
+        self._reported = Mark(0, 0)  # place of the last state whose message has arrived
         self._ended = False
         self._last_clock = 0, 0  # run and step
         self._early_clocks: deque[int] = deque(maxlen=KEPT_CLOCKS)  # of a run without a state so far
@@ -78,6 +80,14 @@ class Ledger:
         """The recording that has started begins at this place in a run; None if it is not known."""
         with self._changed:
             self._telemetry.begin(origin)
+
+    def learn(self, state: Any) -> None:
+        """The simulator has answered with its state. Messages of its run may arrive before that of the state."""
+        with self._changed:
+            if self.state is None or (state.run, state.step) > (self.state.run, self.state.step):
+                self._take_state(state)
+                self._learned = Mark(state.run, state.step)
+                self._changed.notify_all()
 
     def note(self, topic: str, message: Any) -> None:
         """A message has arrived on a topic."""
@@ -167,7 +177,15 @@ class Ledger:
     def _note_excitation(self, message: Any) -> None:
         self._answers.note_excitation(message.run, message.id)
 
-    def _note_state(self, message: Any) -> None:
+    def _note_reported_state(self, message: Any) -> None:
+        self._reported = Mark(message.run, message.step)
+        if (message.run, message.step) < (self._learned.run, self._learned.step):
+            self._expect(message)
+            return
+        self._learned = Mark(0, 0)
+        self._take_state(message)
+
+    def _take_state(self, message: Any) -> None:
         new_run = self.state is None or message.run != self.state.run
         self.state = message
         self._expect(message)
@@ -215,8 +233,7 @@ class Ledger:
         )
 
     def _simulator_reached(self, place: Mark) -> bool:
-        state = self.state
-        return state is not None and (state.run, state.step) >= (place.run, place.step)
+        return (self._reported.run, self._reported.step) >= (place.run, place.step)
 
     def _state_awaited(self, published: Collection[str]) -> bool:
         """Whether a simulator reports its state; a test rig on the same topics need not."""

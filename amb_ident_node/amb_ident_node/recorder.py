@@ -278,7 +278,10 @@ class RecorderNode(Node):
         if not self._state_client.service_is_ready():
             return None
         answer = ask(self._state_client, GetState.Request(), self._settings.parameter_timeout)
-        return None if answer is None or not answer.success else answer.state
+        if answer is None or not answer.success:
+            return None
+        self._ledger.learn(answer.state)
+        return answer.state
 
     def _note_published(self) -> None:
         """Note which of the topics that follow the steps of a run have a publisher.

@@ -172,6 +172,43 @@ def test_clocks_of_a_run_that_is_heard_of_later_belong_to_it(ledger):
     assert ledger.lacks() == ["clock of run 6 lacks steps 300 (1 messages)"]
 
 
+def test_messages_of_a_run_whose_state_comes_late_count():
+    ledger = Ledger()
+    ledger.note("simulator/state", state(4, 0, 1))
+    ledger.note("clock", clock(0))
+    ledger.start()
+    ledger.learn(state(5, 0, 0))  # the recorder asks for it; the message is still on its way
+    ledger.begin(Mark(5, 0))
+    fill(ledger)
+    ledger.note("simulator/state", state(6, 0, 3, mode=SimulatorState.RUNNING))
+    assert ledger.lacks(Mark(5, 200), TOPICS) == []
+
+
+def test_a_message_that_was_sent_before_the_recorder_asked_for_the_state_does_not_bring_the_old_one_back():
+    ledger = Ledger()
+    ledger.learn(state(5, 100, 0))
+    ledger.note("simulator/state", state(4, 300, 1))
+    assert (ledger.state.run, ledger.state.step) == (5, 100)
+    ledger.note("simulator/state", state(5, 100, 2))
+    ledger.note("simulator/state", state(3, 0, 1))  # another simulator: its message is the latest
+    assert (ledger.state.run, ledger.state.step) == (3, 0)
+
+
+def test_the_message_of_a_state_is_awaited_although_the_state_is_known(ledger):
+    fill(ledger)
+    ledger.note("telemetry", block(5, 200, 100))
+    ledger.learn(state(5, 300, 0))
+    assert "simulator/state lacks that of step 300 of run 5" in ledger.lacks(Mark(5, 300), {"simulator/state"})
+
+
+def test_periodic_messages_count_although_their_period_is_known_later():
+    account = PeriodicAccount("plant_state")
+    for step in (0, 49, 50, 150):
+        account.note(1, step)
+    account.expect(1, 50)
+    assert account.lacks(1, 0, 200) == ["plant_state of run 1 lacks steps 100 (1 messages)"]
+
+
 def test_an_excitation_needs_an_answer():
     account = AnswerAccount()
     account.note_excitation(5, 1)
