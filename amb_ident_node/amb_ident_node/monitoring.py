@@ -149,5 +149,8 @@ class RegionWatch:
 
 def _marks(state: RegionState) -> tuple[object, ...]:
     """What is published at once when it changes."""
-    axes = [(axis.region, axis.since.step, axis.sampling_beat) for axis in (state.x, state.y)]
+    axes = [
+        (axis.region, axis.since.step, axis.sampling_beat, axis.drift is None, axis.oscillation is None, axis.frozen)
+        for axis in (state.x, state.y)
+    ]
     return (state.region, state.since.step, state.settled, *axes)

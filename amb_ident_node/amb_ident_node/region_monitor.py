@@ -6,6 +6,7 @@ continues.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -24,7 +25,7 @@ from amb_core.plant import PlantParameters
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.region_map import fill_region_map, map_settings_from_message
 from amb_core.recording.messages.region_state import fill_region_state
-from amb_core.regions import Region, RegionParameters, RegionState
+from amb_core.regions import AxisState, Region, RegionParameters, RegionState
 from amb_ident_node.monitoring import RegionWatch
 from amb_ident_node.recorded_topics import REGION_MESSAGES
 from amb_msgs.action import BuildMap
@@ -250,12 +251,32 @@ class RegionMonitorNode(Node):
                 "region y": state.y.region.name,
                 "beats with the sample rate": state.x.sampling_beat or state.y.sampling_beat,
             }
+            for name, axis in (("x", state.x), ("y", state.y)):
+                values |= _evidence(name, axis)
+            frozen = [name for name, axis in (("x", state.x), ("y", state.y)) if axis.frozen]
+            if frozen:
+                problem = f"position {' and '.join(frozen)} does not change while the reference moves: sensor frozen?"
+                return diagnostics.ERROR, problem, values
         if watch.conflict:
             return diagnostics.ERROR, f"{summary}; {watch.conflict}", values
         problem = watch.problem or (f"{self._malformed} malformed blocks of telemetry" if self._malformed else "")
         if problem:
             return max(level, diagnostics.WARN), f"{summary}; {problem}", values
         return level, summary, values
+
+
+def _evidence(name: str, axis: AxisState) -> dict[str, object]:
+    """What an axis shows besides its region."""
+    values: dict[str, object] = {}
+    if axis.drift is not None:
+        values[f"drift {name} since"] = f"{axis.drift.time:.3f} s"
+    if axis.oscillation is not None:
+        values[f"oscillation {name} since"] = f"{axis.oscillation.time:.3f} s"
+    if axis.steady_amplitude > 0.0:
+        values[f"steady line {name}"] = f"{axis.steady_amplitude * 1e6:.2f} um at {axis.steady_frequency:.2f} Hz"
+    if not math.isnan(axis.even_distortion):
+        values[f"distortion {name}"] = f"even {axis.even_distortion:.1%}, odd {axis.odd_distortion:.1%}"
+    return values
 
 
 def _new_file(path: str) -> Path | None:

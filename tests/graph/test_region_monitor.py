@@ -77,7 +77,10 @@ def told(states: Classification) -> list[Any]:
     for state in states.states:
         marks = (
             state.region, state.since.step, state.settled,
-            *((axis.region, axis.since.step, axis.sampling_beat) for axis in (state.x, state.y)),
+            *(
+                (axis.region, axis.since.step, axis.sampling_beat, axis.drift is None, axis.oscillation is None)
+                for axis in (state.x, state.y)
+            ),
         )  # fmt: skip
         if marks != last or (state.step + 1) % PERIOD == 0:
             chosen.append(state)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -22,7 +23,17 @@ from amb_msgs.msg import RegionState as RegionStateMessage
 
 def axis(region: Region, seed: float) -> AxisState:
     features = [seed * number for number in range(1, 9)]
-    return AxisState(region, Onset(5, 5e-4, math.nan, True), *features, sampling_beat=True)
+    drift = Onset(4, 4e-4, 2_000.0, False) if region is Region.C else None
+    return AxisState(
+        region,
+        Onset(5, 5e-4, math.nan, True),
+        *features,
+        sampling_beat=True,
+        drift=drift,
+        steady_frequency=15.9,
+        steady_amplitude=2e-6,
+        even_distortion=0.03,
+    )
 
 
 @pytest.fixture
@@ -34,13 +45,32 @@ def region_map() -> RegionMap:
     return RegionMap(MapSettings(amplitude_low=1e-5), sweeps, {"plant": {"rotor": {"mass": 6.25}}}, False)
 
 
+STATE = RegionState(
+    12_345, axis(Region.A, 1.5), axis(Region.C, -0.1), Region.C, Onset(5, 5e-4, 330.0, False), 1e-4, True
+)
+
+
 def test_a_state_comes_back_as_it_was() -> None:
-    state = RegionState(
-        12_345, axis(Region.A, 1.5), axis(Region.C, -0.1), Region.C, Onset(5, 5e-4, 330.0, False), 1e-4, True
-    )
-    message = fill_region_state(RegionStateMessage(), state, run=3, sample_time=1e-4)
+    message = fill_region_state(RegionStateMessage(), STATE, run=3, sample_time=1e-4)
     assert (message.run, message.header.stamp.sec, message.header.stamp.nanosec) == (3, 1, 234_500_000)
-    assert repr(region_state_from_message(message)) == repr(state)
+    assert repr(region_state_from_message(message)) == repr(STATE)
+
+
+def test_a_state_of_a_bag_of_version_0_1_has_no_evidence_beside_its_region() -> None:
+    new = {"drifting", "drift", "oscillating", "oscillation", "even_distortion", "odd_distortion"}
+    new |= {"steady_frequency", "steady_amplitude", "frozen"}
+    message = fill_region_state(RegionStateMessage(), STATE, run=3, sample_time=1e-4)
+    for name in "xy":
+        axis = getattr(message, name)
+        known = {field: getattr(axis, field) for field in axis.get_fields_and_field_types() if field not in new}
+        old = SimpleNamespace(**known)
+        state = getattr(region_state_from_message(SimpleNamespace(**_attributes(message) | {"x": old, "y": old})), name)
+        assert (state.drift, state.oscillation, state.steady_amplitude) == (None, None, 0.0)
+        assert math.isnan(state.even_distortion)
+
+
+def _attributes(message: RegionStateMessage) -> dict[str, object]:
+    return {field: getattr(message, field) for field in message.get_fields_and_field_types()}
 
 
 def test_regions_have_the_numbers_of_the_library() -> None:

@@ -10,27 +10,19 @@ from numpy.typing import NDArray
 
 from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory
-from amb_core.regions.input_signal import HIGHEST, InputKind
+from amb_core.regions.input_signal import InputKind
+from amb_core.regions.oscillation import SlowOscillation
 from amb_core.regions.parameters import RegionParameters
-from amb_core.regions.slow_signal import (
-    HARMONICS,
-    INAUDIBLE,
-    PER_INTERVAL,
-    TAPS,
-    fit_window,
-    line_table,
-    remove_beats,
-    repetition,
-    slow_line,
-    variance_change,
-)
+from amb_core.regions.slow_signal import HARMONICS, INAUDIBLE, PER_INTERVAL, TAPS, fit_window
 from amb_core.regions.state import Onset
+from amb_core.regions.steady_lines import SAME, SteadyLines, find_lines
 from amb_core.regions.trend import TrendTest
 
 MOTION = 1e-6  # m: a decimated reference that moves more shows the static gain of the loop
 HIGHEST_HARMONIC = 0.45  # of the decimated rate: decimation removes the harmonics above
-ALIAS_MARGIN = 1.3  # of the slow band: a beat is followed from slightly outside the band
-LOWEST_BIN = 4  # periods per window: fewer cannot be distinguished from jumps of the bias
+STEADY_MARGIN = 1.3  # of the slow band: lines slightly outside the band leak into it
+TURNING_HARMONICS = 3  # of the running speed, if it is known
+SMALLEST_STEADY = 0.1  # of `oscillation_threshold`: smaller lines have no effect
 
 
 @dataclass
@@ -40,9 +32,6 @@ class Features:
     bias: float = 0.0
     trend: float = 0.0
     trend_significance: float = 0.0
-    oscillation_amplitude: float = 0.0
-    oscillation_frequency: float = 0.0
-    sampling_beat: bool = False
 
 
 class AxisClassifier:
@@ -68,7 +57,11 @@ class AxisClassifier:
     features : Features
         What the latest windows show.
     drift, oscillation : Onset or None
-        Onsets of regions B and C while the axis is in them.
+        Onsets of regions B and C while there is evidence for them.
+    slow : SlowOscillation
+        Evidence for region C.
+    steady : SteadyLines
+        Lines that were there before the excitation.
     """
 
     def __init__(
@@ -88,27 +81,45 @@ class AxisClassifier:
         self._interval = interval
         update = interval * sample_time
         samples = front_end.position.shape[1]
-        self._window_time = samples / PER_INTERVAL * update
-        self._alarm_level = parameters.false_alarm_rate / 3600.0 * update
+        self._rate = PER_INTERVAL / update
         self._hold = round(parameters.hold_time / update)
-        self._persistence = samples // PER_INTERVAL + 3
-        self._patience = samples // PER_INTERVAL // 4
         self._trend = TrendTest(round(parameters.trend_window / update), update, parameters.false_alarm_rate / 3600.0)
-        self._table = line_table(samples, int(parameters.slow_frequency * self._window_time))
-        self._unexplained, self._residual, self._cleaned = np.empty((3, samples))
+        self.slow = SlowOscillation(axis, parameters, front_end, sample_time, interval)
+        self.steady = SteadyLines(samples, PER_INTERVAL, self._rate)
+        if parameters.running_speed:
+            turning = parameters.running_speed / (2.0 * math.pi) * np.arange(1.0, TURNING_HARMONICS + 1.0)
+            self.steady.expect(turning[turning <= STEADY_MARGIN * parameters.slow_frequency])
+        self._was_slow: float | None = None  # Hz, of the latest oscillation
+        self._unexplained, self._residual = np.empty((2, samples))
         self.reset()
 
     def reset(self) -> None:
-        """Forget evidence and regions: the loop is about to settle."""
+        """Forget evidence and regions, but not the steady lines: the loop is about to settle."""
         self._trend.reset()
+        self.slow.reset()
         self._static_gain = 0.0
         self.features = Features()
         self.drift: Onset | None = None
         self.oscillation: Onset | None = None
         self._level = 0.0
-        self._drift_rest = self._oscillation_rest = 0
-        self._candidate: int | None = None
-        self._evidence = 0
+        self._drift_rest = 0
+
+    def adopt_steady_lines(self, position: NDArray[np.float64], before: int) -> None:
+        """Find the lines in decimated positions (m) without input, which ended `before` decimated samples ago.
+
+        A line that was a slow oscillation before remains one.
+        """
+        parameters = self._parameters
+        frequency, amplitude = find_lines(
+            position,
+            self._rate,
+            STEADY_MARGIN * parameters.slow_frequency,
+            SMALLEST_STEADY * parameters.oscillation_threshold,
+        )
+        if self._was_slow is not None:
+            other = np.abs(frequency - self._was_slow) * len(self._residual) / self._rate > SAME
+            frequency, amplitude = frequency[other], amplitude[other]
+        self.steady.adopt(frequency, amplitude * np.exp(2j * math.pi * frequency * before / self._rate))
 
     def update(self, step: int) -> None:
         """Evaluate the windows; their latest decimated sample is at `step`."""
@@ -122,13 +133,24 @@ class AxisClassifier:
         if self._source.kind == InputKind.SINE:
             harmonics = max(1, min(HARMONICS, int(limit / self._source.frequency)))
         linear = float(np.ptp(reference)) > INAUDIBLE
+        amplitudes = self.steady.prior()
         gain = fit_window(
-            front_end.position[axis], reference, phase, harmonics, linear, self._unexplained, self._residual
+            front_end.position[axis],
+            reference,
+            phase,
+            harmonics,
+            linear,
+            self.steady.columns(),
+            amplitudes,
+            self._unexplained,
+            self._residual,
         )
+        self.steady.correct(amplitudes, self._source.frequency, self._source.kind != InputKind.OTHER)
         if self._source.kind == InputKind.OTHER:
             self._take_out_static_response(reference, gain)
         self._judge_bias(step, len(self._unexplained) // PER_INTERVAL // 2)
-        self._judge_oscillation(step)
+        self.slow.update(self._unexplained, self._residual, step)
+        self._note_oscillation()
 
     def _take_out_static_response(self, reference: NDArray[np.float64], gain: float) -> None:
         """Between the edges of a slow square wave, only the static gain separates the response from the bias."""
@@ -142,6 +164,15 @@ class AxisClassifier:
             part = slice(middle, middle + PER_INTERVAL)
             position = self._front_end.position[self._axis, part]
             self._unexplained[part] = position - self._static_gain * reference[middle + TAPS - 1]
+
+    def _note_oscillation(self) -> None:
+        """Region C: the onset is looked up once, when the oscillation is found."""
+        since = self.slow.since
+        if since is None:
+            self.oscillation = None
+        elif self.oscillation is None:
+            self.oscillation = self._history.onset(since, self._axis)
+            self._was_slow = self.slow.frequency
 
     def conclude(self, step: int) -> None:
         """The rotor delevitated: also add the bias of the later half of the window, to find a drift that led to it."""
@@ -168,93 +199,6 @@ class AxisClassifier:
         self._drift_rest = 0 if drifting is not None or displaced else self._drift_rest + 1
         if self._drift_rest > self._hold:
             self.drift = None
-
-    def _judge_oscillation(self, step: int) -> None:
-        """Region C: look for a line in the slow band that is not a beat.
-
-        Beating may explain a part of the line, but less than `beat_share`, because the loop may respond to a beat in
-        its own way. Such a window counts neither for nor against an oscillation: a real one outlasts the beat.
-        """
-        parameters, features = self._parameters, self.features
-        features.oscillation_amplitude = features.oscillation_frequency = 0.0
-        features.sampling_beat = doubtful = found = False
-        residual = self._residual
-        highest = self._highest_bin()
-        if highest > LOWEST_BIN:
-            amplitude, line, share, power = slow_line(residual, LOWEST_BIN, highest, self._table)
-            loud = power >= 0.5 * parameters.oscillation_threshold**2
-            orders = self._beating_orders() if loud else np.empty(0, np.int64)
-            if len(orders):
-                residual = self._cleaned
-                source = self._front_end.sources[self._axis]
-                remove_beats(self._residual, self._front_end.phase[source], orders, residual)
-                amplitude, line, share, left = slow_line(residual, LOWEST_BIN, highest, self._table)
-                explained = 1.0 - left / power
-                features.sampling_beat = explained >= parameters.beat_share
-                doubtful = explained >= 0.5 * parameters.beat_share
-            found = not doubtful and self._is_oscillation(amplitude, share, highest)
-            found = found and not self._repeats_with_input(line)
-            features.oscillation_amplitude = amplitude
-            features.oscillation_frequency = line / self._window_time
-        if doubtful:
-            return
-        self._note_oscillation(step, found, residual)
-
-    def _note_oscillation(self, step: int, found: bool, residual: NDArray[np.float64]) -> None:
-        """A line must last longer than the window: a jump of the bias stays in the window only that long."""
-        if found:
-            self._oscillation_rest = 0
-            self._evidence += 1
-            if self._candidate is None:
-                age = len(residual) - variance_change(residual)
-                self._candidate = step - age * self._interval // PER_INTERVAL
-            if self.oscillation is None and self._evidence >= self._persistence:
-                self.oscillation = self._history.onset(self._candidate, self._axis)
-            return
-        self._oscillation_rest += 1
-        if self._oscillation_rest > self._patience:
-            self._evidence, self._candidate = 0, None
-        if self._oscillation_rest > self._hold:
-            self.oscillation = None
-
-    def _highest_bin(self) -> int:
-        """Upper end of the slow band, in periods per window."""
-        highest = self._parameters.slow_frequency
-        if self._source.kind != InputKind.NONE:
-            highest = min(highest, self._source.frequency / self._parameters.period_ratio)
-        if self._source.kind == InputKind.SINE and self._source.frequency > HIGHEST * 0.5 / self._sample_time:
-            return 0  # near the Nyquist frequency the samples of the sine beat themselves
-        return int(highest * self._window_time)
-
-    def _is_oscillation(self, amplitude: float, share: float, highest: int) -> bool:
-        """Fisher's test for a line in white noise, and the threshold in metres."""
-        lines = highest - LOWEST_BIN + 1
-        critical = 1.0 - (self._alarm_level / lines) ** (1.0 / (lines - 1))
-        return amplitude >= self._parameters.oscillation_threshold and share >= critical
-
-    def _repeats_with_input(self, line: float) -> bool:
-        """Whether a line (periods per window) is a harmonic of a periodic input that is not a sine.
-
-        Square waves have odd harmonics only; a bearing under a static load also responds with even ones.
-        """
-        period = repetition(self._front_end.reference[self._front_end.sources[self._axis]])
-        if self._source.kind != InputKind.OTHER or period == 0:
-            return False
-        fundamental = len(self._residual) / period
-        multiple = round(line / fundamental)
-        return multiple > 0 and abs(line - multiple * fundamental) <= 1.0
-
-    def _beating_orders(self) -> NDArray[np.int64]:
-        """Harmonics of a sine above the Nyquist frequency that fold into the slow band somewhere in the window."""
-        if self._source.kind != InputKind.SINE:
-            return np.empty(0, np.int64)
-        rate = 1.0 / self._sample_time
-        frequency = self._front_end.frequency[self._front_end.sources[self._axis]]
-        order = np.arange(2, self._parameters.beat_order + 1)
-        low, high = order * frequency.min(), order * frequency.max()
-        margin = ALIAS_MARGIN * self._parameters.slow_frequency
-        nearest = np.round(0.5 * (low + high) / rate) * rate
-        return order[(nearest > 0.0) & (low - margin <= nearest) & (nearest <= high + margin)]
 
 
 def gain(response: float, amplitude: float) -> float:

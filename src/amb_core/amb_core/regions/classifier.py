@@ -35,6 +35,8 @@ class RegionClassifier:
     ----------
     gaps : list of tuple of int
         Missing spans of steps (first, step after the last); the classification restarted after each.
+    returns : list of tuple of int
+        Where a block began before the end of the last one (that end, its first step); the classification restarted.
 
     Raises
     ------
@@ -58,6 +60,7 @@ class RegionClassifier:
         self._samples = PER_INTERVAL * round(parameters.oscillation_window / update)
         self._settling = math.ceil(parameters.settling_time / update)
         self.gaps: list[tuple[int, int]] = []
+        self.returns: list[tuple[int, int]] = []
         self._next: int | None = None
         self._held = np.empty((self._interval, 4))
         self._restart(0)
@@ -78,6 +81,8 @@ class RegionClassifier:
         if self._next is not None and block.first_step != self._next:
             if block.first_step > self._next:
                 self.gaps.append((self._next, block.first_step))
+            else:
+                self.returns.append((self._next, block.first_step))
             self._restart(block.first_step)
         elif self._next is None:
             self._restart(block.first_step)
@@ -140,6 +145,7 @@ class RegionClassifier:
     def _settle(self) -> None:
         """Classify nothing until the transient is over and has left the windows."""
         self._unsettled = self._settling + (self._samples + TAPS) // PER_INTERVAL + 1
+        self._settled_for = self._quiet = 0
         for axis in self._axes:
             axis.reset()
 
@@ -193,6 +199,7 @@ class RegionClassifier:
         self._leave_backup_bearing()
         if not self._front_end.take(self._held[:, :2], self._held[:, 2:]):
             return
+        self._follow_steady_lines()
         self._note_inputs()
         self._unsettled = max(self._unsettled - 1, 0)
         if self._unsettled or self._delevitation is not None:
@@ -203,6 +210,27 @@ class RegionClassifier:
             self._axes[axis].update(self._judged)
             if before and not (self._axes[axis].drift or self._axes[axis].oscillation):
                 self._linear[axis] = self._history.onset(self._next - 1, axis)
+
+    def _follow_steady_lines(self) -> None:
+        """Look for lines while there is no input: at every doubling of this time, and when an input begins."""
+        for axis in self._axes:
+            axis.steady.proceed()
+        self._settled_for += 1
+        if any(source.kind != InputKind.NONE for source in self._front_end.inputs):
+            if self._quiet >= self._samples:
+                self._adopt_steady_lines(before=PER_INTERVAL)
+            self._quiet = 0
+        elif self._settled_for > self._settling + TAPS // PER_INTERVAL:
+            self._quiet += PER_INTERVAL
+            rounds = self._quiet / self._samples
+            if rounds >= 1.0 and math.log2(rounds).is_integer():
+                self._adopt_steady_lines(before=0)
+
+    def _adopt_steady_lines(self, before: int) -> None:
+        """Steady lines of the quiet time, which ended that many decimated samples ago."""
+        quiet = self._front_end.past.latest(self._quiet + before)
+        for number, axis in enumerate(self._axes):
+            axis.adopt_steady_lines(quiet[: len(quiet) - before, 2 + number], before)
 
     def _note_inputs(self) -> None:
         """Store the inputs for the onsets, and settle again if the excitation changed."""
@@ -244,18 +272,26 @@ class RegionClassifier:
             if onset is not None:
                 region, since = candidate, onset
         source = self._front_end.input_of(axis)
+        steady = judged.steady.largest
         return AxisState(
             region=region,
             since=since,
             bias=features.bias,
             trend=features.trend,
             trend_significance=features.trend_significance,
-            oscillation_amplitude=features.oscillation_amplitude,
-            oscillation_frequency=features.oscillation_frequency,
+            oscillation_amplitude=judged.slow.amplitude,
+            oscillation_frequency=judged.slow.frequency,
             input_frequency=source.frequency,
             input_amplitude=source.amplitude,
             response_amplitude=self._front_end.response[axis],
-            sampling_beat=features.sampling_beat,
+            sampling_beat=judged.slow.sampling_beat,
+            drift=judged.drift,
+            oscillation=judged.oscillation,
+            steady_frequency=steady[0],
+            steady_amplitude=steady[1],
+            even_distortion=self._front_end.distortion[axis][0],
+            odd_distortion=self._front_end.distortion[axis][1],
+            frozen=self._front_end.is_frozen(axis),
         )
 
 
@@ -270,7 +306,7 @@ class Classification:
     onsets : dict of Region to Onset
         First onset of B, C and D of the rotor; regions that did not occur, or only after a higher one, are missing.
     axis_onsets : tuple of two dicts
-        The same for the axes x and y.
+        First evidence of each region on the axes x and y, also after a higher one.
     """
 
     states: list[RegionState]
@@ -327,9 +363,11 @@ def classify(
 def _first_onsets(states: list[AxisState]) -> dict[Region, Onset]:
     onsets: dict[Region, Onset] = {}
     for state in states:
-        if state.region != Region.A and state.region not in onsets:
-            onsets[state.region] = state.since
-    return _in_order(onsets)
+        contact = state.since if state.region is Region.D else None
+        for region, onset in ((Region.B, state.drift), (Region.C, state.oscillation), (Region.D, contact)):
+            if onset is not None:
+                onsets.setdefault(region, onset)
+    return dict(sorted(onsets.items()))
 
 
 def _in_order(onsets: dict[Region, Onset]) -> dict[Region, Onset]:

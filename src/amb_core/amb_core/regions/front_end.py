@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 from amb_core.regions.input_signal import HIGHEST, NO_INPUT, SPANS, InputFeatures, InputKind, InputTracker, sine_parts
 from amb_core.regions.slow_signal import PER_INTERVAL, TAPS, decimate, decimation_filter
 
+DISTORTION_SPAN = 4  # spans of the input over which harmonics of the position are fitted, against noise
+HIGHEST_DISTORTION = 0.45  # of the sample rate: the third harmonic must lie below
+PAST = 6.0  # s of decimated signals that are kept: a mode of 15 Hz with a damping ratio of 0.01 decays within 4 s
+
 
 @numba.njit(cache=True, error_model="numpy")
 def response_moments(
@@ -49,6 +53,71 @@ def fitted_amplitude(moments: NDArray[np.float64], span: int) -> float:
     return np.hypot((ss * yc - cs * ys) / determinant, (cc * ys - cs * yc) / determinant)
 
 
+@numba.njit(cache=True, error_model="numpy")
+def harmonic_moments(
+    position: NDArray[np.float64], cosine: NDArray[np.float64], sine: NDArray[np.float64], moments: NDArray[np.float64]
+) -> None:
+    """Sums of products of 1, cosine and sine of the first three harmonics, and an interval of the position.
+
+    `cosine` and `sine` are of the input's phase; `moments`, shape (8, 8), receives the sums.
+    """
+    moments[:] = 0.0
+    row = np.empty(8)
+    for k in range(len(position)):
+        c, s = cosine[k], sine[k]
+        row[0], row[1], row[2], row[7] = 1.0, c, s, position[k]
+        row[3], row[4] = c * c - s * s, 2.0 * c * s
+        row[5], row[6] = c * row[3] - s * row[4], s * row[3] + c * row[4]
+        for i in range(8):
+            for j in range(i + 1):
+                moments[i, j] += row[i] * row[j]
+    for i in range(8):
+        for j in range(i):
+            moments[j, i] = moments[i, j]
+
+
+def harmonic_ratios(moments: NDArray[np.float64]) -> tuple[float, float]:
+    """Amplitudes of second and third harmonic over that of the first, from sums of `harmonic_moments`."""
+    try:
+        fitted = np.linalg.solve(moments[:7, :7], moments[:7, 7])
+    except np.linalg.LinAlgError:
+        return math.nan, math.nan
+    first, second, third = np.hypot(fitted[1::2], fitted[2::2])
+    return (float(second / first), float(third / first)) if first > 0.0 else (math.nan, math.nan)
+
+
+class Past:
+    """The latest decimated samples: references of both axes, then positions (m).
+
+    Parameters
+    ----------
+    samples : int
+        Samples that are kept.
+    """
+
+    def __init__(self, samples: int) -> None:
+        self._samples = samples
+        self._values = np.empty((2 * samples, 4))
+        self._stop = 0
+
+    def add(self, values: NDArray[np.float64]) -> None:
+        """Append samples, shape (n, 4)."""
+        if self._stop + len(values) > len(self._values):
+            kept = self.latest(self._samples).copy()
+            self._values[: len(kept)] = kept
+            self._stop = len(kept)
+        self._values[self._stop : self._stop + len(values)] = values
+        self._stop += len(values)
+
+    def latest(self, samples: int) -> NDArray[np.float64]:
+        """Up to that many samples, the latest last."""
+        return self._values[max(self._stop - samples, 0) : self._stop]
+
+    def all(self) -> NDArray[np.float64]:
+        """All samples that are kept, the latest last."""
+        return self.latest(self._samples)
+
+
 class FrontEnd:
     """Sliding windows of both axes, advanced by one update interval at a time.
 
@@ -79,6 +148,10 @@ class FrontEnd:
         For each axis, the axis whose input it responds to.
     response : list of float
         Amplitudes (m) of the position of both axes at the frequency of their input; 0 where this is no sine.
+    past : Past
+        Decimated signals of the latest seconds.
+    distortion : list of tuple of float
+        For each axis, second and third harmonic of the position over the first; NaN without a sine on this axis.
     """
 
     def __init__(self, sample_time: float, factor: int, samples: int) -> None:
@@ -91,6 +164,8 @@ class FrontEnd:
         self._decimated = np.empty((PER_INTERVAL, 4))
         self._trackers = [InputTracker(sample_time, self._interval) for _ in range(2)]
         self._responses = np.zeros((2, SPANS[-1], 9))
+        self._harmonics = np.zeros((2, SPANS[-1], 8, 8))
+        self.distortion = [(math.nan, math.nan)] * 2
         self._known = 0
         self.origin = [0.0, 0.0]
         self.inputs = [NO_INPUT, NO_INPUT]
@@ -100,6 +175,7 @@ class FrontEnd:
         self.reference = np.zeros((2, samples + TAPS - 1))
         self.phase = np.zeros((2, samples))
         self.frequency = np.zeros((2, samples))
+        self.past = Past(round(PAST / (factor * sample_time)))
 
     @property
     def delay(self) -> int:
@@ -124,12 +200,18 @@ class FrontEnd:
             _shift(self.reference[axis], self._decimated[:, axis])
             self.origin[axis] = tracker.origin
             _shift(self.position[axis], self._decimated[:, 2 + axis])
+        self.past.add(self._decimated)
         self._follow_sines(start + 4 * self._factor)
         return True
 
     def input_of(self, axis: int) -> InputFeatures:
         """The input that an axis responds to: its own, or that of the other axis if it has none."""
         return self.inputs[self.sources[axis]]
+
+    def is_frozen(self, axis: int) -> bool:
+        """Whether the position of an axis has not changed at all although its reference moves: a sensor that stands."""
+        moves = self.inputs[axis].kind != InputKind.NONE
+        return bool(moves and self._known > self._rows and np.ptp(self._raw[:, 2 + axis]) == 0.0)
 
     def _follow_sines(self, first: int) -> None:
         """Phases of the inputs and response to them in the interval that starts at a row of the past."""
@@ -152,6 +234,20 @@ class FrontEnd:
             moments[:-1] = moments[1:].copy()
             response_moments(self._raw[part, 2 + axis], cosine, sine, moments[-1])
             self.response[axis] = fitted_amplitude(moments, self.input_of(axis).span)
+            self._note_harmonics(axis, self._raw[part, 2 + axis], cosine, sine)
+
+    def _note_harmonics(
+        self, axis: int, position: NDArray[np.float64], cosine: NDArray[np.float64], sine: NDArray[np.float64]
+    ) -> None:
+        """Distortion of the response to a sine; the phase of a sine is known long enough after `span` intervals."""
+        source = self.inputs[axis]
+        moments = self._harmonics[axis]
+        moments[:-1] = moments[1:].copy()
+        harmonic_moments(position, cosine, sine, moments[-1])
+        span = min(DISTORTION_SPAN * source.span, SPANS[-1])
+        self.distortion[axis] = (math.nan, math.nan)
+        if source.kind == InputKind.SINE and 3.0 * source.frequency * self._sample_time < HIGHEST_DISTORTION:
+            self.distortion[axis] = harmonic_ratios(moments[-span:].sum(axis=0))
 
 
 def _shift(window: NDArray[np.float64], values: NDArray[np.float64]) -> None:

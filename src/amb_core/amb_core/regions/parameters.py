@@ -25,6 +25,14 @@ class RegionParameters(Parameters):
     false_alarm_rate: float = quantity(
         0.1, "1/h", "false alarms per hour and axis that noise alone may cause, for B and for C each", 1e-6, 1e3
     )
+    running_speed: float = quantity(
+        0.0,
+        "rad/s",
+        "known speed of the rotor: lines at it and its harmonics count neither as drift nor as slow oscillation; 0: "
+        "unknown, such lines are found while there is no excitation",
+        0.0,
+        1e5,
+    )
     drift_threshold: float = quantity(
         4e-6,
         "m",

@@ -5,7 +5,8 @@ fitted by least squares with
 
 - 1, t, t^2: the bias,
 - the decimated reference and its past: the response of any linear loop (a filter with `TAPS` coefficients),
-- second and third harmonic of a sine, with constant and linear amplitude.
+- second and third harmonic of a sine, with constant and linear amplitude,
+- lines that were there before the excitation, see `amb_core.regions.steady_lines`.
 
 The residual shows a slow oscillation as a line of its periodogram. Where a harmonic of the input folds into the slow
 band at the sample rate, its phase is known: lines that it explains are beating.
@@ -25,6 +26,7 @@ BEATS = 3  # harmonics that may beat at the same time
 ENVELOPE = 4  # coefficients of the polynomial that a beat's amplitude and phase follow over the window
 INAUDIBLE = 1e-8  # m: a decimated reference that moves less has no visible effect on the position
 RIDGE = 1e-9  # relative to the power of a regressor that may resemble another
+LINE_RIDGE = 3e-3  # relative to the power of a line: less than two periods in a window hardly correct it
 PERIODIC = 0.9  # correlation with its own past at or above which an input repeats itself
 
 
@@ -88,10 +90,12 @@ def fit_window(
     phase: NDArray[np.float64],
     harmonics: int,
     linear: bool,
+    lines: NDArray[np.float64],
+    amplitudes: NDArray[np.float64],
     unexplained: NDArray[np.float64],
     residual: NDArray[np.float64],
 ) -> float:
-    """Remove the linear response and the harmonics from a window of n decimated samples; returns the static gain.
+    """Remove linear response, harmonics and steady lines from a window of n decimated samples; returns the static gain.
 
     Parameters
     ----------
@@ -105,15 +109,21 @@ def fit_window(
         Highest harmonic of the sine to remove; 1 for none.
     linear : bool
         Whether the decimated reference moves enough to have a visible effect on the position.
+    lines : ndarray, shape (2 lines, n)
+        Cosine and sine of the phase of each steady line.
+    amplitudes : ndarray, shape (2 lines,)
+        Their amplitudes so far (m); receives those of the window.
     unexplained : ndarray, shape (n,)
-        Receives the position without linear response and harmonics: bias and slow oscillation (m).
+        Receives the position without linear response, harmonics and lines: bias and slow oscillation (m).
     residual : ndarray, shape (n,)
         Receives the same without the bias (m).
     """
     samples = len(position)
     taps = TAPS if linear else 0
-    count = 3 + taps + 4 * (harmonics - 1)
+    others = 3 + taps + 4 * (harmonics - 1)
+    count = others + len(lines)
     columns = np.empty((count, samples))
+    columns[others:] = lines
     for k in range(samples):
         time = 2.0 * k / (samples - 1) - 1.0
         columns[0, k], columns[1, k], columns[2, k] = 1.0, time, time * time
@@ -128,7 +138,13 @@ def fit_window(
     ridge[:3] = 0.0  # what may be bias or response to a constant reference counts as bias
     # a sine leaves most coefficients of the filter undetermined: the ridge keeps them small
     ridge[3 : 3 + taps] = samples * INAUDIBLE**2
-    least_squares(columns, position, ridge, solution)
+    ridge[others:] = samples * LINE_RIDGE
+    wanted = position.copy()
+    for line in range(len(lines)):
+        wanted -= amplitudes[line] * lines[line]
+    least_squares(columns, wanted, ridge, solution)
+    solution[others:] += amplitudes
+    amplitudes[:] = solution[others:]
     for k in range(samples):
         rest = position[k]
         for i in range(3, count):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -68,6 +69,17 @@ class AxisState:
         Peak amplitude of the position at the frequency of a sine (m); 0 for other inputs.
     sampling_beat : bool
         Whether a harmonic of the input, folded at the sample rate, explains a slow oscillation.
+    drift, oscillation : Onset or None
+        Where a drift of the bias and a slow oscillation begin, if there is evidence: the two do not hide each other.
+    steady_frequency, steady_amplitude : float
+        Largest line that was there before the excitation, such as that of the turning rotor (Hz, m); 0 without one. It
+        counts neither as drift nor as oscillation.
+    even_distortion, odd_distortion : float
+        Second and third harmonic of the position over the first (-), noise included; NaN unless the input of the axis
+        is a sine below 0.15 of the sample rate. Region A does not imply that they are small.
+    frozen : bool
+        Whether the position has not changed at all while the reference moved: the sensor stands, its region means
+        nothing.
     """
 
     region: Region
@@ -81,6 +93,13 @@ class AxisState:
     input_amplitude: float
     response_amplitude: float
     sampling_beat: bool
+    drift: Onset | None = None
+    oscillation: Onset | None = None
+    steady_frequency: float = 0.0
+    steady_amplitude: float = 0.0
+    even_distortion: float = math.nan
+    odd_distortion: float = math.nan
+    frozen: bool = False
 
 
 @dataclass(frozen=True)

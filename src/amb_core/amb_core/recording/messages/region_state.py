@@ -11,7 +11,9 @@ from amb_core.regions import AxisState, Onset, Region, RegionState
 M = TypeVar("M", bound=Any)
 
 REGION_STATE = "amb_msgs/msg/RegionState"
-_FEATURES = [field.name for field in fields(AxisState) if field.name not in ("region", "since")]
+_EVIDENCE = {"drift": "drifting", "oscillation": "oscillating"}
+"""Onsets that an axis has or lacks, and the fields that say which."""
+_FEATURES = [field for field in fields(AxisState) if field.name not in ("region", "since", *_EVIDENCE)]
 
 
 def region_state_from_message(message: Any) -> RegionState:
@@ -39,15 +41,25 @@ def fill_region_state(message: M, state: RegionState, run: int, sample_time: flo
 
 
 def _axis_state(message: Any) -> AxisState:
-    features = {name: getattr(message, name) for name in _FEATURES}
-    return AxisState(region=Region(message.region), since=_onset(message.since), **features)
+    # bags of version 0.1 lack the fields that have a default
+    features: dict[str, Any] = {field.name: getattr(message, field.name, field.default) for field in _FEATURES}
+    evidence: dict[str, Any] = {
+        name: _onset(getattr(message, name)) if getattr(message, flag, False) else None
+        for name, flag in _EVIDENCE.items()
+    }
+    return AxisState(region=Region(message.region), since=_onset(message.since), **features, **evidence)
 
 
 def _fill_axis(message: Any, state: AxisState) -> None:
     message.region = int(state.region)
     _fill_onset(message.since, state.since)
-    for name in _FEATURES:
-        setattr(message, name, getattr(state, name))
+    for field in _FEATURES:
+        setattr(message, field.name, getattr(state, field.name))
+    for name, flag in _EVIDENCE.items():
+        onset = getattr(state, name)
+        setattr(message, flag, onset is not None)
+        if onset is not None:
+            _fill_onset(getattr(message, name), onset)
 
 
 def _onset(message: Any) -> Onset:

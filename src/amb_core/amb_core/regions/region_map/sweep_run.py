@@ -42,7 +42,9 @@ class SweepTask(Task[MapSweep]):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "controller", part_of(ControllerParameters, self.controller.model_dump()))
-        object.__setattr__(self, "regions", part_of(RegionParameters, self.regions.model_dump()))
+        regions = self.regions.model_dump()
+        regions["running_speed"] = regions["running_speed"] or self.plant.rotor.running_speed
+        object.__setattr__(self, "regions", part_of(RegionParameters, regions))
         # A region map does not use what happens after touch-down, so the run may end there.
         plant = {**flatten(self.plant.model_dump()), "backup_bearing.contact": False}
         object.__setattr__(self, "plant", part_of(PlantParameters, plant))

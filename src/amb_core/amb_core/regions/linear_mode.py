@@ -1,0 +1,106 @@
+"""Whether a slow line is the linear response of a lightly damped mode to the reference.
+
+The fit of the linear response reaches back 16 ms only. A mode with little damping rings for seconds after a sweep has
+passed it, and noise or a multisine keeps it ringing: its line then appears slower than the input. Here the envelopes of
+reference and position about the line (signals shifted by its frequency to zero and low-pass filtered alike, which keeps
+a linear relation linear) are compared with the response of one complex pole,
+
+    z[k+1] = p z[k] + u[k],    y = a z + b u,
+
+over several seconds. The pole must be stable: such a response can ring and decay, but not set in without its input.
+The line is explained if little of it is left at the end.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+PERIODS = 4.0  # of the line in the low-pass filter: inputs at twice its frequency and above do not pass
+PER_PERIOD = 2.0  # samples of an envelope per period of the line
+LIGHTEST, HEAVIEST = 4e-3, 0.2  # damping ratios of the poles that are tried
+DAMPINGS = 12
+DETUNING = 0.06  # of the line's frequency: the pole is looked for at least so far on both sides
+DETUNING_STEP = 0.012
+ZOOMS, ZOOMED = 3, 7  # rounds of the search, and poles per direction in all but the first
+NEIGHBOURS = 3  # samples of the input envelope on both sides: the smooth part of the response
+LATE = 3.0  # latest periods of the line, which the response that the whole span determines must explain
+SHORTEST = 20  # samples of an envelope that are compared
+
+
+def unexplained_amplitude(
+    reference: NDArray[np.float64], position: NDArray[np.float64], frequency: float, resolution: float, rate: float
+) -> float:
+    """Amplitude of a line, in its last periods, that no linear mode explains.
+
+    Parameters
+    ----------
+    reference, position : ndarray, shape (n,)
+        Decimated signals (m), from before the line was there.
+    frequency : float
+        Of the line (Hz).
+    resolution : float
+        Largest error of this frequency (Hz).
+    rate : float
+        Sample rate (Hz).
+
+    Returns
+    -------
+    float
+        Root mean square amplitude (m) of what the response leaves; infinite if the signals are too short.
+    """
+    frequency = _refined(position, frequency, resolution, rate)
+    every = max(round(rate / (PER_PERIOD * frequency)), 1)
+    input_envelope = _envelope(reference, frequency / rate, every)
+    envelope = _envelope(position, frequency / rate, every)
+    samples = len(envelope)
+    if samples < SHORTEST:
+        return math.inf
+    late = slice(samples - round(LATE * PER_PERIOD), samples)
+    angular = 2.0 * math.pi * frequency * every / rate
+    widest = max(DETUNING, 1.2 * resolution / frequency)
+    dampings = np.geomspace(LIGHTEST, HEAVIEST, DAMPINGS)
+    detunings = np.linspace(-widest, widest, 2 * round(widest / DETUNING_STEP) + 1)
+    left = envelope
+    for _ in range(ZOOMS):
+        least = math.inf
+        for damping in dampings:
+            for detuning in detunings:
+                rest = _rest(input_envelope, envelope, np.exp(angular * complex(-damping, detuning)))
+                if (total := float(np.sum(np.abs(rest) ** 2))) < least:
+                    least, left, best = total, rest, (damping, detuning)
+        ratio, step = dampings[1] / dampings[0], detunings[1] - detunings[0]
+        dampings = best[0] * ratio ** np.linspace(-1.0, 1.0, ZOOMED)
+        dampings = dampings[dampings >= LIGHTEST]
+        detunings = best[1] + step * np.linspace(-1.0, 1.0, ZOOMED)
+    return 2.0 * float(np.sqrt(np.mean(np.abs(left[late]) ** 2)))  # the envelope of a line is half its amplitude
+
+
+def _rest(
+    input_envelope: NDArray[np.complex128], envelope: NDArray[np.complex128], pole: complex
+) -> NDArray[np.complex128]:
+    """What the response of a pole leaves of an envelope, by least squares."""
+    around = [np.roll(input_envelope, shift) for shift in range(-NEIGHBOURS, NEIGHBOURS + 1)]
+    columns = np.column_stack([lfilter([0.0, 1.0], [1.0, -pole], input_envelope), *around])
+    return envelope - columns @ np.linalg.lstsq(columns, envelope, rcond=1e-9)[0]
+
+
+def _refined(position: NDArray[np.float64], frequency: float, resolution: float, rate: float) -> float:
+    """Frequency of the line's peak in the spectrum of the latest second, or of four periods."""
+    latest = position[-round(rate * max(1.0, PERIODS / frequency)) :]
+    power = np.abs(np.fft.rfft((latest - latest.mean()) * np.hanning(len(latest)), 4 * len(latest)))
+    grid = np.fft.rfftfreq(4 * len(latest), 1.0 / rate)
+    return float(grid[np.argmax(np.where(np.abs(grid - frequency) <= resolution, power, -1.0))])
+
+
+def _envelope(signal: NDArray[np.float64], cycles: float, every: int) -> NDArray[np.complex128]:
+    """Complex envelope about a frequency (cycles per sample), every so many samples."""
+    length = max(round(PERIODS / cycles), 3)
+    if len(signal) < length:
+        return np.empty(0, np.complex128)
+    window = np.hanning(length + 2)[1:-1]
+    shifted = (signal - signal.mean()) * np.exp(-2j * np.pi * cycles * np.arange(len(signal)))
+    return np.convolve(shifted, window / window.sum(), "valid")[::every]

@@ -1,0 +1,28 @@
+"""Hum and unbalance that are there from the start are neither region B nor region C."""
+
+from __future__ import annotations
+
+import numpy as np
+from spread import spread
+
+from amb_core.regions import Region, classify
+from tests.synthetic_telemetry import draw_constant_line
+
+CASES, SEED = 100, 31
+
+
+def measure() -> dict[str, object]:
+    """How many cases have a false B or C."""
+    found = spread(regions, range(CASES))
+    return {
+        "cases": CASES,
+        "seed": SEED,
+        "false_b": sum(Region.B in one for one in found),
+        "false_c": sum(Region.C in one for one in found),
+    }
+
+
+def regions(number: int) -> set[Region]:
+    """The regions of a case, on either axis."""
+    case = draw_constant_line(np.random.default_rng([SEED, number]), drift=False)
+    return {region for onsets in classify(case.record).axis_onsets for region in onsets}
