@@ -28,6 +28,11 @@ SUBJECTS = (
     "slow_line",
     "light_damping",
     "planted",
+    "design",
+    "turning_map",
+    "drift_identification",
+    "dead_time",
+    "lamination",
 )
 
 
