@@ -1,13 +1,13 @@
 """The plant with averaged amplifiers as an ordinary differential equation: the reference for kernel and linearisation.
 
 State s: for each bearing the pole fluxes phi_0..phi_7 (Wb), with nonlinear iron the fluxes that circulate in back iron
-and journal (Wb), with a solid journal the memories m_n of its terms (Wb), and the integral parts I_c of the current
+and journal (Wb), with diffusion into laminations or a solid journal the memories m_n of its terms (Wb), and the integral parts I_c of the current
 controllers (-) of electromagnets +x, +y, -x, -y; then coordinates q and rates v of the rotor, which for a point mass
 are position (m) and velocity (m/s). With coil current references r_c = clip(i_0 + i_x, 0, i_max) (i_0 - i_x for -x, i_y
 likewise), supply voltage U and the network of `amb_core.plant.network`,
 
     e_c = r_c - i_c,    d_c = clip(1/2 + K_P e_c + I_c, d_min, d_max),    V_c = U (2 d_c - 1)
-    (dphi/dt, i) = M (h, V),    h = diag(g_j / (mu_0 A)) phi + R phi + drops of nonlinear iron and solid journal
+    (dphi/dt, i) = M (h, V),    h = diag(g_j / (mu_0 A)) phi + R phi + drops of nonlinear iron and diffusion
     dI_c/dt = K_I e_c, or 0 while the duty is at a limit
     m dv/dt = sum_j phi_j^2 / (2 mu_0 A) (cos theta_j, sin theta_j) - (0, m g),    dq/dt = v
 
@@ -27,7 +27,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.plant.eddy import solid_journal_terms
 from amb_core.plant.magnetostatics import RINGS
 from amb_core.plant.network import COIL_AXES, COILS, POLES, active_coils, flux_constraints
 from amb_core.plant.plant import Plant
@@ -64,9 +63,14 @@ class AveragedPlant:
         self._solution = network.averaged_solution
         self._circulation = network.circulation
         self._rings = RINGS if plant.magnetostatics.nonlinear else 0
-        journal = solid_journal_terms(parameters) if parameters.iron.solid_journal else None
-        self._terms = (journal.weights, journal.rates) if journal else (np.zeros(0), np.zeros(0))
-        terms = len(self._terms[0])
+        parts = network.diffusing
+        self._weights = np.concatenate([np.zeros(0), *(part.terms.weights for part in parts)])
+        self._decay = np.concatenate([np.zeros(0), *(part.terms.rates for part in parts)])
+        # Drops of all memories, in the order of the states
+        self._by_memory = np.hstack(
+            [np.zeros((POLES, 0)), *(np.tile(part.reluctance, len(part.terms.rates)) for part in parts)]
+        )
+        terms = len(self._weights)
         names: list[str] = []
         flux: list[slice] = []
         circulating: list[slice] = []
@@ -113,9 +117,10 @@ class AveragedPlant:
             low, high = _duty_limits(self.plant)
             derivative[self.flux[bearing]] = rates
             derivative[self.circulating[bearing]] = (-self._circulation * drops[POLES:])[: self._rings]
-            weights, decay = self._terms
             memory = state[self.memory[bearing]].reshape(-1, POLES)
-            derivative[self.memory[bearing]] = (np.outer(weights, rates) - decay[:, np.newaxis] * memory).ravel()
+            derivative[self.memory[bearing]] = (
+                np.outer(self._weights, rates) - self._decay[:, np.newaxis] * memory
+            ).ravel()
             derivative[self.integral[bearing]] = np.where(
                 (low <= duty) & (duty <= high), amplifier.integral_gain * error, 0.0
             )
@@ -141,8 +146,7 @@ class AveragedPlant:
         flux, circulating = state[self.flux[bearing]], np.zeros(RINGS)
         circulating[: self._rings] = state[self.circulating[bearing]]
         drops = self.plant.magnetostatics.drops(flux, circulating, x, y)
-        memory = state[self.memory[bearing]].reshape(-1, POLES).sum(axis=0)
-        drops[:POLES] += self.plant.network.journal_reluctance @ memory
+        drops[:POLES] += self._by_memory @ state[self.memory[bearing]]
         return drops
 
     def journals(self, state: NDArray[np.float64]) -> NDArray[np.float64]:

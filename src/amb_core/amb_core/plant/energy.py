@@ -29,13 +29,14 @@ class EnergyAccount:
     electrical : float
         Delivered by the amplifiers.
     copper, eddy : float
-        Lost in the windings, and as eddy currents of the pole fluxes.
+        Lost in the windings, and as eddy currents of the pole fluxes in thin laminations.
     stored : float
         Gained by the magnetic field in air gaps and linear iron.
     iron : float
         Taken up by nonlinear iron: field, hysteresis loss, eddy currents of the fluxes that circulate in its rings.
     diffusion : float
-        Taken up by the diffusion into solid journals.
+        Taken up by the diffusion into laminations and solid journals: lost, but for the field of the flux that the
+        mean flux does not have.
     mechanical : float
         Work of the magnetic forces on the rotor.
     work : float
@@ -93,6 +94,9 @@ class EnergyAccount:
         by_rate, by_current = np.split(network.solution[:, POLES:], [POLES])
         rates = trace.flux_rate[:-1], trace.flux_rate[1:] + change @ by_rate.T
         currents = trace.current[:-1], trace.current[1:] + change @ by_current.T
+        if self._plant.parameters.iron.laminations == "diffusion":  # means over the steps, and no other eddy currents
+            currents = trace.current[:-1], trace.current[:-1]
+            rates = np.zeros((1, POLES)), np.zeros((1, POLES))
         half = 0.5 * self._plant.parameters.integration.internal_step
         self.electrical += half * sum(float(np.sum(applied * side)) for side in currents)
         self.copper += half * sum(float(np.sum(circuit.coil_resistance * side**2)) for side in currents)

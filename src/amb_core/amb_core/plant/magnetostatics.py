@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.constants import mu_0
 
 from amb_core.errors import PlantError
-from amb_core.plant.eddy import solid_journal_terms
 from amb_core.plant.iron import saturation_curve
 from amb_core.plant.network import POLE_ANGLES, POLES, MagneticNetwork, flux_constraints
 from amb_core.plant.parameters import PlantParameters
@@ -62,8 +61,6 @@ class Magnetostatics:
         (pole_length, pole_area), (back_length, back_area), (journal_length, journal_area) = network.paths
         if parameters.iron.solid_journal:
             journal_length = 0.0  # linear, and part of the network's reluctance
-        solid = parameters.iron.solid_journal
-        self._diffusing = float(solid_journal_terms(parameters).weights.sum()) if solid else 0.0
         segments = len(network.to_segments)
         # From pole fluxes and the two circulating fluxes to the flux densities of all elements
         self.to_flux_density = np.zeros((3 * POLES, POLES + RINGS))
@@ -161,9 +158,17 @@ class Magnetostatics:
         """Force on the rotor (N), shape (..., 2), of pole fluxes (Wb), shape (..., 8)."""
         return np.asarray((flux**2 / (2.0 * mu_0 * self._network.pole_area)) @ POLE_DIRECTIONS)
 
+    def fastest_mean_rate(self) -> float:
+        """Fastest rate of the mean fluxes over an internal step with the rotor centred (1/s), at most 2 over the step.
+
+        It belongs to diffusion into laminations, where `MagneticNetwork.step_solution` is that of means.
+        """
+        reluctance = self._network.reluctance(0.0, 0.0, self._gap)
+        return float(np.abs(np.linalg.eigvals(self._network.step_solution[:POLES, :POLES] @ reluctance)).max())
+
     def shortest_time_constant(self) -> float:
         """Shortest time constant of the eddy currents with the rotor centred (s), infinite without eddy currents."""
         reluctance = self.differential_reluctance(np.zeros(POLES), np.zeros(RINGS), 0.0, 0.0)[:POLES, :POLES]
-        fast = reluctance + self._diffusing * self._network.journal_reluctance
+        fast = reluctance + sum(part.terms.weights.sum() * part.reluctance for part in self._network.diffusing)
         rate = float(np.abs(np.linalg.eigvals(self._network.solution[:POLES, :POLES] @ fast)).max())
         return 1.0 / rate if rate > 0.0 else np.inf

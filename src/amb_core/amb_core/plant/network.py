@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from amb_core.plant.eddy import solid_journal_terms
+from amb_core.plant.eddy import DiffusionTerms, lamination_terms, solid_journal_terms
 from amb_core.plant.parameters import MagneticCircuitParameters, PlantParameters
 
 POLES = 8
@@ -37,6 +37,22 @@ COIL_AXES = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 _LEFT_WITHOUT_EDDY_CURRENTS = 1e-3
 POLARITY = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
 """Winding polarity of the poles: neighbours of different electromagnets have the same polarity (N S S N N S S N)."""
+
+
+@dataclass(frozen=True)
+class DiffusingIron:
+    """Iron into which flux diffuses.
+
+    Attributes
+    ----------
+    reluctance : ndarray, shape (8, 8)
+        Its part of R if its iron is linear (A/Wb).
+    terms : DiffusionTerms
+        The diffusion.
+    """
+
+    reluctance: NDArray[np.float64]
+    terms: DiffusionTerms
 
 
 @dataclass(frozen=True)
@@ -57,6 +73,9 @@ class MagneticNetwork:
         N_p S: turns of each coil on each pole with sign (-).
     solution : ndarray, shape (12, 12)
         Maps (h, V) to (dphi/dt, i): h in A, V in V, dphi/dt in V per turn, i in A. Zero for coils without amplifier.
+    step_solution : ndarray, shape (12, 12)
+        What the integrator uses: with diffusion into laminations it maps means of (h, V) over an internal step, less
+        what the rates add to h with the rotor centred, to means of (dphi/dt, i); otherwise it is `solution`.
     averaged_solution : ndarray, shape (12, 12)
         The same for the averaged plant: without eddy currents, with a thousandth of them.
     circulation : ndarray, shape (2,)
@@ -65,6 +84,8 @@ class MagneticNetwork:
         T: from pole fluxes to the fluxes in the segments of back iron or journal, none of them circulating.
     journal_reluctance : ndarray, shape (8, 8)
         Part of the journal in R if its iron is linear (A/Wb).
+    diffusing : tuple of DiffusingIron
+        Laminations, unless they are thin, and a solid journal.
     paths : tuple of three pairs
         Length (m) and section (m^2) of a pole, a segment of the back iron, a segment of the journal.
     """
@@ -75,10 +96,12 @@ class MagneticNetwork:
     eddy_coefficient: NDArray[np.float64]
     winding: NDArray[np.float64]
     solution: NDArray[np.float64]
+    step_solution: NDArray[np.float64]
     averaged_solution: NDArray[np.float64]
     circulation: NDArray[np.float64]
     to_segments: NDArray[np.float64]
     journal_reluctance: NDArray[np.float64]
+    diffusing: tuple[DiffusingIron, ...]
     paths: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
     def reluctance(self, x: float, y: float, air_gap: float) -> NDArray[np.float64]:
@@ -115,7 +138,15 @@ def build_network(parameters: PlantParameters) -> MagneticNetwork:
     stator = on_poles(poles) + on_poles(back_iron)
     journal_reluctance = per_length * on_poles(journal)
     reluctance = np.zeros((POLES, POLES)) if iron.saturation else per_length * stator
+    diffusing = []
+    if iron.laminations == "diffusion":
+        laminated = per_length * stator if iron.solid_journal else per_length * (stator + on_poles(journal))
+        diffusing.append(DiffusingIron(laminated, lamination_terms(parameters)))
     if iron.solid_journal:
+        diffusing.append(DiffusingIron(journal_reluctance, solid_journal_terms(parameters)))
+    if iron.laminations == "diffusion":
+        eddy = sum((part.terms.rest * part.reluctance for part in diffusing), np.zeros((POLES, POLES)))
+    elif iron.solid_journal:
         eddy = laminations * stator + solid_journal_terms(parameters).rest * journal_reluctance
     else:
         eddy = laminations * (stator + on_poles(journal))
@@ -128,19 +159,27 @@ def build_network(parameters: PlantParameters) -> MagneticNetwork:
     share = 1.0 if iron.eddy_currents else _LEFT_WITHOUT_EDDY_CURRENTS
     averaged = _solve(share * eddy, winding, constraints, circuit.coil_resistance, active)
     rings = np.array([POLES * share * laminations * length / section for length, section in (back_iron, journal)])
+    solution = averaged if iron.eddy_currents else _solve_static(winding, constraints, circuit.coil_resistance, active)
+    step_solution = solution
+    if iron.laminations == "diffusion":
+        step = parameters.integration.internal_step
+        by_rate = 0.5 * step * circuit.air_gap / (mu_0 * area) * np.eye(POLES)
+        for part in diffusing:
+            by_rate += (0.5 * step + part.terms.mean(step)[1]) * part.reluctance
+        step_solution = _solve(by_rate, winding, constraints, circuit.coil_resistance, active)
     return MagneticNetwork(
         gap_reluctance=1.0 / (mu_0 * area),
         pole_area=area,
         iron_reluctance=reluctance,
         eddy_coefficient=eddy if iron.eddy_currents else 0.0 * eddy,
         winding=winding,
-        solution=averaged
-        if iron.eddy_currents
-        else _solve_static(winding, constraints, circuit.coil_resistance, active),
+        solution=solution,
+        step_solution=step_solution,
         averaged_solution=averaged,
         circulation=1.0 / rings if circuit.coupling else np.zeros(2),
         to_segments=to_segments,
         journal_reluctance=journal_reluctance,
+        diffusing=tuple(diffusing),
         paths=(poles, back_iron, journal),
     )
 

@@ -10,13 +10,20 @@ from scipy.constants import mu_0
 from scipy.linalg import null_space
 
 from amb_core.plant.closed_forms import inductance
-from amb_core.plant.eddy import solid_journal_terms
 from amb_core.plant.iron import pack_curve, pack_material
 from amb_core.plant.kernel import records
 from amb_core.plant.kernel import rotor as modes_array
 from amb_core.plant.kernel.advance import Arrays
 from amb_core.plant.magnetostatics import Magnetostatics
-from amb_core.plant.network import COILS, POLE_ANGLES, POLES, MagneticNetwork, active_coils, flux_constraints
+from amb_core.plant.network import (
+    COILS,
+    POLE_ANGLES,
+    POLES,
+    DiffusingIron,
+    MagneticNetwork,
+    active_coils,
+    flux_constraints,
+)
 from amb_core.plant.parameters import PlantParameters
 from amb_core.plant.rotor import RotorModel
 
@@ -47,9 +54,13 @@ def pack(
     _pack_switches(record, parameters, network)
     _pack_network(record, parameters, network)
     _pack_amplifier(record["amplifier"], parameters)
+    record["amplifier"]["mean_by_ends"] = 0.0 if record["diffusion"] else 0.5
     _pack_rotor(record["rotor"], parameters)
     _pack_paths(record["paths"], parameters, network)
-    if parameters.iron.solid_journal:
+    if parameters.iron.laminations == "diffusion":
+        for name, part in zip(("laminations", "solid"), network.diffusing, strict=False):
+            _pack_part(record[name], part, parameters.integration.internal_step)
+    elif parameters.iron.solid_journal:
         _pack_journal(record["journal"], parameters, network)
     if not parameters.iron.eddy_currents:
         _pack_balance(record["balance"], parameters, network, magnetostatics)
@@ -81,6 +92,7 @@ def _pack_switches(record: np.void, parameters: PlantParameters, network: Magnet
     record["linear_iron"] = network.iron_reluctance.any()
     record["solid_journal"] = iron.solid_journal
     record["quasistatic"] = not iron.eddy_currents
+    record["diffusion"] = iron.laminations == "diffusion"
     # Backward Euler: its lag behind a ramp is exactly the time constant.
     bandwidth = parameters.sensor.bandwidth
     lag = 1.0 / (2.0 * np.pi * bandwidth) if bandwidth > 0.0 else 0.0
@@ -94,6 +106,7 @@ def _pack_switches(record: np.void, parameters: PlantParameters, network: Magnet
         iron.saturation
         or iron.solid_journal
         or not iron.eddy_currents
+        or iron.laminations == "diffusion"
         or disturbed
         or parameters.backup_bearing.contact
         or bandwidth > 0.0
@@ -108,7 +121,7 @@ def _pack_network(record: np.void, parameters: PlantParameters, network: Magneti
     record["cosine"] = np.cos(POLE_ANGLES)
     record["sine"] = np.sin(POLE_ANGLES)
     record["reluctance"] = network.iron_reluctance
-    by_columns = network.solution.T
+    by_columns = network.step_solution.T
     record["rate_by_drop"] = by_columns[:POLES, :POLES]
     record["current_by_drop"] = by_columns[:POLES, POLES:]
     record["rate_by_voltage"] = by_columns[POLES:, :POLES]
@@ -163,17 +176,32 @@ def _pack_paths(record: np.void, parameters: PlantParameters, network: MagneticN
     if circuit.coupling and parameters.iron.eddy_currents:
         record["circulation"] = 12.0 / (circuit.iron_conductivity * circuit.lamination_thickness**2)
     # Half of the limit of Adams-Bashforth for the decay of an unlinked flux, 12 nu / (sigma d^2), nu = 1 / mu_0 - dM/dB
-    eddies = circuit.iron_conductivity * circuit.lamination_thickness**2 / 12.0
-    record["stiff_slope"] = 1.0 / mu_0 - 0.5 * eddies / parameters.integration.internal_step
+    step, eddies = parameters.integration.internal_step, circuit.iron_conductivity * circuit.lamination_thickness**2 / 12
+    extrapolated = 1.0 / mu_0
+    if parameters.iron.laminations == "diffusion":
+        linear = 1.0 / (mu_0 * circuit.relative_permeability)  # left out of what is extrapolated
+        eddies, extrapolated = linear * network.diffusing[0].terms.mean(step)[1], extrapolated - linear
+    record["stiff_slope"] = extrapolated - 0.5 * eddies / step
 
 
 def _pack_journal(record: np.void, parameters: PlantParameters, network: MagneticNetwork) -> None:
-    journal = solid_journal_terms(parameters)
+    (solid,) = network.diffusing
+    journal = solid.terms
     terms = len(journal.rates)
-    record["reluctance"] = network.journal_reluctance
+    record["reluctance"] = solid.reluctance
     record["terms"] = terms
     record["keep"][:terms], record["gain"][:terms] = journal.update(parameters.integration.internal_step)
     record["weight"] = journal.weights.sum()
+
+
+def _pack_part(record: np.void, part: DiffusingIron, step: float) -> None:
+    terms = len(part.terms.rates)
+    shares, coefficient = part.terms.mean(step)
+    keep, gain = part.terms.update(step)
+    record["reluctance"] = part.reluctance
+    record["coefficient"] = coefficient
+    record["terms"] = terms
+    record["keep"][:terms], record["gain"][:terms] = keep, shares * gain * step
 
 
 def _pack_balance(

@@ -67,6 +67,11 @@ class IronParameters(Parameters):
     saturation: bool = switch(False, "flux density saturates along a curve; false: relative_permeability")
     hysteresis: bool = switch(False, "flux density follows loops (Jiles-Atherton); needs saturation")
     eddy_currents: bool = switch(True, "eddy currents in the laminations")
+    laminations: Literal["thin", "diffusion"] = choice(
+        "thin",
+        "eddy currents of laminations: thin, fast but with too much loss above some hundred hertz, or diffusion of the "
+        "flux at relative_permeability, right to 1 MHz",
+    )
     solid_journal: bool = switch(False, "journal of solid iron of constant permeability: flux lags as it diffuses")
     saturation_magnetisation: float = quantity(1.14522e6, "A/m", "saturation magnetisation M_s", 1e4, 3e6)
     anhysteretic_field: float = quantity(59.5, "A/m", "shape parameter a of the anhysteretic curve", 0.1, 1e5)
@@ -288,6 +293,11 @@ class PlantParameters(Parameters):
             )
         if self.iron.solid_journal and not self.iron.eddy_currents:
             raise ValueError("iron.solid_journal is on and iron.eddy_currents off; its lag is eddy currents")
+        if self.iron.laminations == "diffusion" and not self.iron.eddy_currents:
+            raise ValueError(
+                "iron.laminations = 'diffusion' and iron.eddy_currents is off; flux diffuses against eddy currents: "
+                "switch them on, or iron.laminations: thin"
+            )
         return self
 
     @model_validator(mode="after")

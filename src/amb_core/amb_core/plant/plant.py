@@ -269,10 +269,24 @@ class Plant:
         """The integrator is stable up to one step per fastest eddy-current time constant; half of that is allowed."""
         fastest = 1.0 / self.magnetostatics.shortest_time_constant()
         step = self.parameters.integration.internal_step
+        if self.parameters.iron.laminations == "diffusion":
+            self._check_means(step * self.magnetostatics.fastest_mean_rate())
+            return
         if step * fastest > 0.5:
             raise PlantError(
                 f"integration.internal_step = {step:g} s is too long for the eddy currents, whose shortest time "
                 f"constant is {1.0 / fastest:.3g} s; allowed: at most {0.5 / fastest:.3g} s"
+            )
+
+    def _check_means(self, change: float) -> None:
+        """Fluxes that no coil links change by this share of their deviation in a step: beyond 1.9 they oscillate."""
+        if change > 1.9:
+            circuit = self.parameters.magnetic_circuit
+            raise PlantError(
+                f"integration.internal_step = {self.parameters.integration.internal_step:g} s is too long for the "
+                f"diffusion of flux into laminations of {circuit.lamination_thickness:g} m and "
+                f"{circuit.iron_conductivity:g} S/m, which hardly delays it; allowed: a shorter step, or "
+                "iron.eddy_currents: false with iron.laminations: thin"
             )
 
     def _check_modes(self) -> None:

@@ -21,11 +21,13 @@ class Trace:
     flux, flux_rate : ndarray, shape (n, 8)
         Pole fluxes (Wb) and their rates (Wb/s).
     current, voltage : ndarray, shape (n, 4)
-        Coil currents (A) and mean coil voltages over the step (V), electromagnets +x, +y, -x, -y.
+        Coil currents (A) and mean coil voltages over the step (V), electromagnets +x, +y, -x, -y. With diffusion into
+        laminations, currents and flux rates are means over the step too.
     position, velocity, force, contact_force : ndarray, shape (n, 2)
         Position (m) and velocity (m/s) of the journal, magnetic force and force of the backup bearing on it (N).
     iron_energy, diffusion_energy : ndarray, shape (n,)
-        Energy that nonlinear iron and the diffusion into solid journals took up since the reset, all bearings (J).
+        Energy that nonlinear iron and the diffusion into laminations and solid journals took up since the reset, all
+        bearings (J).
     coordinates, rates : ndarray, shape (n, m)
         Generalised coordinates of a rotor in two bearings, and their rates; m = 0 for a point mass.
     bearing_b : Trace or None

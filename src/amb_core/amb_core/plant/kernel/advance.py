@@ -8,7 +8,7 @@ but for the coil voltages, which enter with their exact mean over the step: the 
 are right wherever in the step it falls. No fast-math: the same samples come out wherever the kernel is called from.
 
 The equations stand where they are computed: `circuit` (fluxes, currents, forces), `amplifiers`, `rotor`, and beyond the
-paper's table `iron`, `iron_paths`, `stiff_iron`, `solid_journal` and `quasistatic`. The paper's plant has a loop
+paper's table `iron`, `iron_paths`, `stiff_iron`, `solid_journal`, `laminations` and `quasistatic`. The paper's plant has a loop
 without the latter.
 """
 
@@ -30,6 +30,7 @@ from amb_core.plant.kernel.amplifiers import (
     set_voltages,
 )
 from amb_core.plant.kernel.iron_paths import add_iron_drops
+from amb_core.plant.kernel.laminations import correct_rates, diffuse, set_mean_drops
 from amb_core.plant.kernel.quasistatic import balance_fluxes
 from amb_core.plant.kernel.records import DELEVITATED, GAP_CLOSED, LINEAR, NOT_FINITE, OK
 from amb_core.plant.kernel.rotor import move_modes, move_point_mass, sense, set_contact_force, set_disturbance
@@ -102,6 +103,8 @@ def advance(constants, state, bearings, modes, references, steps, trace):
             if trace.shape[0] > 0:
                 write_trace(plant, bearings, modes, trace[step])
             for n in range(bearings.shape[0]):
+                if plant.diffusion:
+                    diffuse(plant, bearings[n])
                 circuit.integrate(plant, bearings[n])
             if modes.shape[1] == 0:
                 move_point_mass(plant, shared, first)
@@ -123,17 +126,26 @@ def _step_circuit(constants, state, bearing, extended):
     """
     if extended and constants.quasistatic:
         balance_fluxes(constants, bearing)
-    circuit.set_gap_drops(constants, bearing, not extended or constants.linear_iron)
+    if extended and constants.diffusion:
+        for j in range(bearing.drop.size):
+            bearing.drop[j] = 0.0
+    else:
+        circuit.set_gap_drops(constants, bearing, not extended or constants.linear_iron)
     if extended and constants.iron != LINEAR:
         add_iron_drops(constants, bearing, state.started)
-    if extended and constants.solid_journal:
-        add_diffusion_drops(constants.journal, bearing, state.started)
-    circuit.extrapolate_drops(constants, bearing, state.started)
+    if extended and constants.diffusion:
+        set_mean_drops(constants, bearing, state.started)
+    else:
+        if extended and constants.solid_journal:
+            add_diffusion_drops(constants.journal, bearing, state.started)
+        circuit.extrapolate_drops(constants, bearing, state.started)
     if not extended or constants.amplifier.plain_carriers:
         set_voltages(constants.amplifier, bearing, state.phase, constants.step)
     else:
         set_shifted_voltages(constants.amplifier, bearing, state.phase, constants.step)
     circuit.set_rates(constants, bearing)
+    if extended and constants.diffusion:
+        correct_rates(constants, bearing)
     if constants.amplifier.unipolar and any_negative_current(bearing):
         block_negative_currents(constants, bearing)
     if extended and constants.iron != LINEAR and not constants.quasistatic:

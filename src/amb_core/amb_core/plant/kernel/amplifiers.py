@@ -29,9 +29,10 @@ def set_references(amplifier, bearing, current_x, current_y):
 def update_duty(amplifier, bearing, coil, step):
     """PI on the mean current of the past switching period; the integral part holds while the duty is at its limit."""
     period = float(amplifier.period)
-    # Trapezoidal mean: the sum counts the start of every step, so half the change over the period is missing.
+    # Trapezoidal mean: the sum counts the start of every step, so half the change over the period is missing; nothing
+    # is missing where the currents are means over the steps.
     current = bearing.current[coil]
-    missing = 0.5 * (current - bearing.current_start[coil])
+    missing = amplifier.mean_by_ends * (current - bearing.current_start[coil])
     error = bearing.reference[coil] - (bearing.current_sum[coil] + missing) / period
     integral = bearing.integral[coil] + amplifier.integral_gain * error * period * step
     duty = 0.5 + amplifier.proportional_gain * error + integral

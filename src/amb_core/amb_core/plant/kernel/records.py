@@ -31,6 +31,7 @@ AMPLIFIER = np.dtype(
         ("supply", float),  # V
         ("duty_min", float),
         ("duty_max", float),
+        ("mean_by_ends", float),  # share of the change of the current over a period that its sum leaves out
         ("proportional_gain", float),  # 1/A
         ("integral_gain", float),  # 1/(A s)
         ("bias", float),  # A
@@ -109,6 +110,16 @@ JOURNAL = np.dtype(
     ]
 )
 
+PART = np.dtype(
+    [
+        ("reluctance", float, (POLES, POLES)),  # of iron into which flux diffuses, by columns (A/Wb)
+        ("coefficient", float),  # k (s)
+        ("terms", np.int64),
+        ("keep", float, (MOST_TERMS,)),  # exp(-p_n h)
+        ("gain", float, (MOST_TERMS,)),  # c_n alpha_n^2 h (s)
+    ]
+)
+
 BALANCE = np.dtype(
     [
         ("size", np.int64),  # number n of directions
@@ -129,6 +140,7 @@ CONSTANTS = np.dtype(
         ("linear_iron", np.bool_),  # the reluctance matrix is not zero
         ("solid_journal", np.bool_),
         ("quasistatic", np.bool_),  # no eddy currents
+        ("diffusion", np.bool_),  # into laminations; the network's solution is that of means over a step
         ("sensor_share", float),  # of the distance to the position that the sensors' low-pass covers in a step
         ("gap", float),  # rotor centred (m)
         ("gap_reluctance", float),  # of one metre of gap (A/(Wb m))
@@ -144,7 +156,9 @@ CONSTANTS = np.dtype(
         ("amplifier", AMPLIFIER),
         ("rotor", ROTOR),
         ("paths", PATHS),
-        ("journal", JOURNAL),
+        ("journal", JOURNAL),  # beside thin laminations
+        ("laminations", PART),
+        ("solid", PART),  # journal, beside laminations with diffusion
         ("balance", BALANCE),
         ("material", MATERIAL),
         ("curve", CURVE),
@@ -198,6 +212,13 @@ DIFFUSION = np.dtype(
     ]
 )
 
+MEMORY = np.dtype(
+    [
+        ("mean", float, (MOST_TERMS, POLES)),  # alpha_n m_n (Wb)
+        ("total", float, (POLES,)),  # their sum at the start of this step (Wb)
+    ]
+)
+
 BEARING = np.dtype(
     [
         ("flux", float, (POLES,)),  # of the poles, positive from stator to journal (Wb)
@@ -221,6 +242,9 @@ BEARING = np.dtype(
         ("iron", IRON),
         ("ring", RING_FLUX),
         ("diffusion", DIFFUSION),
+        ("laminations", MEMORY),
+        ("solid", MEMORY),
+        ("displaced", float, (POLES,)),  # reluctance of the gaps beyond those of the centred rotor (A/Wb)
         # Scratch
         ("segment", float, (POLES,)),
         ("predicted_field", float, (ELEMENTS,)),

@@ -69,10 +69,12 @@ def _set_stiffness(constants, bearing):
     for j in range(POLES):
         for m in range(FLUXES):
             linear = 0.0
-            if m < POLES:
+            if m < POLES and constants.diffusion:
+                linear = -constants.laminations.reluctance[m, j]  # only the rest of the drops is extrapolated
+            elif m < POLES:
                 linear = constants.reluctance[m, j] + journal.weight * journal.reluctance[m, j]
             stiffness[j, m] = linear
-        gap = constants.gap - x * constants.cosine[j] - y * constants.sine[j]
+        gap = 0.0 if constants.diffusion else constants.gap - x * constants.cosine[j] - y * constants.sine[j]
         along_pole = (RELUCTIVITY - slope[j]) * paths.length[0] / paths.area[0]
         stiffness[j, j] += gap * constants.gap_reluctance + along_pole
     for ring in range(RINGS):

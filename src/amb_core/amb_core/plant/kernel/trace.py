@@ -37,7 +37,7 @@ def write_trace(constants, bearings, modes, row):
                 rate += constants.rate_by_drop[n, j] * bearing.drop[n]
             for coil in range(COILS):
                 rate += constants.rate_by_voltage[coil, j] * bearing.voltage[coil]
-            row[column + j] = rate
+            row[column + j] = bearing.rate[j] if constants.diffusion else rate
         column = _write(bearing.current, row, column + POLES)
         column = _write(bearing.voltage, row, column)
         column = _write(bearing.position, row, column)
