@@ -25,6 +25,7 @@ from amb_core.plant.network import COIL_POLES, POLES
 from amb_core.plant.parameters import BackupBearingParameters, ConverterParameters, IronParameters, SensorParameters
 
 PERIODS = 40  # until the loops of the iron, which run into one another, repeat
+DIFFUSION = PlantParameters(iron=IronParameters(laminations="diffusion"))
 INTERNAL_STEPS = (1e-6, 0.5e-6, 0.25e-6, 0.125e-6)
 EVERYTHING = PlantParameters(
     iron=IronParameters(saturation=True, hysteresis=True, solid_journal=True),
@@ -46,7 +47,7 @@ EVERYTHING = PlantParameters(
 
 def energy() -> Iterator[Row]:
     """Energy balances of magnetic circuit and rotor over 1 s of 50 um square waves of 5 Hz on both axes."""
-    for name, parameters in (("paper", PlantParameters()), ("everything on", EVERYTHING)):
+    for name, parameters in (("paper", PlantParameters()), ("diffusion", DIFFUSION), ("everything on", EVERYTHING)):
         plant, controller = Plant(parameters), PdController(ControllerParameters())
         account = EnergyAccount(plant)
         for sample in range(10_000):

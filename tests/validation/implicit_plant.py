@@ -1,7 +1,7 @@
 """The plant written anew for an implicit solver: one ordinary differential equation between switching instants.
 
-It shares with the kernel the reluctances, eddy-current coefficients and windings of the network, the terms fitted to a
-solid journal, the fluxes to start from and the control law of bearing B. Its own are the equations of network, iron,
+It shares with the kernel the reluctances, eddy-current coefficients and windings of the network, the terms fitted to
+laminations and a solid journal, the fluxes to start from and the control law of bearing B. Its own are the equations of network, iron,
 rotor and sensors, the modulation and current control of the amplifiers, and the integration: Radau's method, started
 anew wherever a coil voltage jumps. There are no diodes: coil currents must stay positive.
 
@@ -29,7 +29,6 @@ from scipy.optimize import brentq
 
 from amb_core.loop.control import PdController
 from amb_core.plant import Plant, PlantParameters
-from amb_core.plant.eddy import solid_journal_terms
 
 RTOL = 1e-9
 FIRST_STEP = 2e-7  # s, a tenth of the shortest eddy-current time constant
@@ -85,6 +84,7 @@ class ImplicitPlant:
         self._lag = 1.0 / (2.0 * np.pi * bandwidth) if bandwidth > 0.0 else 0.0
 
         amplifier = parameters.amplifier
+        self._means = parameters.iron.laminations == "diffusion"  # then a trace has the means over its steps
         self._period = 1.0 / amplifier.switching_frequency
         interleaved = amplifier.carriers == "interleaved"
         later = 0.25 * self._period * np.arange(4) if interleaved else np.zeros(4)
@@ -128,7 +128,7 @@ class ImplicitPlant:
                 self._update(instant, self._held if instant < delayed - 1e-12 else references)
                 if number == 0:
                     positions.append(self.positions())
-                    currents.append(self._currents_now())
+                    currents.append(self._mean_currents() if self._means else self._currents_now())
         self._solve_to(begin + 1.0 / rate)
         self._held = references
         return np.array(positions), np.array(currents)
@@ -166,6 +166,13 @@ class ImplicitPlant:
             applied = voltage[4 * bearing : 4 * bearing + 4]
             currents.append(self._iron.solved(self.state, block, self._position(bearing, self.state), applied)[8:])
         return np.concatenate(currents)
+
+    def _mean_currents(self) -> NDArray[np.float64]:
+        """Mean coil currents (A) over the next internal step, over which this goes."""
+        step = self._parameters.integration.internal_step
+        before = np.concatenate([self.state[block.charge] for block in self._blocks])
+        self._solve_to(self.time + step)
+        return (np.concatenate([self.state[block.charge] for block in self._blocks]) - before) / step
 
     def _solve_to(self, end: float) -> None:
         supply = self._parameters.amplifier.supply_voltage
@@ -280,8 +287,7 @@ class _Iron:
         wanted = np.delete(np.linalg.inv(system), 8, axis=0)
         self._by_drop, self._by_voltage = -wanted[:, :8], wanted[:, 9:]
 
-        terms = solid_journal_terms(plant.parameters) if iron.solid_journal else None
-        delayed = 8 * len(terms.rates) if terms else 0
+        delayed = 8 * sum(len(part.terms.rates) for part in network.diffusing)
         if not iron.saturation:
             paths = []
         else:
@@ -294,12 +300,11 @@ class _Iron:
         # Drops along the poles from the state: linear iron, delayed fluxes, fields
         self._drops = np.zeros((8, self.size - 4))
         self._drops[:, local.flux] = network.iron_reluctance
-        self._lags = np.zeros(0)
-        if terms:
-            journal = network.journal_reluctance
-            self._drops[:, local.flux] += terms.weights.sum() * journal
-            self._drops[:, local.delayed] = -np.kron(terms.weights, journal)
-            self._lags = np.repeat(terms.rates, 8)
+        weighted = [np.kron(part.terms.weights, part.reluctance) for part in network.diffusing]
+        self._drops[:, local.delayed] = -np.hstack([np.zeros((8, 0)), *weighted])
+        self._lags = np.repeat(np.concatenate([np.zeros(0), *(part.terms.rates for part in network.diffusing)]), 8)
+        for part in network.diffusing:
+            self._drops[:, local.flux] += part.terms.weights.sum() * part.reluctance
         # Flux densities of the elements from pole and circulating fluxes, and rates of the latter from the fields
         self._density = np.zeros((8 * len(paths), 8 + rings))
         self._circulation = np.zeros((rings, 8 * len(paths)))

@@ -52,6 +52,7 @@ CASES = {
         200,
     ),
     "paper": (PlantParameters(), 200),
+    "diffusion into laminations": (PlantParameters(iron=IronParameters(laminations="diffusion")), 50),
     "saturation": (PlantParameters(iron=IronParameters(saturation=True)), 200),
     "everything": (
         PlantParameters(

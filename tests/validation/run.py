@@ -16,6 +16,7 @@ import dynamics
 import eddy
 import independent
 import iron
+import laminations
 import paper
 import rotors
 import statics
@@ -29,6 +30,7 @@ CHECKS: dict[str, Callable[[], Iterator[Row]]] = {
     "magnitudes of the paper": paper.rows,
     "iron": iron.rows,
     "eddy currents": eddy.rows,
+    "laminations": laminations.rows,
     "rotors": rotors.rows,
     "energy": dynamics.energy,
     "iron loss": dynamics.iron_loss,

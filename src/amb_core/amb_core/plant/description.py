@@ -15,6 +15,7 @@ from amb_core.plant.network import COIL_AXES, COIL_POLES, POLES, active_coils
 from amb_core.plant.operating_point import static_force
 from amb_core.plant.parameters import PlantParameters
 from amb_core.plant.plant import Plant
+from amb_core.plant.switching_loss import switching_loss
 
 _RELATIVE_STEP = 1e-5
 """Step of the central differences of the static force, over the air gap or 1 A."""
@@ -42,7 +43,8 @@ class PlantEffects:
     linear_iron: bool = _entry("iron of constant permeability, without saturation and hysteresis")
     saturation: bool = _entry("the flux density in the iron saturates")
     hysteresis: bool = _entry("the iron has hysteresis loops (Jiles-Atherton)")
-    eddy_currents: bool = _entry("eddy currents in thin laminations")
+    eddy_currents: bool = _entry("eddy currents in laminations")
+    lamination_diffusion: bool = _entry("flux diffuses into the laminations; otherwise they count as thin")
     solid_journal: bool = _entry("flux diffuses into a solid journal")
     switching: bool = _entry("pulse-width modulation is resolved, not averaged")
     interleaved_carriers: bool = _entry("the switching periods of the electromagnets follow one another")
@@ -83,6 +85,8 @@ class PlantDescription:
     bias_flux_density: float = _entry("mean flux density in the air gaps", "T")
     slew_rate: float | None = _entry("change of a coil current at the duty limit: mean voltage over L0", "A/s")
     eddy_time_constant: float = _entry("longest lag of the flux behind the coil currents", "s")
+    switching_loss: float = _entry("eddy-current loss by the switching, as the laminations are modelled", "W")
+    switching_loss_diffusion: float = _entry("the same with iron.laminations: diffusion, exact for iron of constant permeability", "W")
     peak_force: float = _entry("force along an axis at the limit of the control current", "N")
     sag: float = _entry("distance at which the rotor hangs below its reference", "m")
     unstable_pole: float = _entry("fastest unstable pole of the plant", "1/s")
@@ -132,6 +136,8 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
         if amplifier.limits
         else None,
         eddy_time_constant=_eddy_time_constant(plant),
+        switching_loss=switching_loss(parameters),
+        switching_loss_diffusion=switching_loss(_with_diffusion(parameters)),
         peak_force=_peak_force(plant, controller),
         sag=float(controller.nominal_reference_y - model.point.position[1]),
         unstable_pole=float(model.continuous.poles().real.max()),
@@ -145,6 +151,12 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
     )
 
 
+def _with_diffusion(parameters: PlantParameters) -> PlantParameters:
+    """The same plant with diffusion into its laminations, for closed forms."""
+    iron = parameters.iron.model_copy(update={"laminations": "diffusion", "eddy_currents": True})
+    return parameters.model_copy(update={"iron": iron})
+
+
 def _effects(plant: Plant) -> PlantEffects:
     parameters = plant.parameters
     iron, amplifier, rotor = parameters.iron, parameters.amplifier, parameters.rotor
@@ -156,6 +168,7 @@ def _effects(plant: Plant) -> PlantEffects:
         saturation=iron.saturation,
         hysteresis=iron.hysteresis,
         eddy_currents=iron.eddy_currents,
+        lamination_diffusion=iron.laminations == "diffusion",
         solid_journal=iron.solid_journal,
         switching=amplifier.switching,
         interleaved_carriers=amplifier.carriers == "interleaved" and amplifier.switching,
@@ -232,6 +245,9 @@ def _eddy_time_constant(plant: Plant) -> float:
     eddy = plant.network.eddy_coefficient
     if not eddy.any():
         return 0.0
+    if plant.parameters.iron.laminations == "diffusion":  # slow fluxes: c s / (s + p) ~ s c / p
+        laminated = plant.network.diffusing[0]
+        eddy = eddy + float(np.sum(laminated.terms.weights / laminated.terms.rates)) * laminated.reluctance
     bias = plant.magnetostatics.solve(plant.bias_currents(), 0.0, 0.0)
     reluctance = plant.magnetostatics.differential_reluctance(bias.flux, bias.circulating, 0.0, 0.0)[:POLES, :POLES]
     return float(eigh(fluxes.T @ eddy @ fluxes, fluxes.T @ reluctance @ fluxes, eigvals_only=True).max())

@@ -297,7 +297,7 @@ def _fitted_terms(time_constant: float, highest: float) -> DiffusionTerms | None
             time_constant=time_constant,
             highest_frequency=highest,
         )
-        if np.abs(terms.error(frequency)).max() <= ACCURACY:
+        if rest > 0.0 and np.abs(terms.error(frequency)).max() <= ACCURACY:
             return terms
     return None
 

@@ -12,8 +12,9 @@ All factors of dphi/dt are constant but for the rotor's displacement and belong 
 displacement changes follows from the rates without it. Coil currents are means over the step too, so the energy that
 the amplifiers deliver is that which windings, gaps and iron take up. w_n = alpha_n m_n is what is stored.
 
-Nonlinear iron adds the difference of its drops from those of constant permeability, extrapolated to the middle of the
-step (Adams-Bashforth): the diffusion itself is that of constant permeability.
+Nonlinear iron adds the difference of its drops from those of constant permeability, by its present slopes: the
+diffusion itself is that of constant permeability. Where iron is stiff, the difference is extrapolated to the middle of
+the step instead (Adams-Bashforth), which `stiff_iron` makes safe.
 """
 
 from __future__ import annotations
@@ -21,8 +22,13 @@ from __future__ import annotations
 import numba
 
 from amb_core.plant.kernel.products import add_product
+from amb_core.plant.kernel.iron import RELUCTIVITY
 from amb_core.plant.kernel.records import LINEAR
+from amb_core.plant.kernel.stiff_iron import iron_is_stiff
 from amb_core.plant.network import COILS, POLES
+
+
+_CORRECTIONS = 3
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -39,9 +45,9 @@ def set_mean_drops(constants, bearing, started):
         for j in range(POLES):
             bearing.segment[j] = -bearing.flux[j]
         add_product(constants.laminations.reluctance, bearing.segment, drop)
+        ahead = 0.5 if started and iron_is_stiff(constants.paths, bearing.iron) else 0.0
         for j in range(POLES):
-            before = bearing.previous_drop[j] if started else drop[j]
-            middle[j] = 1.5 * drop[j] - 0.5 * before
+            middle[j] = drop[j] + ahead * (drop[j] - bearing.previous_drop[j])
             bearing.previous_drop[j] = drop[j]
     for j in range(POLES):
         middle[j] += (constants.gap * constants.gap_reluctance + bearing.displaced[j]) * bearing.flux[j]
@@ -67,23 +73,53 @@ def _set_displaced_gaps(constants, bearing):
 def _add_part(part, memory, bearing, drop):
     """Add the drops along the linear iron of a part that come from the fluxes so far."""
     for j in range(POLES):
-        memory.total[j] = 0.0
-    for term in range(part.terms):
-        for j in range(POLES):
-            memory.total[j] += memory.mean[term, j]
-    for j in range(POLES):
         bearing.segment[j] = bearing.flux[j] + memory.total[j]
     add_product(part.reluctance, bearing.segment, drop)
 
 
 @numba.njit(inline="always", error_model="numpy")
 def correct_rates(constants, bearing):
-    """What the rotor's displacement adds to rates and currents, from the rates without it."""
-    ahead = 0.5 * constants.step
+    """What rotor displacement and nonlinear iron add to rates and currents: a fixed-point iteration from zero.
+
+    Voltages decide the rates of linked fluxes, so they are right at once; those of the others, which are small, come
+    closer by the ratio of displacement to air gap every time. An odd number of times keeps the step stable. The iron's
+    part, much smaller, is taken once.
+    """
+    ahead, change = 0.5 * constants.step, bearing.unknown
     for j in range(POLES):
-        bearing.segment[j] = ahead * bearing.displaced[j] * bearing.rate[j]
-    add_product(constants.rate_by_drop, bearing.segment, bearing.rate)
-    add_product(constants.current_by_drop, bearing.segment, bearing.current)
+        change[j] = bearing.rate[j]
+    if constants.iron != LINEAR and not iron_is_stiff(constants.paths, bearing.iron):
+        _correct_iron(constants, bearing, ahead)
+    for _ in range(_CORRECTIONS):
+        for j in range(POLES):
+            bearing.segment[j] = ahead * bearing.displaced[j] * change[j]
+            change[j] = 0.0
+        add_product(constants.rate_by_drop, bearing.segment, change)
+        add_product(constants.current_by_drop, bearing.segment, bearing.current)
+        for j in range(POLES):
+            bearing.rate[j] += change[j]
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _correct_iron(constants, bearing, ahead):
+    """Changes of the drops of nonlinear iron, beyond those of constant permeability, up to the middle of the step."""
+    paths, slope, segment, drop = constants.paths, bearing.iron.slope, bearing.segment, bearing.middle_drop
+    for n in range(POLES):
+        segment[n] = 0.0
+        drop[n] = -ahead * bearing.rate[n]
+    add_product(paths.to_segments, bearing.rate, segment)
+    for n in range(POLES):
+        back = RELUCTIVITY - slope[POLES + n]
+        journal = RELUCTIVITY - slope[2 * POLES + n]
+        back *= paths.length[1] / paths.area[1] * (segment[n] + bearing.ring.rate[0])
+        journal *= paths.length[2] / paths.area[2] * (segment[n] + bearing.ring.rate[1])
+        segment[n] = ahead * (back + journal)
+    for n in range(POLES):
+        bearing.unbalanced[n] = ahead * (RELUCTIVITY - slope[n]) * paths.length[0] / paths.area[0] * bearing.rate[n]
+    add_product(paths.to_poles, segment, bearing.unbalanced)
+    add_product(constants.laminations.reluctance, drop, bearing.unbalanced)
+    add_product(constants.rate_by_drop, bearing.unbalanced, bearing.rate)
+    add_product(constants.current_by_drop, bearing.unbalanced, bearing.current)
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -105,6 +141,21 @@ def _move_part(part, memory, bearing, step):
     for j in range(POLES):
         power += bearing.unknown[j] * bearing.rate[j]
     bearing.diffusion.energy += step * power
-    for term in range(part.terms):
-        for j in range(POLES):
-            memory.mean[term, j] = part.keep[term] * memory.mean[term, j] + part.gain[term] * bearing.rate[j]
+    for first in range(0, POLES, 4):  # running sums as in `products`
+        a = b = c = d = 0.0
+        of_a, of_b, of_c, of_d = (
+            bearing.rate[first],
+            bearing.rate[first + 1],
+            bearing.rate[first + 2],
+            bearing.rate[first + 3],
+        )
+        for term in range(part.terms):
+            keep, gain, mean = part.keep[term], part.gain[term], memory.mean[term]
+            in_a = keep * mean[first] + gain * of_a
+            in_b = keep * mean[first + 1] + gain * of_b
+            in_c = keep * mean[first + 2] + gain * of_c
+            in_d = keep * mean[first + 3] + gain * of_d
+            mean[first], mean[first + 1], mean[first + 2], mean[first + 3] = in_a, in_b, in_c, in_d
+            a, b, c, d = a + in_a, b + in_b, c + in_c, d + in_d
+        total = memory.total
+        total[first], total[first + 1], total[first + 2], total[first + 3] = a, b, c, d

@@ -244,6 +244,7 @@ BEARING = np.dtype(
         ("diffusion", DIFFUSION),
         ("laminations", MEMORY),
         ("solid", MEMORY),
+        ("unbalanced", float, (POLES,)),  # drops that nonlinear iron adds by the rates of this step (A)
         ("displaced", float, (POLES,)),  # reluctance of the gaps beyond those of the centred rotor (A/Wb)
         # Scratch
         ("segment", float, (POLES,)),

@@ -24,13 +24,19 @@ _GAMMA = 9.0 / 16.0
 
 
 @numba.njit(inline="always", error_model="numpy")
+def iron_is_stiff(paths, iron):
+    """Whether the fluxes through some iron decay too fast for a step that is not implicit."""
+    stiff = False
+    for element in range(ELEMENTS):
+        stiff |= iron.slope[element] < paths.stiff_slope
+    return stiff
+
+
+@numba.njit(inline="always", error_model="numpy")
 def finish_iron_step(constants, bearing, started):
     """Make the rates safe, remember them, and move the circulating fluxes."""
     paths, ring = constants.paths, bearing.ring
-    stiff = False
-    for element in range(ELEMENTS):
-        stiff |= bearing.iron.slope[element] < paths.stiff_slope
-    if stiff and started:
+    if iron_is_stiff(paths, bearing.iron) and started:
         _slow_down(constants, bearing)
     for j in range(POLES):
         bearing.previous_rate[j] = bearing.rate[j]
