@@ -63,7 +63,7 @@ def test_thin_laminations_are_the_limit_of_low_frequencies_only():
     limit = 1.0 / (2.0 * np.pi * tau)
     assert limit == pytest.approx(517.0, abs=1.0)
     thin_over_exact = [abs((1.0 + 2j * np.pi * f * tau / 3.0) / diffusion(np.array([f]), tau)[0]) for f in (limit, 1e6)]
-    assert thin_over_exact[0] == pytest.approx(1.0, abs=0.01)
+    assert thin_over_exact[0] == pytest.approx(1.0, abs=0.02)
     assert thin_over_exact[1] > 14.0
 
 

@@ -43,9 +43,8 @@ def rows() -> Iterator[Row]:
         yield Row(f"{name}: flux per current relative to closed form", deviation, LIMIT, "-")
     for name, iron in (("thin", IronParameters()), ("diffusion", DIFFUSION)):
         expected, loss = switching_losses(PlantParameters(iron=iron))
-        yield Row(
-            f"laminations, {name}: loss by switching relative to {expected:.1f} W", abs(loss / expected - 1.0), LIMIT, "-"
-        )
+        check = f"laminations, {name}: loss by switching relative to {expected:.1f} W"
+        yield Row(check, abs(loss / expected - 1.0), LIMIT, "-")
 
 
 def impedance_error(parameters: PlantParameters, frequency: float, steps_per_period: int) -> float:

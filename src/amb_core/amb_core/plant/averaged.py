@@ -1,10 +1,10 @@
 """The plant with averaged amplifiers as an ordinary differential equation: the reference for kernel and linearisation.
 
 State s: for each bearing the pole fluxes phi_0..phi_7 (Wb), with nonlinear iron the fluxes that circulate in back iron
-and journal (Wb), with diffusion into laminations or a solid journal the memories m_n of its terms (Wb), and the integral parts I_c of the current
-controllers (-) of electromagnets +x, +y, -x, -y; then coordinates q and rates v of the rotor, which for a point mass
-are position (m) and velocity (m/s). With coil current references r_c = clip(i_0 + i_x, 0, i_max) (i_0 - i_x for -x, i_y
-likewise), supply voltage U and the network of `amb_core.plant.network`,
+and journal (Wb), with diffusion into laminations or a solid journal the memories m_n of its terms (Wb), and the
+integral parts I_c of the current controllers (-) of electromagnets +x, +y, -x, -y; then coordinates q and rates v of
+the rotor, which for a point mass are position (m) and velocity (m/s). With coil current references r_c = clip(i_0 +
+i_x, 0, i_max) (i_0 - i_x for -x, i_y likewise), supply voltage U and the network of `amb_core.plant.network`,
 
     e_c = r_c - i_c,    d_c = clip(1/2 + K_P e_c + I_c, d_min, d_max),    V_c = U (2 d_c - 1)
     (dphi/dt, i) = M (h, V),    h = diag(g_j / (mu_0 A)) phi + R phi + drops of nonlinear iron and diffusion
@@ -59,7 +59,7 @@ class AveragedPlant:
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
-        parameters, network = plant.parameters, plant.network
+        network = plant.network
         self._solution = network.averaged_solution
         self._circulation = network.circulation
         self._rings = RINGS if plant.magnetostatics.nonlinear else 0

@@ -86,7 +86,7 @@ class PlantDescription:
     slew_rate: float | None = _entry("change of a coil current at the duty limit: mean voltage over L0", "A/s")
     eddy_time_constant: float = _entry("longest lag of the flux behind the coil currents", "s")
     switching_loss: float = _entry("eddy-current loss by the switching, as the laminations are modelled", "W")
-    switching_loss_diffusion: float = _entry("the same with iron.laminations: diffusion, exact for iron of constant permeability", "W")
+    switching_loss_diffusion: float = _entry("the same with iron.laminations: diffusion, without its error", "W")
     peak_force: float = _entry("force along an axis at the limit of the control current", "N")
     sag: float = _entry("distance at which the rotor hangs below its reference", "m")
     unstable_pole: float = _entry("fastest unstable pole of the plant", "1/s")

@@ -6,9 +6,9 @@ segment of length l, depth D and section A has the magnetomotive force (s the La
     R u coth(u) phi,    R = l / (mu A),    u = sqrt(s tau),    tau = sigma mu D^2
 
 A lamination of thickness d is driven from both faces, so D = d / 2. Below 1 / (2 pi tau), 517 Hz for the paper's
-bearing, u coth(u) ~ 1 + s tau / 3 gives the eddy coefficient sigma d^2 l / (12 A) of `amb_core.plant.network`: the model
-of thin laminations. Above, the drop rises with the square root of s only, as it does in a solid journal, which is
-centimetres deep and has a tau of seconds. That needs additional states: the terms of a fit.
+bearing, u coth(u) ~ 1 + s tau / 3 gives the eddy coefficient sigma d^2 l / (12 A) of `amb_core.plant.network`: thin
+laminations. Above, the drop rises with the square root of s only, as it does in a solid journal, which is centimetres
+deep and has a tau of seconds. That needs additional states: the terms of a fit.
 
 Sources: Lammeraner, Stafl, "Eddy Currents", Iliffe 1966 (lamination, tanh); Bertotti, "Hysteresis in Magnetism",
 Academic Press 1998, ch. 12 (skin effect and loss of laminations); Stoll, "The Analysis of Eddy Currents", Oxford 1974
@@ -281,7 +281,8 @@ def _fitted_terms(time_constant: float, highest: float) -> DiffusionTerms | None
     """The smallest number of terms with the required accuracy; None if the largest number is not enough.
 
     Rates are spaced logarithmically from the slowest mode of diffusion, pi^2 / tau, to just above the highest
-    frequency or the third mode; the weights follow by non-negative least squares of the relative error, so the sum is passive.
+    frequency or the third mode; the weights follow by non-negative least squares of the relative error, so the sum is
+    passive.
     """
     slowest = np.pi**2 / time_constant
     fastest = max(_FASTEST * 2.0 * np.pi * highest, 9.0 * slowest)  # the third mode has the rate 9 pi^2 / tau

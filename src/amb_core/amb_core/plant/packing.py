@@ -10,7 +10,7 @@ from scipy.constants import mu_0
 from scipy.linalg import null_space
 
 from amb_core.plant.closed_forms import inductance
-from amb_core.plant.iron import pack_curve, pack_material
+from amb_core.plant.iron import pack_curve, pack_material, saturation_curve
 from amb_core.plant.kernel import records
 from amb_core.plant.kernel import rotor as modes_array
 from amb_core.plant.kernel.advance import Arrays
@@ -176,12 +176,28 @@ def _pack_paths(record: np.void, parameters: PlantParameters, network: MagneticN
     if circuit.coupling and parameters.iron.eddy_currents:
         record["circulation"] = 12.0 / (circuit.iron_conductivity * circuit.lamination_thickness**2)
     # Half of the limit of Adams-Bashforth for the decay of an unlinked flux, 12 nu / (sigma d^2), nu = 1 / mu_0 - dM/dB
-    step, eddies = parameters.integration.internal_step, circuit.iron_conductivity * circuit.lamination_thickness**2 / 12
-    extrapolated = 1.0 / mu_0
+    step, extrapolated = parameters.integration.internal_step, 1.0 / mu_0
+    eddies = circuit.iron_conductivity * circuit.lamination_thickness**2 / 12.0
     if parameters.iron.laminations == "diffusion":
         linear = 1.0 / (mu_0 * circuit.relative_permeability)  # left out of what is extrapolated
         eddies, extrapolated = linear * network.diffusing[0].terms.mean(step)[1], extrapolated - linear
     record["stiff_slope"] = extrapolated - 0.5 * eddies / step
+    record["stiff_density"] = np.inf
+    if parameters.iron.hysteresis and parameters.iron.laminations == "diffusion":
+        record["stiff_density"] = _stiff_density(parameters, float(record["stiff_slope"]))
+
+
+def _stiff_density(parameters: PlantParameters, stiff_slope: float) -> float:
+    """Flux density (T) above which iron with hysteresis is stiff after a reversal, when only its reversible part moves.
+
+    Diffusion delays fluxes so little that a step cannot wait for the slope to change.
+    """
+    curve = saturation_curve(parameters.iron)
+    flux_density = np.linspace(0.0, curve.end, 2000)
+    susceptibility = 1.0 / (mu_0 * curve.differential_reluctivity(flux_density)) - 1.0
+    reversible = parameters.iron.reversibility * susceptibility
+    stiff = reversible / (1.0 + reversible) < mu_0 * stiff_slope
+    return float(flux_density[np.argmax(stiff)]) if stiff.any() else np.inf
 
 
 def _pack_journal(record: np.void, parameters: PlantParameters, network: MagneticNetwork) -> None:

@@ -1,12 +1,13 @@
 """Loss by eddy currents that the pulses of the amplifiers cause, in closed form.
 
-With harmonic k of the switching frequency, s = j k omega, coil voltages V_k and the matrices of `amb_core.plant.network`,
+With harmonic k of the switching frequency, s = j k omega, coil voltages V_k and the matrices of
+`amb_core.plant.network`,
 
     sum over gaps and iron R_m f_m(s) phi + E psi - N_p S i = 0,   E^T phi = 0,   s N_p S^T phi + R_c i = V_k
 
-where f = 1 in the gaps, 1 + s tau / 3 in thin laminations, u coth(u) with u = sqrt(s tau) where flux diffuses into iron.
-The loss in iron m is Re (s phi)^H R_m f_m(s) phi / 2. The pulses are those of bias current at rest: a square wave whose
-mean voltage is the drop of the coil resistance.
+where f = 1 in the gaps, 1 + s tau / 3 in thin laminations, u coth(u) with u = sqrt(s tau) where flux diffuses into
+iron. The loss in iron m is Re (s phi)^H R_m f_m(s) phi / 2. The pulses are those of bias current at rest: a square wave
+whose mean voltage is the drop of the coil resistance.
 
 Sources: as in `amb_core.plant.eddy`.
 """

@@ -8,8 +8,8 @@ but for the coil voltages, which enter with their exact mean over the step: the 
 are right wherever in the step it falls. No fast-math: the same samples come out wherever the kernel is called from.
 
 The equations stand where they are computed: `circuit` (fluxes, currents, forces), `amplifiers`, `rotor`, and beyond the
-paper's table `iron`, `iron_paths`, `stiff_iron`, `solid_journal`, `laminations` and `quasistatic`. The paper's plant has a loop
-without the latter.
+paper's table `iron`, `iron_paths`, `stiff_iron`, `solid_journal`, `laminations` and `quasistatic`. The paper's plant
+has a loop without the latter.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Compiled part of the integrator for the diffusion of flux into laminations, and into a solid journal beside them.
 
-The terms of the fit in `amb_core.plant.eddy` are faster than an internal step h, so the circuit is solved for means over
-the step, in which fluxes change at constant rates dphi/dt. Then mean drops and the memories m_n are exact,
+The terms of the fit in `amb_core.plant.eddy` are faster than an internal step h, so the circuit is solved for means
+over the step, in which fluxes change at constant rates dphi/dt. Then mean drops and the memories m_n are exact,
 
     h_mean = (g_j + (h / 2) dg_j/dt) (phi + (h / 2) dphi/dt) / (mu0 A) + R (phi + (h / 2) dphi/dt)
              + sum over parts R (sum_n alpha_n m_n + k dphi/dt),
@@ -21,12 +21,11 @@ from __future__ import annotations
 
 import numba
 
-from amb_core.plant.kernel.products import add_product
 from amb_core.plant.kernel.iron import RELUCTIVITY
+from amb_core.plant.kernel.products import add_product
 from amb_core.plant.kernel.records import LINEAR
 from amb_core.plant.kernel.stiff_iron import iron_is_stiff
 from amb_core.plant.network import COILS, POLES
-
 
 _CORRECTIONS = 3
 

@@ -97,6 +97,7 @@ PATHS = np.dtype(
         # Rate of the flux density that circulates in a ring per mean field along it, 12 / (sigma d^2) (ohm/m)
         ("circulation", float),
         ("stiff_slope", float),  # dM/dB below which iron is stiff (A/(m T))
+        ("stiff_density", float),  # flux density above which it may become so within a step (T)
     ]
 )
 

@@ -28,8 +28,14 @@ def iron_is_stiff(paths, iron):
     """Whether the fluxes through some iron decay too fast for a step that is not implicit."""
     stiff = False
     for element in range(ELEMENTS):
-        stiff |= iron.slope[element] < paths.stiff_slope
+        stiff |= iron.slope[element] < paths.stiff_slope or abs(iron.flux_density[element]) > paths.stiff_density
     return stiff
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _lowest_slope(paths, iron, element):
+    """The dM/dB that an element has, or may have after a reversal of its flux where it is nearly saturated."""
+    return 0.0 if abs(iron.flux_density[element]) > paths.stiff_density else iron.slope[element]
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -70,7 +76,7 @@ def _slow_down(constants, bearing):
 @numba.njit(inline="always", error_model="numpy")
 def _set_stiffness(constants, bearing):
     """Derivatives of the drops, and of the rings' mean fields, by the fluxes."""
-    paths, journal, stiffness, slope = constants.paths, constants.journal, bearing.stiffness, bearing.iron.slope
+    paths, journal, stiffness, iron = constants.paths, constants.journal, bearing.stiffness, bearing.iron
     x, y = bearing.position[0], bearing.position[1]
     for j in range(POLES):
         for m in range(FLUXES):
@@ -81,7 +87,7 @@ def _set_stiffness(constants, bearing):
                 linear = constants.reluctance[m, j] + journal.weight * journal.reluctance[m, j]
             stiffness[j, m] = linear
         gap = 0.0 if constants.diffusion else constants.gap - x * constants.cosine[j] - y * constants.sine[j]
-        along_pole = (RELUCTIVITY - slope[j]) * paths.length[0] / paths.area[0]
+        along_pole = (RELUCTIVITY - _lowest_slope(paths, iron, j)) * paths.length[0] / paths.area[0]
         stiffness[j, j] += gap * constants.gap_reluctance + along_pole
     for ring in range(RINGS):
         row = POLES + ring
@@ -89,7 +95,7 @@ def _set_stiffness(constants, bearing):
             stiffness[row, m] = 0.0
         area, length = paths.area[ring + 1], paths.length[ring + 1]
         for segment in range(POLES):
-            reluctivity = (RELUCTIVITY - slope[(ring + 1) * POLES + segment]) / area
+            reluctivity = (RELUCTIVITY - _lowest_slope(paths, iron, (ring + 1) * POLES + segment)) / area
             for m in range(POLES):
                 share = paths.to_segments[m, segment]
                 for j in range(POLES):
