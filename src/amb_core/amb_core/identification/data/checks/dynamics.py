@@ -1,17 +1,16 @@
 """Checks of how inputs and outputs depend on each other: feedback, delay.
 
 Both use a high-order ARX model, y[k] from the last L values of inputs and outputs: with L long enough its residuals
-are the innovations, in open loop and in closed loop.
+are the innovations, in open loop and in closed loop. Dead time has a module of its own (`dead_time`).
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, special
 
+from amb_core.identification.data.checks.dead_time import dead_times
 from amb_core.identification.data.checks.lagged import pieces, rows_of, triangle_of
 from amb_core.identification.data.checks.report import Finding, Severity
 from amb_core.identification.data.dataset import IdentificationData
@@ -19,8 +18,7 @@ from amb_core.identification.data.dataset import IdentificationData
 LEVEL = 0.01  # probability of a false statement of each check
 _LONGEST_LAG = 20
 _ROWS_PER_COLUMN = 8
-_EARLY = 0.1  # share of the largest coefficient that may come before an evident delay
-_LONG_DELAY = 3  # samples; from this delay it is worth removing it from the data
+_LONG_DEAD_TIME = 2  # samples; from here on a model that has to include it is clearly worse
 _NO_RESIDUE = 1e-12  # variance relative to the signal's, below which the remainder is rounding
 
 
@@ -63,11 +61,12 @@ def check_feedback(data: IdentificationData) -> Finding:
 
 
 def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
-    """Samples after which each output first responds to each input, from the ARX model.
+    """Dead time of each input and direct feedthrough; samples after which a response is significant.
 
-    The delay is the largest d for which the coefficients of all inputs less than d samples old can be zero (F test at
-    1 % for all lags together). With feedback a controller may respond within the sample, and this test cannot detect an
-    output that does: then one sample is the minimum.
+    A response is significant from the largest d for which the coefficients of all inputs less than d samples old can be
+    zero (F test at 1 % for all lags together, ARX model). Noise may hide an earlier response, so this is no dead time:
+    `dead_times` finds that in the growth of the response. With feedback a controller may respond within the sample, and
+    this test cannot detect an output that does: then one sample is the minimum.
 
     References
     ----------
@@ -79,17 +78,9 @@ def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
     m, p = len(data.input_names), len(data.output_names)
     first = 1 if feedback else 0
     factor, rows = _factor(data, lags)
-    tested = [_delays(factor, rows, column, m, p, lags, first) for column in range(m)]
-    delays, nearest = [delays for delays, _ in tested], [min(delays) for delays, _ in tested]
-    table = "; ".join(
-        f"{name} to "
-        + ", ".join(
-            f"{output} {'none' if delay > lags else delay}"
-            for output, delay in zip(data.output_names, of_input, strict=True)
-        )
-        for name, of_input in zip(data.input_names, delays, strict=True)
-    )
-    what = f"samples until outputs respond: {table}"
+    delays = [_delays(factor, rows, column, m, p, lags, first) for column in range(m)]
+    nearest = [min(of_input) for of_input in delays]
+    what = f"samples until a response is significant: {_table(data, delays, lags)}"
     silent = [name for name, delay in zip(data.input_names, nearest, strict=True) if delay > lags]
     if silent:
         return Finding(
@@ -108,15 +99,33 @@ def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
             advice="models have no direct feedthrough (D = 0): unless a controller responds within the sample, use "
             f"advance_inputs(data, {advance})",
         )
-    advance = [delay - 1 if evident else 0 for delay, (_, evident) in zip(nearest, tested, strict=True)]
-    if max(advance) + 1 >= _LONG_DELAY:
-        return Finding(
-            "delay",
-            Severity.WARNING,
-            what,
-            advice=f"dead time costs a state for each sample: remove it with advance_inputs(data, {advance})",
+    return _dead_time(data, what)
+
+
+def _dead_time(data: IdentificationData, what: str) -> Finding:
+    dead = dead_times(data)
+    if dead is None:
+        return Finding("delay", Severity.INFO, f"{what}; dead time not checked: too few samples")
+    if not any(dead):
+        return Finding("delay", Severity.INFO, f"{what}; no dead time found")
+    table = ", ".join(f"{name} {samples}" for name, samples in zip(data.input_names, dead, strict=True))
+    return Finding(
+        "delay",
+        Severity.WARNING if max(dead) >= _LONG_DEAD_TIME else Severity.INFO,
+        f"{what}; samples of dead time: {table}",
+        advice=f"dead time costs a state for each sample: advance_inputs(data, {dead}) removes it",
+    )
+
+
+def _table(data: IdentificationData, delays: list[list[int]], lags: int) -> str:
+    return "; ".join(
+        f"{name} to "
+        + ", ".join(
+            f"{output} {'none' if delay > lags else delay}"
+            for output, delay in zip(data.output_names, of_input, strict=True)
         )
-    return Finding("delay", Severity.INFO, what)
+        for name, of_input in zip(data.input_names, delays, strict=True)
+    )
 
 
 def _lags(data: IdentificationData) -> int | None:
@@ -174,40 +183,22 @@ def _added(
     return turned[len(known) : count, -1], float(np.sum(turned[count:, -1] ** 2))
 
 
-def _delays(
-    factor: NDArray[np.float64], rows: int, column: int, m: int, p: int, lags: int, first: int
-) -> tuple[list[int], bool]:
-    """Delay from one input to each output, `lags` + 1 if there is no response, and whether it is evident.
+def _delays(factor: NDArray[np.float64], rows: int, column: int, m: int, p: int, lags: int, first: int) -> list[int]:
+    """Samples until the response of each output to one input is significant, `lags` + 1 if it never is.
 
     The values of this input are sorted from the oldest to the most recent, so the last numbers are the contribution of
-    the most recent values. A response that is not found does not prove dead time, because noise may hide it. A delay is
-    evident if no coefficient before it can be a tenth of the largest one.
+    the most recent values.
     """
     inputs, outputs = np.arange(m * first, m * (lags + 1)), m * (lags + 1) + np.arange(p * lags)
     own = inputs[column::m][::-1]
     known = np.concatenate([outputs, np.setdiff1d(inputs, own)])
     freedom = rows - len(known) - len(own)
     numbers = np.arange(1, len(own) + 1)
-    # The part of this input's values that the others do not determine; its inverse tells how noise enters.
-    part = linalg.qr(factor[:, [*known, *own]], mode="r", check_finite=False)[0][len(known) : len(known) + len(own)]
-    part = part[:, len(known) :]
-    inverse, unknown = (
-        linalg.pinv(part, atol=_NO_RESIDUE * rows, check_finite=False),
-        np.abs(np.diag(part)) < _NO_RESIDUE * rows,
-    )
-    delays, evident = [], True
+    delays = []
     for target in range(factor.shape[1] - p, factor.shape[1]):
         added, residual = _added(factor, known, own, target)
         variance = max(residual / freedom, _NO_RESIDUE)
         ratio = np.cumsum(added[::-1] ** 2) / numbers / variance
         significant = special.fdtrc(numbers, freedom, ratio) < LEVEL / (m * p * len(own))
-        if not significant.any():
-            delays.append(lags + 1)
-            continue
-        late = int(np.argmax(significant))
-        delays.append(first + late)
-        coefficients = inverse @ added
-        largest = np.abs(coefficients) + 3.0 * math.sqrt(variance) * linalg.norm(inverse, axis=1)
-        early = (largest > _EARLY * np.abs(coefficients).max()) | unknown
-        evident = evident and not early[::-1][:late].any()
-    return delays, evident
+        delays.append(first + int(np.argmax(significant)) if significant.any() else lags + 1)
+    return delays

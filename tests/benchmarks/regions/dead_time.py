@@ -1,0 +1,149 @@
+"""Dead time found in closed-loop data of drawn bearings, with delays of 0 to 3 samples put into the loop.
+
+Ten bearings: point masses, rigid and flexible rotors, amplifiers of 0.7 to 13 kHz, each with five excitations
+(multisines of 1 Hz to 2 kHz, PRBS, squares; without and with sensor noise) on the simulator. The controller's current
+references are recorded as computed and reach the amplifiers later by the delay. Only bearings whose linear loop is
+stable with the longest delay are used: of each random sequence the first.
+"""
+
+from __future__ import annotations
+
+import functools
+import tempfile
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+from spread import spread
+
+from amb_core.excitation import excitation_from_request, generate
+from amb_core.identification.data import IdentificationData
+from amb_core.identification.data.checks.dead_time import dead_times
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
+from amb_core.plant import Plant, PlantParameters, linearize, uniform_shaft
+from amb_core.plant.linearise import close_loop
+
+SEED = 13
+BEARINGS = 10
+DELAYS = (0, 1, 2, 3)
+STEPS = 12_000
+WARM_UP = 1_000  # steps until the rotor hangs where the controller holds it
+CURRENT = 0.4  # A rms that a multisine or PRBS asks for, well below the bias current of 3 A
+NOISE = 0.05e-6  # m, rms, as in the benchmark of identification
+KINDS = (("multisine", 0.0), ("multisine", NOISE), ("prbs", 0.0), ("prbs", NOISE), ("square", NOISE))
+"""Excitation and sensor noise."""
+CONTROLLER = ControllerParameters()
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run: bearing, delay (samples), excitation and noise as a number of `KINDS`."""
+
+    bearing: int
+    delay: int
+    kind: int
+
+
+def measure() -> dict[str, object]:
+    """Runs, runs with a dead time advised that is too long, delayed runs, those with the right dead time advised."""
+    cases = [Case(*numbers) for numbers in product(range(BEARINGS), DELAYS, range(len(KINDS)))]
+    advised = spread(advise, cases)
+    delayed = [(case, dead) for case, dead in zip(cases, advised, strict=True) if case.delay]
+    return {
+        "runs": len(cases),
+        "false": sum(max(dead) > case.delay for case, dead in zip(cases, advised, strict=True)),
+        "delayed": len(delayed),
+        "found": sum(set(dead) == {case.delay} for case, dead in delayed),
+        "seeds": [SEED],
+    }
+
+
+def advise(case: Case) -> list[int]:
+    """Dead times of i_x and i_y (samples) found in the record of a run."""
+    found = dead_times(IdentificationData.from_record(record(case)))
+    return found if found is not None else [0, 0]
+
+
+def record(case: Case) -> LoopRecord:
+    """The loop with a delay between controller and amplifiers."""
+    parameters = bearing(case.bearing)
+    excitation, noise = KINDS[case.kind]
+    random = np.random.default_rng([SEED, case.bearing, case.delay, case.kind])
+    plant, law = Plant(parameters), PdController(CONTROLLER)
+    reference = np.zeros((WARM_UP + STEPS, 2))
+    reference[WARM_UP:] = _excitation(excitation, int(random.integers(1 << 30)))
+    errors = noise * random.normal(size=reference.shape)
+    position, current = np.empty_like(reference), np.zeros((len(reference) + case.delay, 2))
+    for step, wanted in enumerate(reference):
+        position[step] = plant.position + errors[step]
+        current[step + case.delay] = law.update(*position[step], *wanted)
+        plant.advance(*current[step])
+    parts = reference, position, current[case.delay :]
+    return LoopRecord(0, plant.sample_time, *(part[WARM_UP:] for part in parts))
+
+
+@functools.cache
+def bearing(number: int) -> PlantParameters:
+    """The first bearing of a random sequence whose loop is stable with every delay."""
+    random = np.random.default_rng([SEED, number])
+    while True:
+        parameters = _drawn(("point_mass", "rigid", "flexible")[number % 3], random)
+        plant = linearize(Plant(parameters), CONTROLLER).discrete
+        controllers = [CONTROLLER, parameters.controller_b][: plant.ninputs // 2]
+        loops = [close_loop(_delayed(plant, delay), controllers)[0] for delay in DELAYS]
+        if all(np.abs(loop.poles()).max() < 1.0 for loop in loops):
+            return parameters
+
+
+def _drawn(model: str, random: np.random.Generator) -> PlantParameters:
+    """Current controllers of 0.05 to 1 per ampere, 0.7 to 13 kHz; rotors of 4 to 9 kg in a bearing."""
+    values: dict[str, dict[str, object]] = {
+        "amplifier": {"proportional_gain": float(np.exp(random.uniform(np.log(0.05), 0.0))), "switching": False},
+        "rotor": {"model": model, "mass": random.uniform(4.0, 9.0)},
+        "integration": {"internal_step": 1e-6},
+    }
+    if model == "rigid":
+        values["rigid_rotor"] = {
+            "mass": random.uniform(9.0, 16.0),
+            "transverse_inertia": random.uniform(0.15, 0.35),
+            "sensor_a": random.uniform(-0.17, -0.13),
+        }
+    if model == "flexible":
+        length, diameter = random.uniform(0.5, 0.8), random.uniform(0.04, 0.065)
+        at, damping = 0.5 * length * random.uniform(0.6, 0.9), random.uniform(0.003, 0.02)
+        shaft = uniform_shaft(length, diameter, (-at, at), bending_modes=2, damping_ratio=damping)
+        path = Path(tempfile.mkdtemp()) / "shaft.npz"
+        shaft.save(path)
+        values["flexible_rotor"] = {"modal_data": str(path)}
+    return PlantParameters.model_validate(values)
+
+
+def _delayed(plant: control.StateSpace, samples: int) -> control.StateSpace:
+    """The plant whose inputs of bearing A come later."""
+    a, b, c = plant.A, plant.B, plant.C
+    own = np.diag((np.arange(plant.ninputs) < 2).astype(float))
+    for _ in range(samples):
+        zero = np.zeros((len(own), len(a)))
+        a = np.block([[a, b @ own], [zero, np.zeros_like(own)]])
+        b = np.vstack([b @ (np.eye(len(own)) - own), own])
+        c = np.hstack([c, np.zeros_like(own)])
+    return control.StateSpace(a, b, c, plant.D, plant.dt, inputs=plant.input_labels, outputs=plant.output_labels)
+
+
+def _excitation(kind: str, seed: int) -> NDArray[np.float64]:
+    """Reference positions (m); a multisine or PRBS that makes the control current `CURRENT` with the rotor at rest."""
+    rate = CONTROLLER.sample_rate
+    if kind == "square":  # an edge asks for less current than the limit
+        request: dict[str, object] = {"amplitude": 3e-6, "frequency": 50.0, "duration": STEPS / rate}
+        return generate(excitation_from_request(kind, request), rate).samples
+    request = {"amplitude": 20e-6, "duration": STEPS / rate, "seed": seed}
+    if kind == "multisine":
+        request |= {"frequency_start": 1.0, "frequency_end": 2_000.0}
+    samples = generate(excitation_from_request(kind, request), rate).samples
+    rates = np.diff(samples, axis=0, prepend=0.0) * rate
+    current = CONTROLLER.proportional_gain * samples + CONTROLLER.derivative_gain * rates
+    return samples * (CURRENT / current.std(axis=0).mean())
