@@ -11,6 +11,7 @@ from amb_core.errors import ParameterError, PlantError
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import load_parameters, validate
 from amb_core.plant import (
+    AmplifierParameters,
     IntegrationParameters,
     MagneticCircuitParameters,
     PlantDescription,
@@ -69,10 +70,18 @@ def test_peak_force_is_limited_by_amplifier_and_controller():
     assert by_amplifier > describe(PlantParameters(), ControllerParameters(current_limit=3.0)).peak_force
 
 
-def test_loop_without_oscillation_has_no_natural_frequency():
+def test_overdamped_loop_has_the_natural_frequency_of_its_rigid_mode():
     stiff = describe(PlantParameters(), ControllerParameters(derivative_gain=110.0))
     assert stiff.stable
-    assert stiff.natural_frequency_x is stiff.damping_ratio_x is None
+    assert stiff.natural_frequency_x == pytest.approx(64.0, abs=3.0)
+    assert stiff.damping_ratio_x == pytest.approx(1.5, abs=0.1)
+
+
+def test_loop_whose_rotor_and_amplifiers_swing_together_has_no_natural_frequency():
+    slow = PlantParameters(amplifier=AmplifierParameters(proportional_gain=0.1))
+    coupled = describe(slow, ControllerParameters(proportional_gain=5e4, derivative_gain=150.0, derivative_filter=1e-4))
+    assert coupled.stable
+    assert coupled.natural_frequency_x is coupled.damping_ratio_x is None
 
 
 def test_unstable_loop_has_no_sensitivity():

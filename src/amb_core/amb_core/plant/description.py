@@ -74,9 +74,9 @@ class PlantDescription:
     """Derived constants of a bearing and of its loop; the meaning of each is in its declaration.
 
     Constants of the bearing are those of the centred rotor at bias current; those of the loop belong to the operating
-    point where the controller holds the rotor, from the averaged model whether or not switching is resolved. They are
+    point where the controller holds the rotor, those of the sampled loop with the sampling of the modulation. They are
     given along x, for a bearing with 1 DOF along y, and for two bearings of bearing A. None where there is no such
-    number: the mode of a loop that does not oscillate, the sensitivity of an unstable one.
+    number: the rigid mode of a loop in which rotor and amplifiers swing together, the sensitivity of an unstable one.
     """
 
     current_gain: float = _entry("k_i: force per control current", "N/A")
@@ -90,10 +90,10 @@ class PlantDescription:
     peak_force: float = _entry("force along an axis at the limit of the control current", "N")
     sag: float = _entry("distance at which the rotor hangs below its reference", "m")
     unstable_pole: float = _entry("fastest unstable pole of the plant", "1/s")
-    natural_frequency_x: float | None = _entry("natural frequency of the loop along x", "Hz")
-    natural_frequency_y: float | None = _entry("natural frequency of the loop along y", "Hz")
-    damping_ratio_x: float | None = _entry("damping ratio of the loop along x")
-    damping_ratio_y: float | None = _entry("damping ratio of the loop along y")
+    natural_frequency_x: float | None = _entry("natural frequency of the rigid rotor in the loop along x", "Hz")
+    natural_frequency_y: float | None = _entry("natural frequency of the rigid rotor in the loop along y", "Hz")
+    damping_ratio_x: float | None = _entry("damping ratio of the rigid rotor in the loop along x; from 1 on overdamped")
+    damping_ratio_y: float | None = _entry("damping ratio of the rigid rotor in the loop along y; from 1 on overdamped")
     peak_sensitivity: float | None = _entry("largest gain from disturbed to measured position")
     stable: bool = _entry("small motions in the loop decay")
     effects: PlantEffects = field(kw_only=True)

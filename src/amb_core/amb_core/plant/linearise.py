@@ -1,8 +1,10 @@
 """Linear models of the plant about an operating point, alone and in the loop of the PD controller.
 
-The averaged plant (`amb_core.plant.averaged`) is differentiated by central differences of its right-hand side. Its
-fluxes obey E^T phi = 0, so one flux of each circuit is left out: it is minus the sum of the others. With the control
-currents held over each sample, the computation delay included, the discrete model is exact for the continuous one.
+The averaged plant (`amb_core.plant.averaged`) is differentiated (`amb_core.plant.differences`): the continuous model.
+The discrete model holds the control currents over each sample, the computation delay included. With pulse-width
+modulation resolved it has the sampling of the modulation too (`amb_core.plant.sampled_amplifiers`), which makes the
+coil currents lag less; with the modulation averaged, or where a sample does not hold whole switching periods, it is
+exact for the continuous model.
 
 A rotor in two bearings has inputs and outputs of both: i_x, i_y, x, y of bearing A, then i_x_b, i_y_b, x_b, y_b of
 bearing B, whose loop is closed by the plant's own controller. A bearing with 1 DOF has i_y and y alone.
@@ -22,18 +24,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.loop.control import ControllerParameters, pack_gains, require_one_rate
-from amb_core.plant.averaged import AveragedPlant, flux_embedding
-from amb_core.plant.network import POLES, active_coils
+from amb_core.plant.differences import linear_plant
 from amb_core.plant.operating_point import OperatingPoint, point_at, point_held_by
 from amb_core.plant.plant import Plant
+from amb_core.plant.rigid_mode import rates_of, rigid_pair
+from amb_core.plant.sampled_amplifiers import modulation_is_regular, sampled_plant
 
 if TYPE_CHECKING:
     import control
 
     from amb_core.step_response import SecondOrder
 
-_RELATIVE_STEP = 1e-4
-"""Step of the differences over air gap, 1 m/s, 1 A and the flux that 1 A makes; rounding then takes 1e-11."""
 _FREQUENCIES = 2000
 
 
@@ -48,9 +49,9 @@ class Linearization:
     controller : ControllerParameters
         The controller of the loop.
     continuous : control.StateSpace
-        The plant from i_x, i_y (A) to x, y (m), without the computation delay.
+        The averaged plant from i_x, i_y (A) to x, y (m), without the computation delay.
     discrete : control.StateSpace
-        The same at the sample rate, the inputs held over each sample.
+        The plant at the sample rate, the inputs held over each sample, with the sampling of the modulation.
     closed_loop : control.StateSpace
         From the reference positions r_x, r_y to the positions x, y (m), discrete.
     sensitivity : control.StateSpace
@@ -67,7 +68,7 @@ class Linearization:
     @cached_property
     def closed_loop_rates(self) -> NDArray[np.complex128]:
         """Poles of the closed loop as rates s = ln(z) / T (1/s), slowest first; a pole at z = 0 has the rate -inf."""
-        rates = _rates(self.closed_loop.poles(), self.closed_loop.dt)
+        rates = rates_of(self.closed_loop.poles(), self.closed_loop.dt)
         return rates[np.argsort(np.abs(rates), kind="stable")]
 
     @property
@@ -85,22 +86,20 @@ class Linearization:
         return float(np.linalg.norm(response, ord=2, axis=(1, 2)).max())
 
     def rigid_mode(self, axis: str) -> SecondOrder | None:
-        """Natural frequency and damping ratio of the rotor in the loop along `x` or `y`; None if no mode oscillates."""
+        """Natural frequency and damping ratio of the rigid rotor in the loop along `x` or `y`.
+
+        From its pair of poles: two complex ones, or two real ones of a loop with a damping ratio of one or more. None
+        if the rotor has no such pair, because one of its poles has met one of the amplifiers or is unstable.
+        """
         from amb_core.step_response import SecondOrder
 
-        poles, vectors = np.linalg.eig(self.closed_loop.A)
-        rates = _rates(poles, self.closed_loop.dt)
-        swinging = np.flatnonzero((rates.imag > 0.0) & (poles.imag != 0.0))
-        outputs = self.closed_loop.output_labels
-        if len(swinging) == 0 or axis not in outputs:
+        if axis not in self.closed_loop.output_labels:
             return None
-        # The amplifiers are far faster than the rotor, so its modes, one per axis, are the slowest oscillating ones.
-        slowest = swinging[np.argsort(np.abs(rates[swinging]))][: len(outputs)]
-        shares = np.abs(self.closed_loop.C @ vectors[:, slowest])
-        # Two bearings share modes evenly: then it is the slowest.
-        share = np.round(shares[outputs.index(axis)] / shares.sum(axis=0), 3)
-        rate = rates[slowest[np.argmax(share)]]
-        return SecondOrder(float(np.abs(rate) / (2.0 * np.pi)), float(-rate.real / np.abs(rate)))
+        pair = rigid_pair(self.closed_loop, axis)
+        if pair is None:
+            return None
+        natural = np.sqrt(np.prod(pair).real)
+        return SecondOrder(float(natural / (2.0 * np.pi)), float(-pair.sum().real / (2.0 * natural)))
 
 
 def linearize(
@@ -113,7 +112,7 @@ def linearize(
     Parameters
     ----------
     plant : Plant
-        Gives the parameters; its state is neither used nor changed. `switching` has no effect here.
+        Gives the parameters; its state is neither used nor changed.
     controller : ControllerParameters, optional
         By default the paper's.
     position : ndarray, shape (2,), optional
@@ -131,45 +130,10 @@ def linearize(
     require_one_rate(controller, 1.0 / plant.sample_time)
     point = point_held_by(controller, plant) if position is None else point_at(position, plant)
     continuous = linear_plant(plant, point)
-    discrete = _discretise(continuous, plant)
+    regular = modulation_is_regular(plant.parameters)
+    discrete = sampled_plant(plant, point) if regular else _discretise(continuous, plant)
     controllers = [controller, plant.parameters.controller_b][: plant.bearings]
     return Linearization(point, controller, continuous, discrete, *close_loop(discrete, controllers))
-
-
-def linear_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
-    """The plant from control currents (A) to measured positions (m) about an operating point, continuous."""
-    import control  # takes a second to import: only on use
-
-    averaged = AveragedPlant(plant)
-    kept, embedding = _independent_states(averaged)
-    axes = [axis for axis in range(2 * plant.bearings) if "xy"[axis % 2] in plant.axes]
-    steps = _RELATIVE_STEP * np.concatenate([_scales(averaged)[kept], np.ones(len(axes))])
-    columns = []
-    for number, step in enumerate(steps):
-        deviation = np.zeros(len(steps))
-        deviation[number] = step
-        change, control_current = embedding @ deviation[: len(kept)], np.zeros(2 * plant.bearings)
-        control_current[axes] = deviation[len(kept) :]
-        ahead, behind = (
-            averaged.derivative(point.state + side * change, point.current_reference + side * control_current)
-            for side in (1.0, -1.0)
-        )
-        columns.append((ahead - behind)[kept] / (2.0 * step))
-    a, b = np.split(np.column_stack(columns), [len(kept)], axis=1)
-    c = averaged.sensors()[axes] @ embedding
-    labels = [f"{'xy'[axis % 2]}{'_b' if axis > 1 else ''}" for axis in axes]
-    states = [averaged.names[n] for n in kept]
-    bandwidth = plant.parameters.sensor.bandwidth
-    if bandwidth > 0.0:
-        rate = 2.0 * np.pi * bandwidth
-        a = np.block([[a, np.zeros((len(a), len(axes)))], [rate * c, -rate * np.eye(len(axes))]])
-        b = np.vstack([b, np.zeros((len(axes), len(axes)))])
-        c = np.hstack([np.zeros_like(c), np.eye(len(axes))])
-        states += [f"sensed_{label}" for label in labels]
-    return control.StateSpace(
-        a, b, c, np.zeros((len(axes), len(axes))),
-        states=states, inputs=[f"i_{label}" for label in labels], outputs=labels, name="plant",
-    )  # fmt: skip
 
 
 def _discretise(continuous: control.StateSpace, plant: Plant) -> control.StateSpace:
@@ -244,44 +208,3 @@ def close_loop(
         states=states, inputs=[f"w_{label}" for label in labels], outputs=labels, name="sensitivity",
     )  # fmt: skip
     return closed_loop, sensitivity
-
-
-def _rates(poles: NDArray[np.complex128], sample_time: float) -> NDArray[np.complex128]:
-    """ln(z) / T, with -inf for z = 0."""
-    with np.errstate(divide="ignore"):
-        return np.log(np.abs(poles)) / sample_time + 1j * np.angle(poles) / sample_time
-
-
-def _independent_states(averaged: AveragedPlant) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Indices of the states without constraints, and the map from these states to all states."""
-    plant = averaged.plant
-    poles, fluxes = flux_embedding(plant)
-    left_out = np.setdiff1d(np.arange(POLES), poles)
-    # Without integral gain the integral parts are constant: they are not states of the linear model.
-    integrating = active_coils(plant.parameters.magnetic_circuit) if plant.parameters.amplifier.integral_gain else ()
-    embedding = np.eye(averaged.size)
-    kept = np.ones(averaged.size, dtype=bool)
-    for bearing in range(plant.bearings):
-        first = averaged.flux[bearing].start
-        embedding[np.ix_(first + np.arange(POLES), first + poles)] = fluxes
-        kept[first + left_out] = False
-        memory = np.arange(averaged.memory[bearing].start, averaged.memory[bearing].stop)
-        for term in memory.reshape(-1, POLES):  # memories sum to zero as the fluxes do
-            embedding[np.ix_(term, term[poles])] = fluxes
-            kept[term[left_out]] = False
-        kept[averaged.integral[bearing]] = False
-        kept[averaged.integral[bearing].start + np.array(integrating, dtype=np.intp)] = True
-    if "x" not in plant.axes:
-        kept[[averaged.coordinates.start, averaged.rates.start]] = False
-    return np.flatnonzero(kept), embedding[:, kept]
-
-
-def _scales(averaged: AveragedPlant) -> NDArray[np.float64]:
-    circuit, network = averaged.plant.parameters.magnetic_circuit, averaged.plant.network
-    scales = np.ones(averaged.size)
-    for bearing in range(averaged.plant.bearings):
-        # Fluxes, circulating fluxes and memories are contiguous
-        fluxes = slice(averaged.flux[bearing].start, averaged.integral[bearing].start)
-        scales[fluxes] = circuit.turns_per_pole / (network.gap_reluctance * circuit.air_gap)
-    scales[averaged.coordinates] = circuit.air_gap
-    return scales

@@ -1,0 +1,65 @@
+"""The poles that the rigid rotor has in the closed loop, among those of amplifiers, filters and bending modes.
+
+A state takes part in a mode by the product of its elements of the right and the left eigenvector, its participation
+factor; over all modes these sum to one. Position and velocity of the rotor sum to one mode of second order per axis.
+
+Source: I. J. Perez-Arriaga, G. C. Verghese, F. C. Schweppe, Selective modal analysis, IEEE Trans. Power Apparatus and
+Systems 101 (1982).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+if TYPE_CHECKING:
+    import control
+
+_NOT_OF_THE_ROTOR = ("flux", "circulating", "memory", "integral", "charge", "voltage", "held", "sensed", "derivative")
+_LEAST_PARTICIPATION = 0.1
+_LEAST_SHARE = 0.9  # of the motion of an output, relative to the mode that moves it most
+_LEAST_ALIKE = 0.5  # modal assurance criterion of two shapes: 1 for the same, 0 for orthogonal ones
+
+
+def rates_of(poles: NDArray[np.complex128], sample_time: float) -> NDArray[np.complex128]:
+    """ln(z) / T, with -inf for z = 0."""
+    with np.errstate(divide="ignore"):
+        return np.log(np.abs(poles)) / sample_time + 1j * np.angle(poles) / sample_time
+
+
+def rigid_pair(loop: control.StateSpace, axis: str) -> NDArray[np.complex128] | None:
+    """Rates of the two poles of the rigid rotor along an axis (1/s), None if there are no such two.
+
+    Of the modes in which the rotor takes part and that move the output of this axis most, the rigid one is the slowest:
+    bending modes and amplifiers are faster. Its pole is one of a complex pair, or real; then its partner is the next
+    real pole of the same shape, unless a complex pair of this shape comes first: the partner is part of that.
+    """
+    poles, vectors = linalg.eig(loop.A)
+    rates = rates_of(poles, loop.dt)
+    modes = np.flatnonzero((_participation(loop, vectors) > _LEAST_PARTICIPATION) & (rates.imag >= 0.0))
+    modes = modes[np.argsort(np.abs(rates[modes]), kind="stable")]
+    if not len(modes):
+        return None
+    shapes = loop.C @ vectors[:, modes]
+    shapes = shapes / np.linalg.norm(shapes, axis=0)
+    share = np.abs(shapes[loop.output_labels.index(axis)])
+    first = int(np.argmax(share > _LEAST_SHARE * share.max()))
+    alike = np.abs(shapes[:, first].conj() @ shapes) ** 2 > _LEAST_ALIKE
+    pair = rates[modes[first : first + 1]]
+    if pair[0].imag > 0.0:
+        return np.concatenate([pair, pair.conj()])
+    later = [number for number in np.flatnonzero(alike) if number > first]
+    if not later:
+        return None
+    pair = np.concatenate([pair, rates[modes[later[:1]]]])
+    return pair if (pair.imag == 0.0).all() and (pair.real < 0.0).all() else None
+
+
+def _participation(loop: control.StateSpace, vectors: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Of all states of the rotor in each mode."""
+    own = [n for n, name in enumerate(loop.state_labels) if not name.startswith(_NOT_OF_THE_ROTOR)]
+    left = np.linalg.pinv(vectors)  # poles at z = 0 share eigenvectors
+    return np.asarray(np.abs(vectors[own] * left[:, own].T).sum(axis=0))
