@@ -15,9 +15,8 @@ from amb_core.loop.control import ControllerParameters, PdController
 RATE = 10_000.0
 STEPS = 10_000
 NOISE = 0.05e-6  # m
-CURRENT = 0.4  # A rms
 MULTISINE = {"amplitude": 5e-6, "frequency_start": 1.0, "frequency_end": 2_000.0, "seed": 1}
-PRBS = {"amplitude": 1e-6, "seed": 1}
+PRBS = {"amplitude": 2e-6, "seed": 1}
 
 
 def bearing(bandwidth: float, mode: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _NOT_OF_THE_ROTOR = ("flux", "circulating", "memory", "integral", "charge", "voltage", "held", "sensed", "derivative")
 _LEAST_PARTICIPATION = 0.1
 _LEAST_SHARE = 0.9  # of the motion of an output, relative to the mode that moves it most
+_SAME_RATE = 1e-4
+_LEAST_SHAPE = 1e-3
 _LEAST_ALIKE = 0.5  # modal assurance criterion of two shapes: 1 for the same, 0 for orthogonal ones
 
 
@@ -43,19 +45,33 @@ def rigid_pair(loop: control.StateSpace, axis: str) -> NDArray[np.complex128] | 
     modes = modes[np.argsort(np.abs(rates[modes]), kind="stable")]
     if not len(modes):
         return None
-    shapes = loop.C @ vectors[:, modes]
-    shapes = shapes / np.linalg.norm(shapes, axis=0)
-    share = np.abs(shapes[loop.output_labels.index(axis)])
+    spans = _spans(loop.C @ vectors[:, modes], rates[modes])
+    along = np.eye(loop.noutputs)[loop.output_labels.index(axis)]
+    share = np.array([np.linalg.norm(span.conj().T @ along) for span in spans])
     first = int(np.argmax(share > _LEAST_SHARE * share.max()))
-    alike = np.abs(shapes[:, first].conj() @ shapes) ** 2 > _LEAST_ALIKE
     pair = rates[modes[first : first + 1]]
     if pair[0].imag > 0.0:
         return np.concatenate([pair, pair.conj()])
-    later = [number for number in np.flatnonzero(alike) if number > first]
-    if not later:
-        return None
-    pair = np.concatenate([pair, rates[modes[later[:1]]]])
-    return pair if (pair.imag == 0.0).all() and (pair.real < 0.0).all() else None
+    shape = spans[first] @ (spans[first].conj().T @ along) / share[first]
+    for number in range(first + 1, len(modes)):
+        alike = np.linalg.norm(spans[number].conj().T @ shape) ** 2 > _LEAST_ALIKE
+        if alike and not _same(rates[modes[number]], pair[0]):
+            pair = np.concatenate([pair, rates[modes[number : number + 1]]])
+            return pair if (pair.imag == 0.0).all() and (pair.real < 0.0).all() else None
+    return None
+
+
+def _spans(shapes: NDArray[np.complex128], rates: NDArray[np.complex128]) -> list[NDArray[np.complex128]]:
+    """Orthonormal bases of the shapes of each mode and of those of the same rate: axes alike mix at random."""
+    bases = []
+    for rate in rates:
+        left, singular, _ = np.linalg.svd(shapes[:, _same(rates, rate)], full_matrices=False)
+        bases.append(left[:, singular > _LEAST_SHAPE * singular[0]])
+    return bases
+
+
+def _same(rates: NDArray[np.complex128] | complex, rate: complex) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(rates - rate) <= _SAME_RATE * np.abs(rate))
 
 
 def _participation(loop: control.StateSpace, vectors: NDArray[np.complex128]) -> NDArray[np.float64]:
