@@ -137,8 +137,8 @@ def _delayed(plant: control.StateSpace, samples: int) -> control.StateSpace:
 def _excitation(kind: str, seed: int) -> NDArray[np.float64]:
     """Reference positions (m); a multisine or PRBS that makes the control current `CURRENT` with the rotor at rest."""
     rate = CONTROLLER.sample_rate
-    if kind == "square":  # an edge and the weight together ask for less than the current limit
-        request: dict[str, object] = {"amplitude": 2e-6, "frequency": 100.0, "duration": STEPS / rate}
+    if kind == "square":  # an edge asks for 2.3 A
+        request: dict[str, object] = {"amplitude": 3e-6, "frequency": 100.0, "duration": STEPS / rate}
         return generate(excitation_from_request(kind, request), rate).samples
     request = {"amplitude": 20e-6, "duration": STEPS / rate, "seed": seed}
     if kind == "multisine":

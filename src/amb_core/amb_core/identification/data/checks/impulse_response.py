@@ -25,7 +25,7 @@ _MOST_COLUMNS = 160
 _ROWS_PER_COLUMN = 8
 _LEAST_NOISE = 1e-6  # variance relative to the output's: no bearing is linear to better than 0.1 %
 _DRAWS = 200
-_START = np.array([0.0, 0.0, -2.0, -3.5])  # ln of scale and decay rate of inputs, then of outputs, as they are stored
+_START = np.array([0.0, 0.0, -2.0, -3.5])  # ln of the scales of inputs and outputs, and of their decay rates
 _SPREAD = np.array([2.0, 2.0, 1.0, 1.0])
 _BOUNDS = np.array([[-14.0, 8.0], [-14.0, 8.0], [-5.0, 1.0], [-5.0, 1.0]])
 _EVALUATIONS = 120
@@ -88,9 +88,9 @@ def _posterior(
 
     def weighted(shape: NDArray[np.float64]) -> NDArray[np.float64]:
         """Regressors times a square root of the prior covariance."""
-        scales = [linalg.cholesky(_stable_spline(*shape[kind::2], lags), lower=True) for kind in range(2)]
+        of_inputs, of_outputs = _prior_roots(shape, lags)
         blocks = [regressors[:, first : first + lags] for first in range(0, size, lags)]
-        return np.hstack([block @ scales[number >= m] for number, block in enumerate(blocks)])
+        return np.hstack([block @ (of_inputs if number < m else of_outputs) for number, block in enumerate(blocks)])
 
     def cost(shape: NDArray[np.float64]) -> float:
         """Minus the logarithm of the marginal likelihood."""
@@ -122,10 +122,16 @@ def _regularised(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Posterior by singular values: with theta = S w, w of unit covariance, and regressors S = U diag(s) V^T."""
     left, singular, right = linalg.svd(root)
-    scales = [linalg.cholesky(_stable_spline(*shape[kind::2], lags), lower=True) for kind in range(2)]
-    prior = linalg.block_diag(*[scales[number >= m] for number in range(len(root) // lags)])
+    of_inputs, of_outputs = _prior_roots(shape, lags)
+    prior = linalg.block_diag(*[of_inputs if number < m else of_outputs for number in range(len(root) // lags)])
     mean = prior @ (right.T @ (singular / (singular**2 + noise) * (left.T @ target)))
     return mean, prior @ (right.T * np.sqrt(noise / (singular**2 + noise)))
+
+
+def _prior_roots(shape: NDArray[np.float64], lags: int) -> list[NDArray[np.float64]]:
+    """Square roots of the prior covariances of the responses to inputs and to outputs."""
+    pairs = zip(shape[:2], shape[2:], strict=True)
+    return [linalg.cholesky(_stable_spline(float(scale), float(rate), lags), lower=True) for scale, rate in pairs]
 
 
 def _stable_spline(log_scale: float, log_rate: float, lags: int) -> NDArray[np.float64]:
