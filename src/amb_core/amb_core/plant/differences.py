@@ -104,7 +104,8 @@ def open_plant(plant: Plant, point: OperatingPoint) -> OpenPlant:
 
     slopes = _differences(rates_and_currents, _scales(averaged)[kept])
     slopes = np.hstack([slopes[:, ~driven], slopes[:, driven] / (2.0 * supply)])
-    (a, b), (c, d) = (np.split(rows, [np.sum(~driven)], axis=1) for rows in np.split(slopes, [np.sum(~driven)]))
+    order = int(np.sum(~driven))
+    (a, b), (c, d) = (np.split(rows, [order], axis=1) for rows in np.split(slopes, [order]))
     sensors = (averaged.sensors()[plant_axes(plant)] @ embedding)[:, ~driven]
     states = [averaged.names[n] for n in kept[~driven]]
     a, b, sensors, states = _with_sensors(a, b, sensors, states, plant)
