@@ -20,10 +20,12 @@ from amb_core.identification.data.checks.impulse_response import ImpulseResponse
 from amb_core.identification.data.dataset import IdentificationData
 
 _SIGNIFICANT = 5.0  # standard deviations of a sample that responds
-_LEAST_SHARE = 0.03  # of the largest of the next samples
+_LEAST_SHARE = 0.15  # of the largest of the next samples; what is less is part of the start that is fitted
 _NEXT = 4  # samples
+_LEAST_COUPLING = 0.1  # of the clearest output's response; what is less is no earlier response of another output
 _EARLIER = 4  # dead times compared, up to the first sample that responds
 _WORSE = 4.0  # chi-square by which shorter dead times must fit worse, 5 % level of one degree of freedom
+_WORST = 12.0  # chi-square of the best fit beyond which the start of the response is not that of a linear bearing
 _MODEL_ERROR = 0.03  # of the growth, relative to a sample of the response
 _LEAST_ERROR = 0.01  # relative to the largest sample
 _LARGEST_SLOPE = 0.25  # of the gain, per sample
@@ -50,8 +52,12 @@ def _of_input(response: ImpulseResponse, column: int) -> int:
         return 0
     clarity = np.abs(response.mean[:, :, column] / np.maximum(deviation, np.finfo(float).tiny))
     best = max(responding, key=lambda row: clarity[: (first[row] or 0) + _NEXT, row].max())
-    dead = _proven(response.mean[:, best, column], response.draws[:, :, best, column], first[best] or 0)
-    return min([dead, *(lag for lag in first if lag is not None)])
+    clearest = response.mean[:, best, column]
+    dead = _proven(clearest, response.draws[:, :, best, column], first[best] or 0)
+    least = _LEAST_COUPLING * np.abs(clearest[: (first[best] or 0) + _NEXT]).max()
+    early = np.abs(response.mean[:dead, responding, column]) > least
+    early &= np.abs(response.mean[:dead, responding, column]) > _SIGNIFICANT * deviation[:dead][:, responding]
+    return int(np.argmax(early.any(axis=1))) if early.any() else dead
 
 
 def _first_lag(mean: NDArray[np.float64], deviation: NDArray[np.float64]) -> int | None:
@@ -70,6 +76,8 @@ def _proven(mean: NDArray[np.float64], draws: NDArray[np.float64], first: int) -
     weight = linalg.cholesky(np.cov(draws[:, window], rowvar=False) + np.diag(error), lower=True)
     misfits = np.array([_misfit(seen, weight, dead) for dead in range(first - shortest + 1)])
     found = int(np.argmin(misfits))
+    if misfits[found] > _WORST:
+        return 0
     while found > 0 and misfits[:found].min() - misfits[found] < _WORSE:
         found -= 1
     return shortest + found if found > 0 else 0
