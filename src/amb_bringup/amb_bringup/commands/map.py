@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.commands.inputs import load_loop, load_regions, typed_value
+from amb_bringup.commands.map_confirmation import confirmation_summary, print_confirmation
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
@@ -25,6 +26,7 @@ from amb_core.regions import Region
 from amb_core.regions.region_map import (
     BOUNDARIES,
     Comparison,
+    ConfirmationSettings,
     GridCell,
     MapProgress,
     MapSettings,
@@ -33,13 +35,22 @@ from amb_core.regions.region_map import (
     build_grid,
     build_map,
     compare,
+    confirm_map,
+    sweep_rate_text,
 )
 
 
-@declared_options({"Sweeps": [MapSettings]})
+@declared_options({"Sweeps": [MapSettings], "Confirmation, with --confirm": [ConfirmationSettings]})
 def region_map(
     given: dict[str, Any],
     params: ParamsOption = None,
+    confirm: Annotated[
+        bool,
+        typer.Option(
+            "--confirm",
+            help="Bisect the boundaries with fixed sines, and repeat the sweeps at another rate.",
+        ),
+    ] = False,
     grid: Annotated[
         list[str] | None,
         typer.Option(
@@ -62,10 +73,12 @@ def region_map(
 ) -> None:
     """Find where regions B, C and D begin, amplitude by amplitude, from simulated sweeps.
 
-    Every finished sweep is kept. The same command resumes after an interruption.
+    Every finished sweep and dwell is kept. The same command resumes after an interruption.
     """
-    settings = validate(MapSettings, given, RegionError)
+    settings, confirmation = _settings(given, confirm)
     design = _design(grid or [])
+    if design and confirm:
+        raise RegionError("--confirm is not available with --grid; confirm a map of one design")
     plant, controller = load_loop(params)
     regions = load_regions(params)
     make_folder(out)
@@ -74,9 +87,10 @@ def region_map(
 
         def show(progress: MapProgress) -> None:
             boundaries = "" if progress.map is None else _ranges(progress.map)
-            stages.update("sweeps", progress.done, progress.total, boundaries)
+            stages.update(stage, progress.done, progress.total, boundaries)
 
-        stages.update("sweeps")
+        stage = "sweeps"
+        stages.update(stage)
         options: dict[str, Any] = {
             "cache": cache, "scheduler": scheduler, "workers": workers,
             "progress": show, "cancelled": interrupt.asked,
@@ -86,6 +100,9 @@ def region_map(
                 cells = build_grid(settings, plant, controller, design, regions, **options)
             else:
                 found = build_map(settings, plant, controller, regions, **options)
+                if confirm and not interrupt.asked():
+                    stage = "confirmation"
+                    found = confirm_map(found, plant, controller, regions, confirmation, **options)
         except AmbError:
             if interrupt.asked():  # before any sweep was finished
                 raise KeyboardInterrupt from None
@@ -97,6 +114,16 @@ def region_map(
     if interrupt.asked():
         typer.echo("amb: interrupted; finished sweeps are kept: run the same command to resume", err=True)
         raise typer.Exit(INTERRUPTED)
+
+
+def _settings(given: dict[str, Any], confirm: bool) -> tuple[MapSettings, ConfirmationSettings]:
+    """Settings of the sweeps and of the confirmation from the options."""
+    asked = {name: value for name, value in given.items() if name in ConfirmationSettings.model_fields}
+    if asked and not confirm:
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in asked)
+        raise RegionError(f"{names}: allowed with --confirm only")
+    sweeps = {name: value for name, value in given.items() if name not in asked}
+    return validate(MapSettings, sweeps, RegionError), validate(ConfirmationSettings, asked, RegionError)
 
 
 class _Interrupt:
@@ -157,6 +184,8 @@ def _write_map(
     map_chart(found, lines).save(out, "map")
     console.print(_boundary_table(found))
     console.print(_line_table(comparisons))
+    console.print(f"rate of the sweeps: {sweep_rate_text(found)}")
+    print_confirmation(found, console)
     if not found.complete:
         console.print("[yellow]not resolved as requested; more sweeps (--max-sweeps) would help[/yellow]")
     console.print(f"map.json, summary.json, map.png, map.html: {out}")
@@ -196,8 +225,10 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
 
 
 def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
+    confirmed = {} if found.confirmation is None else {"confirmation": confirmation_summary(found)}
     return {
         "complete": found.complete,
+        "sweep_rate": sweep_rate_text(found),
         "sweeps": [
             {
                 "amplitude_um": round(1e6 * sweep.amplitude, 4),
@@ -217,7 +248,7 @@ def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
             }
             for one in comparisons
         ],
-    }
+    } | confirmed
 
 
 def _boundary_table(found: RegionMap) -> Table:

@@ -52,7 +52,7 @@ def clipped_fundamental(amplitude: NDArray[np.float64], limit: float) -> NDArray
 
 @dataclass(frozen=True)
 class Limits:
-    """Amplitudes at which sines enter a region or a higher one.
+    """Amplitudes at which sines enter a region or a higher one; on the dwell side of a map that is confirmed.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Limits:
 def limits(
     region_map: RegionMap, region: Region, frequency: NDArray[np.float64], controller: ControllerParameters
 ) -> Limits:
-    """Amplitudes at which sines enter a region or a higher one.
+    """Amplitudes at which sines enter a region or a higher one; on the dwell side of a map that is confirmed.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def limits(
         The control law, with which the map is extrapolated to smaller amplitudes and higher frequencies.
     """
     grid = np.geomspace(region_map.amplitudes[0], region_map.amplitudes[-1], GRID)
-    begins = np.min([region_map.boundary(above, grid) for above in ABOVE_A if above >= region], axis=0)
+    begins = np.min([region_map.boundary(above, grid, "dwell") for above in ABOVE_A if above >= region], axis=0)
     begins = np.minimum.accumulate(begins)  # falls with amplitude
     start, end = region_map.settings.frequency_start, region_map.settings.frequency_end
     mapped = np.clip(frequency, start, end)

@@ -13,7 +13,7 @@ from amb_core.excitation_design.result import AxisCheck
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import Parameters, flatten, validate
 from amb_core.plant import PlantParameters
-from amb_core.regions.region_map import RegionMap
+from amb_core.regions.region_map import RegionMap, confirmation_warnings
 
 P = TypeVar("P", bound=Parameters)
 
@@ -60,6 +60,7 @@ def notes_on(
     return (
         *_by_axis({axis.axis: list(_outside(axis, region_map)) for axis in axes}),
         *([] if region_map.complete else ["the map is not complete: its boundaries are coarser than requested"]),
+        *confirmation_warnings(region_map),
         *_made_otherwise(region_map, "controller", ControllerParameters, controller),
         *_made_otherwise(region_map, "plant", PlantParameters, plant),
         *_other_rate(signal, controller),

@@ -59,7 +59,7 @@ def _panel(axis: AxisCheck, region_map: RegionMap) -> Panel:
     low = min(horizontal.limits[0], max(0.8 * amplitude.min(), horizontal.limits[0] / REACH))
     high = max(horizontal.limits[1], 1.2 * amplitude.max())
     ends = (min(vertical.limits[0], 0.8 * frequency.min()), max(vertical.limits[1], frequency.max()))
-    items: list[Item] = list(region_items(region_map))
+    items: list[Item] = list(region_items(region_map, "dwell"))
     name = FORMS[axis.form]
     if axis.form == "instantaneous":
         items.append(Curve(amplitude, frequency, name, Stroke(BLUE, width=2.5)))

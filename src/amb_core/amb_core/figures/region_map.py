@@ -14,7 +14,7 @@ from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Band, Curve, HoverGrid, Item, Note, Panel, Points, Table
 from amb_core.figures.style import BLUE, GREEN, GREY, REGIONS, Stroke, region_label
 from amb_core.regions import Region
-from amb_core.regions.region_map import BOUNDARIES, RegionMap
+from amb_core.regions.region_map import BOUNDARIES, RegionMap, Side, sweep_and_dwell
 from amb_core.units import UM
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def map_chart(region_map: RegionMap, lines: Sequence[AnalyticLine] = (), title: 
         Curve(UM * line.amplitude, line.frequency, line.name, LINES[number % len(LINES)])
         for number, line in enumerate(lines)
     ]
-    items = (*_hover(region_map), *region_items(region_map), *drawn, *_simulated(region_map))
+    items = (*_hover(region_map), *region_items(region_map), *dwell_items(region_map), *drawn, *_simulated(region_map))
     panel = Panel(*map_axes(region_map), items)
     return Chart(title, _alt(region_map), (panel,), size=(8.0, 6.2), table=_table(region_map))
 
@@ -91,12 +91,12 @@ def map_axes(region_map: RegionMap) -> tuple[Axis, Axis]:
     )
 
 
-def region_items(region_map: RegionMap) -> list[Item]:
+def region_items(region_map: RegionMap, side: Side = "sweep") -> list[Item]:
     """The regions as areas, the boundaries between them as lines, and a letter in each region."""
     horizontal, vertical = map_axes(region_map)
     assert horizontal.limits is not None and vertical.limits is not None
     amplitude = np.geomspace(*horizontal.limits, POINTS)
-    edges = _lower_edges(region_map, amplitude / UM, vertical.limits)
+    edges = _lower_edges(region_map, amplitude / UM, vertical.limits, side)
     areas: list[Item] = []
     boundaries: list[Item] = []
     letters: list[Item] = []
@@ -117,13 +117,33 @@ def region_items(region_map: RegionMap) -> list[Item]:
 
 
 def _lower_edges(
-    region_map: RegionMap, amplitude: NDArray[np.float64], ends: tuple[float, float]
+    region_map: RegionMap, amplitude: NDArray[np.float64], ends: tuple[float, float], side: Side
 ) -> list[NDArray[np.float64]]:
     """Lower ends of the regions (Hz) at amplitudes (m), and the top, shape (5, n); higher regions come first."""
     edges = [np.full(amplitude.shape, ends[1])]
     for region in reversed(BOUNDARIES):
-        edges.append(np.minimum(np.clip(region_map.boundary(region, amplitude), *ends), edges[-1]))
+        edges.append(np.minimum(np.clip(region_map.boundary(region, amplitude, side), *ends), edges[-1]))
     return [np.full(amplitude.shape, ends[0]), *reversed(edges)]
+
+
+def dwell_items(region_map: RegionMap) -> list[Item]:
+    """Boundaries under fixed sines, and the bands between them and the boundaries of the sweeps."""
+    top = region_map.settings.frequency_end
+    items: list[Item] = []
+    for band in sweep_and_dwell(region_map):
+        look, name = REGIONS[band.region], band.region.name
+        x = UM * band.amplitude
+        swept, dwelt = np.nan_to_num(band.first, nan=top), np.nan_to_num(band.second, nan=top)
+        items.append(
+            Band(x, np.minimum(swept, dwelt), np.maximum(swept, dwelt), f"{name}, sweep to dwell", look.colour)
+        )
+        begins = np.isfinite(band.second)
+        hover = tuple(
+            f"{a:.3g} µm, {f:.0f} Hz: {region_label(band.region)} begins under a fixed sine"
+            for a, f in zip(x[begins], band.second[begins], strict=True)
+        )
+        items.append(Points(x[begins], band.second[begins], f"{name}, fixed sine", look.colour, "cross", True, hover))
+    return items
 
 
 def _simulated(region_map: RegionMap) -> list[Item]:
@@ -168,6 +188,7 @@ def _alt(region_map: RegionMap) -> str:
     return (
         f"Regions over the amplitude of the reference, {low:.3g} to {high:.3g} µm, and the input frequency. "
         f"As the amplitude rises, {_ranges(region_map)}."
+        + (" Shaded bands: from the boundary of the sweeps to that of fixed sines." if region_map.confirmation else "")
     )
 
 
@@ -191,8 +212,16 @@ def _table(region_map: RegionMap) -> Table:
             else ""
             for region in BOUNDARIES
         ]
-        rows.append((f"{UM * sweep.amplitude:.3g}", *cells))
-    return Table(("amplitude (µm)", *(f"{region.name} from (Hz)" for region in BOUNDARIES)), tuple(rows))
+        rows.append((f"{UM * sweep.amplitude:.3g}", *cells, *_dwell_cells(region_map, sweep.amplitude)))
+    fixed = [f"{region.name} with fixed sines (Hz)" for region in BOUNDARIES if region_map.confirmation is not None]
+    return Table(("amplitude (µm)", *(f"{region.name} from (Hz)" for region in BOUNDARIES), *fixed), tuple(rows))
+
+
+def _dwell_cells(region_map: RegionMap, amplitude: float) -> list[str]:
+    if region_map.confirmation is None:
+        return []
+    found = [region_map.confirmation.frequency(region, amplitude) for region in BOUNDARIES]
+    return ["" if one is None else "none" if math.isinf(one) else f"{one:.0f}" for one in found]
 
 
 def _plain(value: object) -> str:

@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 from amb_core.errors import RegionError
 from amb_core.parameters import declarations, validate
 from amb_core.recording.messages.arrays import doubles
-from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
-from amb_core.regions.region_map.region_map import BOUNDARIES
+from amb_core.regions.region_map import BOUNDARIES, Boundary, MapSettings, MapSweep, RegionMap
 
 M = TypeVar("M", bound=Any)
 

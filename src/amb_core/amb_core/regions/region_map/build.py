@@ -12,8 +12,9 @@ from amb_core.errors import RegionError, TaskError
 from amb_core.loop.control import ControllerParameters, require_one_rate
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import RegionParameters
+from amb_core.regions.region_map.map_sweep import MapSweep
 from amb_core.regions.region_map.refinement import Refinement
-from amb_core.regions.region_map.region_map import MapSweep, RegionMap
+from amb_core.regions.region_map.region_map import RegionMap
 from amb_core.regions.region_map.settings import MapSettings
 from amb_core.regions.region_map.sweep_run import SweepTask
 from amb_core.tasks import Request, ResultCache, cache_folder, run

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters, describe
 from amb_core.regions import Region, lines
-from amb_core.regions.region_map.region_map import BOUNDARIES, RegionMap
+from amb_core.regions.region_map.map_sweep import BOUNDARIES
+from amb_core.regions.region_map.region_map import RegionMap
 
 POINTS = 2000  # of a line; between them its logarithm is linear, to within 1e-6
 

@@ -13,7 +13,8 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.regions.region_map.region_map import BOUNDARIES, MapSweep, RegionMap
+from amb_core.regions.region_map.map_sweep import BOUNDARIES, MapSweep
+from amb_core.regions.region_map.region_map import RegionMap
 from amb_core.regions.region_map.settings import MapSettings
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,52 +15,18 @@ from numpy.typing import ArrayLike, NDArray
 from amb_core.errors import RegionError
 from amb_core.files.regular_files import MIB, read_text, shown
 from amb_core.regions import Region
+from amb_core.regions.region_map.confirmation import Confirmation, confirmation_from_json, confirmation_to_json
+from amb_core.regions.region_map.map_sweep import BOUNDARIES, MapSweep, sweep_from_json, sweep_to_json
 from amb_core.regions.region_map.settings import MapSettings
 
-BOUNDARIES = (Region.B, Region.C, Region.D)
+Side = Literal["sweep", "dwell"]
+"""Where boundaries come from: the sweeps, or the fixed sines that confirm the map.
+
+Without confirmation the dwell side is the sweep side; the same holds for a boundary that was not bisected.
+"""
+
 FORMAT = 1  # of the file; raised when older files can no longer be read
 LARGEST = 64 * MIB  # of a file that is read; a map of 24 sweeps takes about 10 KiB
-
-
-@dataclass(frozen=True)
-class Boundary:
-    """Where a region begins in a sweep.
-
-    Attributes
-    ----------
-    frequency : float
-        Input frequency at the onset (Hz).
-    resonance : bool
-        Whether the loop was then at its resonance: see `amb_core.regions.Onset`.
-    """
-
-    frequency: float
-    resonance: bool
-
-
-@dataclass(frozen=True)
-class MapSweep:
-    """The result of one sweep.
-
-    Attributes
-    ----------
-    amplitude : float
-        Amplitude of the sweep (m).
-    boundaries : dict of Region to Boundary
-        Onsets of the rotor's regions B, C and D in order; those that did not occur are missing.
-    beats : tuple of (float, float)
-        Spans of the input frequency (Hz) in which the input beat with the sample rate.
-    highest_frequency : float
-        Frequency reached: the sweep's end, or that of delevitation (Hz).
-    steps : int
-        Controller steps simulated.
-    """
-
-    amplitude: float
-    boundaries: dict[Region, Boundary]
-    beats: tuple[tuple[float, float], ...]
-    highest_frequency: float
-    steps: int
 
 
 @dataclass(frozen=True)
@@ -81,12 +46,15 @@ class RegionMap:
         Parameters of plant, controller and classifier, version of the code: everything needed to repeat it.
     complete : bool
         Whether the boundaries are resolved as requested; false if `max_sweeps` or a cancellation ended the map earlier.
+    confirmation : Confirmation or None
+        Boundaries under fixed sines and in sweeps at another rate, if the map was confirmed.
     """
 
     settings: MapSettings
     sweeps: tuple[MapSweep, ...]
     provenance: dict[str, Any] = field(default_factory=dict)
     complete: bool = True
+    confirmation: Confirmation | None = None
 
     def __post_init__(self) -> None:
         amplitudes = [sweep.amplitude for sweep in self.sweeps]
@@ -98,13 +66,26 @@ class RegionMap:
         """Amplitudes of the sweeps (m), shape (sweeps,)."""
         return np.array([sweep.amplitude for sweep in self.sweeps])
 
-    def frequencies(self, region: Region) -> NDArray[np.float64]:
-        """Frequency at which a region begins in each sweep (Hz), shape (sweeps,); NaN where it does not occur."""
-        return np.array(
-            [sweep.boundaries[region].frequency if region in sweep.boundaries else math.nan for sweep in self.sweeps]
-        )
+    def frequencies(self, region: Region, side: Side = "sweep") -> NDArray[np.float64]:
+        """Frequency at which a region begins at each amplitude (Hz), shape (sweeps,); NaN where it does not occur.
 
-    def boundary(self, region: Region, amplitude: ArrayLike) -> NDArray[np.float64]:
+        Parameters
+        ----------
+        region : Region
+            B, C or D.
+        side : {"sweep", "dwell"}, optional
+            See `Side`.
+        """
+        return np.array([self._frequency(sweep, region, side) for sweep in self.sweeps])
+
+    def _frequency(self, sweep: MapSweep, region: Region, side: Side) -> float:
+        if side == "dwell" and self.confirmation is not None:
+            confirmed = self.confirmation.frequency(region, sweep.amplitude)
+            if confirmed is not None:
+                return confirmed if math.isfinite(confirmed) else math.nan
+        return sweep.boundaries[region].frequency if region in sweep.boundaries else math.nan
+
+    def boundary(self, region: Region, amplitude: ArrayLike, side: Side = "sweep") -> NDArray[np.float64]:
         """Frequency at which a region begins at any amplitude (Hz); infinity where it does not occur.
 
         Outside the amplitudes of the map the nearest sweep is used.
@@ -115,10 +96,13 @@ class RegionMap:
             B, C or D.
         amplitude : array_like
             Amplitudes (m), positive.
+        side : {"sweep", "dwell"}, optional
+            See `Side`.
         """
         wanted = np.log(np.asarray(amplitude, dtype=np.float64))
         known = np.log(self.amplitudes)
-        values = np.where(np.isnan(self.frequencies(region)), np.inf, np.log(self.frequencies(region)))
+        frequencies = self.frequencies(region, side)
+        values = np.where(np.isnan(frequencies), np.inf, np.log(frequencies))
         if len(known) == 1:
             return np.exp(np.full(wanted.shape, values[0]))
         wanted = np.clip(wanted, known[0], known[-1])
@@ -130,17 +114,17 @@ class RegionMap:
             between = values[right - 1] + share * (values[right] - values[right - 1])
         return np.exp(np.where(both, between, nearest))
 
-    def region_at(self, frequency: ArrayLike, amplitude: ArrayLike) -> NDArray[np.int_]:
-        """Region in which a sweep of an amplitude (m) runs at a frequency (Hz), as values of `Region`; broadcasts."""
+    def region_at(self, frequency: ArrayLike, amplitude: ArrayLike, side: Side = "sweep") -> NDArray[np.int_]:
+        """Region in which a sine of an amplitude (m) runs at a frequency (Hz), as values of `Region`; broadcasts."""
         frequency, amplitude = np.broadcast_arrays(
             np.asarray(frequency, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
         )
         found = np.full(frequency.shape, int(Region.A))
         for region in BOUNDARIES:
-            found[frequency >= self.boundary(region, amplitude)] = int(region)
+            found[frequency >= self.boundary(region, amplitude, side)] = int(region)
         return found
 
-    def linear_limit(self, frequency: ArrayLike) -> NDArray[np.float64]:
+    def linear_limit(self, frequency: ArrayLike, side: Side = "sweep") -> NDArray[np.float64]:
         """Largest amplitude (m) up to which every smaller one runs in region A at a frequency (Hz).
 
         Between the sweeps it is interpolated as in `boundary`. It is 0 if not even the smallest amplitude of the map is
@@ -148,7 +132,7 @@ class RegionMap:
         """
         frequency = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
         grid = np.geomspace(self.amplitudes[0], self.amplitudes[-1], max(2, 40 * len(self.sweeps)))
-        first = np.min([self.boundary(region, grid) for region in BOUNDARIES], axis=0)
+        first = np.min([self.boundary(region, grid, side) for region in BOUNDARIES], axis=0)
         linear = frequency[:, None] < np.minimum.accumulate(first)[None, :]
         count = linear.sum(axis=1)
         return np.where(count > 0, grid[np.maximum(count - 1, 0)], 0.0)
@@ -168,6 +152,8 @@ class RegionMap:
             "provenance": self.provenance,
             "sweeps": [sweep_to_json(sweep) for sweep in self.sweeps],
         }
+        if self.confirmation is not None:
+            content["confirmation"] = confirmation_to_json(self.confirmation)
         path = Path(path)
         part = path.with_name(f"{path.name}.part")
         try:
@@ -196,6 +182,7 @@ class RegionMap:
                 tuple(sweep_from_json(entry) for entry in content["sweeps"]),
                 content["provenance"],
                 content["complete"],
+                None if content.get("confirmation") is None else confirmation_from_json(content["confirmation"]),
             )
         except OSError as problem:
             raise RegionError(f"region map {shown(path)}: cannot be read: {problem.strerror}") from None
@@ -205,32 +192,3 @@ class RegionMap:
             raise RegionError(
                 f"region map {path}: is no region map as `amb map` or region_monitor/build_map writes it ({problem!r})"
             ) from None
-
-
-def sweep_to_json(sweep: MapSweep) -> dict[str, Any]:
-    """A sweep as plain JSON values."""
-    return {
-        "amplitude": sweep.amplitude,
-        "boundaries": {
-            region.name: {"frequency": boundary.frequency, "resonance": boundary.resonance}
-            for region, boundary in sweep.boundaries.items()
-        },
-        "beats": [list(span) for span in sweep.beats],
-        "highest_frequency": sweep.highest_frequency,
-        "steps": sweep.steps,
-    }
-
-
-def sweep_from_json(entry: dict[str, Any]) -> MapSweep:
-    """The sweep that `sweep_to_json` wrote; KeyError, TypeError or ValueError for anything else."""
-    beats: Sequence[Sequence[float]] = entry["beats"]
-    return MapSweep(
-        float(entry["amplitude"]),
-        {
-            Region[name]: Boundary(float(found["frequency"]), bool(found["resonance"]))
-            for name, found in entry["boundaries"].items()
-        },
-        tuple((float(low), float(high)) for low, high in beats),
-        float(entry["highest_frequency"]),
-        int(entry["steps"]),
-    )

@@ -1,13 +1,14 @@
-"""Settings of a region map: which sweeps, between which amplitudes, and how finely its boundaries are resolved."""
+"""Settings of a region map: which sweeps and amplitudes, how finely boundaries are resolved, how they are confirmed."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 from pydantic import model_validator
 
 from amb_core.excitation import Sweep
-from amb_core.parameters import Parameters, choice, quantity
+from amb_core.parameters import Parameters, choice, declarations, quantity
 
 
 class MapSettings(Parameters):
@@ -54,6 +55,18 @@ class MapSettings(Parameters):
             raise ValueError(f"initial_sweeps = {self.initial_sweeps} must not exceed max_sweeps = {self.max_sweeps}")
         return self
 
+    def sweep_rate(self, frequency: float) -> float:
+        """Rate of the sweeps (Hz/s) at a frequency (Hz); that of a linear sweep is the same at all frequencies."""
+        if self.spacing == "linear":
+            return (self.frequency_end - self.frequency_start) / self.duration
+        return frequency * math.log(self.frequency_end / self.frequency_start) / self.duration
+
+    def at_rate(self, factor: float) -> MapSettings:
+        """The same settings with sweeps whose rate is multiplied by a factor, within the allowed durations."""
+        allowed = next(item for item in declarations(MapSettings) if item.name == "duration")
+        duration = min(max(self.duration / factor, allowed.minimum or 0.0), allowed.maximum or math.inf)
+        return self.model_copy(update={"duration": duration})
+
     def sweep(self, amplitude: float) -> Sweep:
         """The sweep of one amplitude (m)."""
         return Sweep(
@@ -64,3 +77,28 @@ class MapSettings(Parameters):
             frequency_end=self.frequency_end,
             spacing=self.spacing,
         )
+
+
+class ConfirmationSettings(Parameters):
+    """Settings of the confirmation of a region map: fixed sines (dwells), and sweeps at another rate."""
+
+    dwell: float = quantity(
+        4.0,
+        "s",
+        "time at the fixed frequency; a drift of the classifier's threshold within it counts as region B",
+        1.0,
+        600.0,
+    )
+    ramp: float = quantity(
+        0.5,
+        "s",
+        "time of the smooth start of the amplitude, and then of the smooth change to the fixed frequency",
+        0.05,
+        60.0,
+    )
+    approach: float = quantity(
+        1.2, "-", "ratio of the fixed frequency and the one at which the sine starts, below or above it", 1.01, 3.0
+    )
+    rate_factor: float = quantity(
+        0.5, "-", "rate of the sweeps that are repeated, as a multiple of the rate of the map's sweeps", 0.02, 50.0
+    )

@@ -14,7 +14,7 @@ from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.parameters import flatten, part_of
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import Classification, RegionParameters, classify
-from amb_core.regions.region_map.region_map import Boundary, MapSweep, sweep_from_json, sweep_to_json
+from amb_core.regions.region_map.map_sweep import Boundary, MapSweep, sweep_from_json, sweep_to_json
 from amb_core.simulation import simulate
 from amb_core.tasks.provenance import code_version, file_checksums
 from amb_core.tasks.task import Task

@@ -1,0 +1,160 @@
+"""How far the boundaries of a confirmed map lie apart: sweep and dwell, both directions, two rates of the sweeps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.regions import Region
+from amb_core.regions.region_map.confirmation import Direction
+from amb_core.regions.region_map.map_sweep import BOUNDARIES, MapSweep
+from amb_core.regions.region_map.region_map import RegionMap
+
+MOVED = 0.1  # relative change of a boundary above which a warning reports it
+
+
+@dataclass(frozen=True)
+class BoundaryBand:
+    """One boundary of a map, found in two ways, at the amplitudes at which either has it.
+
+    Attributes
+    ----------
+    region : Region
+        Region that begins at the boundary.
+    amplitude : ndarray, shape (n,)
+        Amplitudes (m).
+    first, second : ndarray, shape (n,)
+        Frequencies (Hz); NaN where the region does not begin.
+    """
+
+    region: Region
+    amplitude: NDArray[np.float64]
+    first: NDArray[np.float64]
+    second: NDArray[np.float64]
+
+    @property
+    def ratio(self) -> NDArray[np.float64]:
+        """Second over first frequency where there are both, shape (m,)."""
+        ratio = self.second / self.first
+        return ratio[np.isfinite(ratio)]
+
+    @property
+    def only_first(self) -> int:
+        """Number of amplitudes at which only the first way shows the region."""
+        return int(np.sum(np.isfinite(self.first) & np.isnan(self.second)))
+
+    @property
+    def only_second(self) -> int:
+        """Number of amplitudes at which only the second way shows the region."""
+        return int(np.sum(np.isnan(self.first) & np.isfinite(self.second)))
+
+    @property
+    def moved(self) -> int:
+        """Number of amplitudes at which the boundary moves by more than `MOVED`, or appears in one way only."""
+        return int(np.sum(np.abs(self.ratio - 1.0) > MOVED)) + self.only_first + self.only_second
+
+
+def sweep_and_dwell(found: RegionMap) -> list[BoundaryBand]:
+    """Boundaries in the sweeps of a map (first) and under fixed sines (second), where both are determined."""
+    confirmation = found.confirmation
+    if confirmation is None:
+        return []
+    return _bands(
+        (region, sweep.amplitude, _swept(sweep, region), dwell)
+        for region in BOUNDARIES
+        for sweep in found.sweeps
+        if (dwell := confirmation.frequency(region, sweep.amplitude)) is not None
+    )
+
+
+def below_and_above(found: RegionMap) -> list[BoundaryBand]:
+    """Boundaries under fixed sines that were approached from below (first) and above (second), where both are known."""
+    confirmation = found.confirmation
+    if confirmation is None:
+        return []
+    sides: tuple[Direction, Direction] = ("below", "above")
+    pairs = [
+        (region, sweep.amplitude, [confirmation.dwell(region, sweep.amplitude, side) for side in sides])
+        for region in BOUNDARIES
+        for sweep in found.sweeps
+    ]
+    return _bands(
+        (region, amplitude, pair[0].frequency, pair[1].frequency)
+        for region, amplitude, pair in pairs
+        if pair[0] is not None and pair[1] is not None and pair[0].reached and pair[1].reached
+    )
+
+
+def two_rates(found: RegionMap) -> list[BoundaryBand]:
+    """Boundaries in the sweeps of a map (first) and in those at the other rate (second)."""
+    confirmation = found.confirmation
+    if confirmation is None:
+        return []
+    other = {sweep.amplitude: sweep for sweep in confirmation.sweeps}
+    return _bands(
+        (
+            region,
+            sweep.amplitude,
+            _swept(sweep, region),
+            _swept(other[sweep.amplitude], region),
+        )
+        for region in BOUNDARIES
+        for sweep in found.sweeps
+        if sweep.amplitude in other
+    )
+
+
+def confirmation_warnings(found: RegionMap) -> list[str]:
+    """Boundaries of a confirmed map that depend on the rate of its sweeps, by more than 10 %, as sentences."""
+    if found.confirmation is None:
+        return []
+    here = sweep_rate_text(found)
+    other = sweep_rate_text(found, found.confirmation.settings.rate_factor)
+    return [
+        f"{band.region.name} depends on the rate of the sweeps: from {here} to {other} it "
+        f"{', '.join(_movement(band))}; use the dwell side, or sweep more slowly"
+        for band in two_rates(found)
+        if band.moved
+    ]
+
+
+def sweep_rate_text(found: RegionMap, factor: float = 1.0) -> str:
+    """The rate of the sweeps of a map, multiplied by a factor, as text."""
+    settings = found.settings if factor == 1.0 else found.settings.at_rate(factor)
+    start, end = (settings.sweep_rate(edge) for edge in (settings.frequency_start, settings.frequency_end))
+    return f"{start:.4g} Hz/s" if start == end else f"{start:.3g} to {end:.3g} Hz/s"
+
+
+def _movement(band: BoundaryBand) -> Iterator[str]:
+    moved = band.ratio[np.abs(band.ratio - 1.0) > MOVED]
+    if len(moved):
+        largest = moved[np.argmax(np.abs(np.log(moved)))]
+        yield (
+            f"moves by more than {100 * MOVED:.0f} % at {len(moved)} of {len(band.amplitude)} amplitudes "
+            f"(most: {100 * (largest - 1.0):+.0f} %)"
+        )
+    if band.only_first:
+        yield f"disappears at {band.only_first}"
+    if band.only_second:
+        yield f"appears at {band.only_second}"
+
+
+def _swept(sweep: MapSweep, region: Region) -> float:
+    """Frequency at which a region begins in a sweep (Hz); infinity if it does not."""
+    return sweep.boundaries[region].frequency if region in sweep.boundaries else math.inf
+
+
+def _bands(rows: Iterable[tuple[Region, float, float, float]]) -> list[BoundaryBand]:
+    """Bands of the boundaries that occur, from rows of region, amplitude and two frequencies (infinite: none)."""
+    found: dict[Region, list[tuple[float, float, float]]] = {}
+    for region, amplitude, first, second in rows:
+        if math.isfinite(first) or math.isfinite(second):
+            found.setdefault(region, []).append((amplitude, first, second))
+    return [
+        BoundaryBand(region, *np.where(np.isfinite(values := np.array(rows_).T), values, np.nan))
+        for region, rows_ in found.items()
+    ]
