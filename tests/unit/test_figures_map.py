@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +17,17 @@ from amb_core.figures.spectrum import spectrum_chart
 from amb_core.figures.surface import surface_chart
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region
-from amb_core.regions.region_map import AnalyticLine, Boundary, GridCell, MapSettings, MapSweep, RegionMap
+from amb_core.regions.region_map import (
+    AnalyticLine,
+    Boundary,
+    Confirmation,
+    ConfirmationSettings,
+    DwellBoundary,
+    GridCell,
+    MapSettings,
+    MapSweep,
+    RegionMap,
+)
 from amb_core.subharmonics import SubharmonicSettings, SubharmonicSurface, SurfaceSettings, analyse
 
 
@@ -82,6 +93,24 @@ def test_every_place_of_the_page_tells_amplitude_frequency_and_region(region_map
     assert covered.shape == (len(grid.y), len(grid.x))
     assert np.all(covered == 1)
     assert layers[3].hovertemplate == "%{x:.4~g} µm, %{y:.4~g} Hz: D delevitated<extra></extra>"
+
+
+def test_a_confirmed_map_shows_the_band_from_sweep_to_fixed_sine(region_map) -> None:
+    dwells = (
+        DwellBoundary(30e-6, Region.B, "below", 400.0, 404.0),
+        DwellBoundary(30e-6, Region.D, "below", 5000.0, float("inf")),
+    )
+    confirmation = Confirmation(ConfirmationSettings(), dwells, (), True)
+    chart = map_chart(replace(region_map, confirmation=confirmation))
+    bands = {band.label: band for band in items(chart, Band)}
+    drift = bands["B, sweep to fixed sine"]
+    assert (drift.low[0], drift.high[0]) == (pytest.approx(402.0, rel=1e-3), pytest.approx(500.0))
+    falls = bands["D, sweep to fixed sine"]
+    assert (falls.low[0], falls.high[0]) == (pytest.approx(1000.0), pytest.approx(5000.0)), "no fall up to the end"
+    points = {item.label: item for item in items(chart, Points)}
+    assert points["B, fixed sine"].y == pytest.approx([402.0], rel=1e-3)
+    assert chart.table is not None
+    assert chart.table.rows[1][-3:] == ("402", "", "none")
 
 
 def test_axes_are_logarithmic_with_plain_numbers(region_map) -> None:

@@ -12,13 +12,14 @@ from amb_bringup.cli import app
 from amb_core.errors import RegionError
 from amb_core.regions import Region
 from amb_core.regions.region_map import Boundary, MapSweep, RegionMap
+from amb_core.regions.region_map.dwell_run import Dwell, DwellTask
 from amb_core.tasks import pool
 
 STEEL = "H,B\n0,0\n100,0.8\n1000,1.4\n20000,1.9\n"
 
 
 class Pool:
-    """Answers every sweep at once with the same boundary."""
+    """Answers at once: sweeps fall at 400 Hz, those of another duration at 300 Hz, fixed sines at 900 Hz."""
 
     def __class_getitem__(cls, result):
         return cls
@@ -33,11 +34,14 @@ class Pool:
         pass
 
     def submit(self, task, key, folder, priority):
-        self._waiting.append((key, task.sweep.amplitude))
+        self._waiting.append((key, task))
 
     def next_finished(self, timeout):
-        key, amplitude = self._waiting.pop(0)
-        return key, MapSweep(amplitude, {Region.D: Boundary(400.0, False)}, (), 400.0, 1000)
+        key, task = self._waiting.pop(0)
+        if isinstance(task, DwellTask):
+            return key, Dwell(task.frequency, Region.D if task.frequency >= 900.0 else Region.A, True, 0.0, 1000)
+        frequency = 400.0 if task.sweep.duration == 20.0 else 300.0
+        return key, MapSweep(task.sweep.amplitude, {Region.D: Boundary(frequency, False)}, (), frequency, 1000)
 
 
 @pytest.fixture
@@ -74,3 +78,38 @@ def test_a_grid_over_files_has_a_folder_for_each(amb_map, tmp_path):
     (cell,) = json.loads((out / "summary.json").read_text())
     assert cell["values"]["iron.bh_table"] == str(table)
     assert len(RegionMap.load(out / cell["map"]).sweeps) == 3
+
+
+def test_a_confirmed_map_reports_its_bands_its_rate_and_what_moves_with_it(amb_map, tmp_path):
+    out = tmp_path / "out"
+    done = amb_map("--confirm", "--out", out)
+    assert done.exit_code == 0, done.output
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["sweep_rate"] == "249.5 Hz/s"
+    confirmation = summary["confirmation"]
+    assert confirmation["other_sweep_rate"] == "124.8 Hz/s"
+    (spread,) = confirmation["dwell_over_sweep"]
+    assert (spread["region"], spread["amplitudes"]) == ("D", 3)
+    assert spread["median_ratio"] == pytest.approx(900.0 / 400.0, rel=0.03)
+    assert confirmation["bands"][0]["D_hz"]["dwell_below"]["low"] < 900.0
+    (warning,) = confirmation["warnings"]
+    for text in (warning, "rate of the sweeps: 249.5 Hz/s", "How far they lie apart"):
+        assert text in " ".join(done.output.split())
+    saved = RegionMap.load(out / "map.json").confirmation
+    assert saved is not None
+    assert saved.complete
+
+
+def test_a_map_without_confirmation_reports_its_rate_only(amb_map, tmp_path):
+    out = tmp_path / "out"
+    assert amb_map("--duration", "10", "--out", out).exit_code == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["sweep_rate"] == "499 Hz/s"
+    assert "confirmation" not in summary
+
+
+def test_options_of_the_confirmation_need_it(amb_map, tmp_path):
+    with pytest.raises(RegionError, match="--dwell, --rate-factor: allowed with --confirm only"):
+        amb_map("--dwell", "2", "--rate-factor", "0.1", "--out", tmp_path)
+    with pytest.raises(RegionError, match="--confirm is not available with --grid"):
+        amb_map("--confirm", "--grid", "rotor.gravity=0", "--out", tmp_path)

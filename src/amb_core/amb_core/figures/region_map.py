@@ -135,7 +135,7 @@ def dwell_items(region_map: RegionMap) -> list[Item]:
         x = UM * band.amplitude
         swept, dwelt = np.nan_to_num(band.first, nan=top), np.nan_to_num(band.second, nan=top)
         items.append(
-            Band(x, np.minimum(swept, dwelt), np.maximum(swept, dwelt), f"{name}, sweep to dwell", look.colour)
+            Band(x, np.minimum(swept, dwelt), np.maximum(swept, dwelt), f"{name}, sweep to fixed sine", look.colour)
         )
         begins = np.isfinite(band.second)
         hover = tuple(

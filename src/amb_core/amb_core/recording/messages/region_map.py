@@ -60,7 +60,7 @@ def region_map_from_message(message: Any) -> RegionMap:
 
 
 def fill_region_map(message: M, region_map: RegionMap) -> M:
-    """Set the fields of a RegionMap message to a map, except its stamp."""
+    """Set the fields of a RegionMap message to a map, except its stamp; a confirmation is not part of the message."""
     sweeps = region_map.sweeps
     message.complete = region_map.complete
     message.settings = json.dumps(region_map.settings.model_dump())

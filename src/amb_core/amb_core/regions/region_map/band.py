@@ -13,6 +13,7 @@ from amb_core.regions import Region
 from amb_core.regions.region_map.confirmation import Direction
 from amb_core.regions.region_map.map_sweep import BOUNDARIES, MapSweep
 from amb_core.regions.region_map.region_map import RegionMap
+from amb_core.units import UM
 
 MOVED = 0.1  # relative change of a boundary above which a warning reports it
 
@@ -115,8 +116,7 @@ def confirmation_warnings(found: RegionMap) -> list[str]:
     here = sweep_rate_text(found)
     other = sweep_rate_text(found, found.confirmation.settings.rate_factor)
     return [
-        f"{band.region.name} depends on the rate of the sweeps: from {here} to {other} it "
-        f"{', '.join(_movement(band))}; use the dwell side, or sweep more slowly"
+        f"{band.region.name} depends on the rate of the sweeps: from {here} to {other} it {', '.join(_movement(band))}"
         for band in two_rates(found)
         if band.moved
     ]
@@ -130,17 +130,21 @@ def sweep_rate_text(found: RegionMap, factor: float = 1.0) -> str:
 
 
 def _movement(band: BoundaryBand) -> Iterator[str]:
-    moved = band.ratio[np.abs(band.ratio - 1.0) > MOVED]
-    if len(moved):
-        largest = moved[np.argmax(np.abs(np.log(moved)))]
-        yield (
-            f"moves by more than {100 * MOVED:.0f} % at {len(moved)} of {len(band.amplitude)} amplitudes "
-            f"(most: {100 * (largest - 1.0):+.0f} %)"
-        )
-    if band.only_first:
-        yield f"disappears at {band.only_first}"
-    if band.only_second:
-        yield f"appears at {band.only_second}"
+    """How a boundary moves with the rate of the sweeps, and at which amplitudes."""
+    with np.errstate(invalid="ignore"):
+        ratio = band.second / band.first
+        moved = np.abs(ratio - 1.0) > MOVED
+    if moved.any():
+        most = ratio[moved][np.argmax(np.abs(np.log(ratio[moved])))]
+        yield f"moves by up to {100.0 * (most - 1.0):+.0f} % at {_amplitudes(band.amplitude[moved])}"
+    for word, begins, ends in (("disappears", band.first, band.second), ("appears", band.second, band.first)):
+        alone = np.isfinite(begins) & np.isnan(ends)
+        if alone.any():
+            yield f"{word} at {_amplitudes(band.amplitude[alone])}"
+
+
+def _amplitudes(amplitude: NDArray[np.float64]) -> str:
+    return f"{', '.join(f'{UM * one:.3g}' for one in amplitude)} um"
 
 
 def _swept(sweep: MapSweep, region: Region) -> float:
