@@ -231,10 +231,9 @@ def force_response(parameters: PlantParameters, frequency: NDArray[np.float64]) 
         )
     )
     lag = circuit.iron_conductivity * permeability * circuit.lamination_thickness**2 / 12.0 if iron.eddy_currents else 0
+    laminated = np.asarray(1.0 + 2j * np.pi * np.asarray(frequency, dtype=np.float64) * lag, dtype=np.complex128)
     if iron.laminations == "diffusion":
         laminated = diffusion(frequency, lamination_time_constant(parameters))
-    else:
-        laminated = 1.0 + 2j * np.pi * np.asarray(frequency, dtype=np.float64) * lag
     in_journal = diffusion(frequency, _journal_time_constant(parameters)) if iron.solid_journal else laminated
 
     modes = ((1.0 + 0.5**0.5, 1.0 - 0.5**0.5), (1.0 - 0.5**0.5, 0.5**0.5)) if circuit.coupling else ((0.5, 1.0),)

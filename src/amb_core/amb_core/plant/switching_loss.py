@@ -14,6 +14,8 @@ Sources: as in `amb_core.plant.eddy`.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,8 +41,8 @@ def switching_loss(parameters: PlantParameters) -> float:
     circuit, amplifier, iron = parameters.magnetic_circuit, parameters.amplifier, parameters.iron
     if not (amplifier.switching and iron.eddy_currents):
         return 0.0
-    s = 2j * np.pi * amplifier.switching_frequency * np.arange(1, _HARMONICS + 1)
-    frequency, tau = s.imag / (2.0 * np.pi), lamination_time_constant(parameters)
+    frequency: NDArray[np.float64] = amplifier.switching_frequency * np.arange(1.0, _HARMONICS + 1.0)
+    s, tau = 2j * np.pi * frequency, lamination_time_constant(parameters)
     laminated = diffusion(frequency, tau) if iron.laminations == "diffusion" else 1.0 + s * tau / 3.0
     linear = parameters.model_copy(update={"iron": iron.model_copy(update={"saturation": False, "hysteresis": False})})
     network = build_network(linear)
@@ -55,8 +57,8 @@ def switching_loss(parameters: PlantParameters) -> float:
 
 
 def _flux(
-    impedance: NDArray[np.complex128],
-    s: NDArray[np.complex128],
+    impedance: NDArray[np.complexfloating[Any, Any]],
+    s: NDArray[np.complexfloating[Any, Any]],
     winding: NDArray[np.float64],
     parameters: PlantParameters,
 ) -> NDArray[np.complex128]:
