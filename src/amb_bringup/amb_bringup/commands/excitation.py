@@ -1,4 +1,4 @@
-"""`amb excitation check` and `design`: the regions in which an excitation would run, and the largest one in A."""
+"""`amb excitation check` and `design`: the regions in which an excitation would run, and the largest within limits."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from amb_bringup.commands.results import make_folder, write_json
 from amb_core.errors import RegionError
 from amb_core.excitation import KINDS, excitation_from_request, generate
 from amb_core.excitation_design import (
+    AxisMeasure,
     DesignedExcitation,
     ExcitationCheck,
+    Limits,
     Trial,
     TrialBench,
     check_excitation,
@@ -27,6 +29,7 @@ from amb_core.excitation_design.notes import made_with
 from amb_core.excitation_design.summary import check_summary, design_summary, trial_summary
 from amb_core.figures import overlay_chart
 from amb_core.loop.control import ControllerParameters
+from amb_core.parameters import part_of
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.region_map import RegionMap
@@ -79,41 +82,56 @@ def check(
             trial = bench.run(signal, lambda done, total: stages.update("simulated", done, total))
         summary["trial"] = trial_summary(trial)
         console.print(_trial_line(trial))
+        if trial.measures:
+            console.print(_measures_table(trial.measures))
+    else:
+        console.print("not simulated: the map knows regions, not distortion; --simulate measures it")
     _write(out, summary, found, region_map, console)
 
 
 @app.command()
 @declared_options(
-    {"Signal": [KINDS[kind] for kind in DESIGNED]}, leave_out=["amplitude"], defaults=DURATION, notes=NOTES
+    {"Signal": [KINDS[kind] for kind in DESIGNED], "Limits": [Limits]},
+    leave_out=["amplitude"],
+    defaults=DURATION,
+    notes=NOTES,
 )
 def design(
     kind: Annotated[str, typer.Argument(help="square, multisine or prbs.")],
     given: dict[str, Any],
-    model_order: Annotated[int, typer.Option(help="States of the model that is to be identified (-).")] = 10,
-    margin: Annotated[float, typer.Option(help="Amplitude over the largest in region A (-).")] = 0.9,
+    model_order: Annotated[
+        int | None,
+        typer.Option(help="States of a model that must be identifiable (-). By default that order is reported only."),
+    ] = None,
+    margin: Annotated[float, typer.Option(help="Amplitude over the largest within the limits (-).")] = 0.9,
     tolerance: Annotated[float, typer.Option(help="Relative error of that largest amplitude (-).")] = 0.02,
     map_file: MapFile = Path("results/map/map.json"),
     params: LoopParams = None,
     out: Out = Path("results/excitation/design"),
 ) -> None:
-    """Find the largest amplitude that stays in region A, from the map and confirmed by simulation of the full plant."""
+    """Find the largest amplitude in region A within limits of distortion, clipping and slew, by simulation."""
     region_map, loop = _load(map_file, params)
     console = Console()
     make_folder(out)
+    limits = {name: given.pop(name) for name in list(given) if name in Limits.model_fields}
     with Stages(console, "steps") as stages:
         designed = design_excitation(
             kind,
             given,
             region_map,
             *loop,
+            limits=part_of(Limits, limits),
             model_order=model_order,
             margin=margin,
             tolerance=tolerance,
-            progress=lambda amplitude, done, total: stages.update(f"{UM * amplitude:8.3f} um", done, total),
+            progress=stages.update,
         )
-    _print_check(console, designed.check)
-    console.print(_trial_line(designed.trial))
     console.print(_design_table(designed))
+    console.print(_measures_table(designed.certificate.worst))
+    console.print(designed.verdict, highlight=False)
+    assert designed.check is not None
+    for note in designed.check.notes:
+        console.print(f"[yellow]note: {note}[/yellow]")
     _write(out, {"map": str(map_file), **design_summary(designed)}, designed.check, region_map, console)
 
 
@@ -157,16 +175,20 @@ def _check_table(found: ExcitationCheck) -> Table:
     table.add_row("rms, peak (um)", *(f"{UM * axis.rms:.2f}, {UM * axis.peak:.2f}" for axis in axes))
     table.add_row("crest factor", *(f"{axis.crest_factor:.2f}" for axis in axes))
     table.add_row(
-        "requested control current, rms and peak (A)",
+        "control current at rest (A)", *(f"{axis.static_current:.2f}" for axis in axes), f"{found.current_limit:.2f}"
+    )
+    table.add_row(
+        "control current, rms without and peak with that at rest (A)",
         *(f"{axis.command_rms:.2f}, {axis.command_peak:.2f}" for axis in axes),
-        f"{min(found.current_limit, found.bias_current):.2f}",
+        f"{found.current_limit:.2f}",
     )
     table.add_row(
         "its slew, rms and peak (kA/s)",
         *(f"{1e-3 * axis.slew_rms:.2f}, {1e-3 * axis.slew_peak:.2f}" for axis in axes),
         "none" if found.slew_rate is None else f"{1e-3 * found.slew_rate:.2f}",
     )
-    table.add_row("time above the current limit", *(f"{100 * axis.limited:.2f} %" for axis in axes))
+    table.add_row("samples above the current limit", *(f"{100 * axis.limited:.2f} %" for axis in axes))
+    table.add_row("samples beyond the slew limit", *(f"{100 * axis.slewed:.2f} %" for axis in axes))
     return table
 
 
@@ -177,16 +199,27 @@ def _trial_line(trial: Trial) -> str:
     return f"[{colour}]simulation: region {trial.region.name}[/{colour}] (bias moved by {x:.2f} and {y:.2f} um{begins})"
 
 
-def _design_table(designed: DesignedExcitation) -> Table:
+def _measures_table(measures: tuple[AxisMeasure, ...]) -> Table:
+    table = Table("quantity", *(item.axis for item in measures), title="In simulation")
+    table.add_row("deviation from the linear response", *(f"{100 * item.deviation:.2f} %" for item in measures))
+    table.add_row("fit of the linearised loop, shift of the mean included", *(f"{item.fit:.1f} %" for item in measures))
+    table.add_row("samples with a clipped control current", *(f"{100 * item.clipped:.2f} %" for item in measures))
+    table.add_row("samples with a slew beyond the voltage", *(f"{100 * item.slewed:.2f} %" for item in measures))
+    return table
 
-    persistence = designed.persistence
+
+def _design_table(designed: DesignedExcitation) -> Table:
     table = Table("quantity", "value", title=f"Designed {designed.signal.kind}")
     table.add_row("amplitude", f"{UM * designed.amplitude:.3f} um")
-    table.add_row("largest in region A by simulation", f"{UM * designed.largest_amplitude:.3f} um")
-    table.add_row("largest by the map", f"{UM * designed.predicted_amplitude:.3f} um")
+    table.add_row("largest within the limits", f"{UM * designed.largest_amplitude:.3f} um")
+    table.add_row("limited by", designed.limited_by)
+    if designed.predicted_amplitude is not None:
+        table.add_row("largest in region A by the map", f"{UM * designed.predicted_amplitude:.3f} um")
+    if designed.distortion is not None:
+        table.add_row("nonlinear distortion, random phases", designed.distortion.summary.partition(": ")[2])
+    table.add_row("seeds", str(len(designed.certificate.trials)))
     table.add_row("simulations", str(len(designed.tried)))
-    table.add_row("lines", ", ".join(map(str, persistence.lines)) + f" ({', '.join(persistence.axes)})")
-    table.add_row("persistently exciting of order", f"{persistence.order}, needed {persistence.wanted}")
+    table.add_row("amb identify accepts models of order", str(designed.excited_order))
     return table
 
 

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import model_validator
 
 from amb_core.excitation.deterministic import HIGHEST_FREQUENCY
-from amb_core.parameters import Parameters, quantity
+from amb_core.parameters import Parameters, choice, quantity
 
 FEWEST_LINES = 8  # of the odd ones in the band, so that some are excited and some are not in every part of it
 
 
 class DistortionSettings(Parameters):
-    """Random-phase odd multisines with detection lines, on both axes at once.
+    """Random-phase odd multisines with detection lines, on both axes at once or on one after the other.
 
-    Each realisation has new random phases and two experiments, the second with the opposite sign on y: together they
-    separate the responses to the two references.
+    Each realisation has new random phases and two experiments, which together separate the responses to the two
+    references: with both axes excited the second one has the opposite sign on y; in turn, the first excites x and the
+    second y.
     """
 
     rms: float = quantity(
@@ -30,6 +31,7 @@ class DistortionSettings(Parameters):
     realisations: int = quantity(4, "-", "realisations of the random phases", 2, 1000)
     group: int = quantity(4, "-", "consecutive odd lines of which one, drawn by lot, is not excited", 2, 100)
     seed: int = quantity(1, "-", "seed of the phases and of the lines that are not excited", 0, 2**31 - 1)
+    axes: Literal["both", "in_turn"] = choice("both", "axes that are excited in an experiment: both, or one in_turn")
     rest: float = quantity(0.5, "s", "time before the excitation, in which the rotor settles", 0.0, 60.0)
 
     @model_validator(mode="after")

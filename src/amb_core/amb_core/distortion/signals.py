@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from amb_core.distortion.settings import DistortionSettings
 from amb_core.errors import SpectrumError
 
-EXPERIMENTS = np.array([[1.0, 1.0], [1.0, -1.0]])
-"""Signs of the references on x and y, a row for each experiment of a realisation."""
+EXPERIMENTS = {"both": np.array([[1.0, 1.0], [1.0, -1.0]]), "in_turn": np.eye(2)}
+"""Factors on the references of x and y, a row for each experiment of a realisation."""
 
 
 @dataclass(frozen=True)
@@ -76,4 +76,4 @@ def reference_of(settings: DistortionSettings, lines: Lines, realisation: int, e
     spectrum = np.zeros((lines.steps // 2 + 1, 2), dtype=complex)
     spectrum[lines.excited] = np.exp(2j * np.pi * random.random((len(lines.excited), 2)))
     signal: NDArray[np.float64] = np.fft.irfft(spectrum, lines.steps, axis=0)
-    return EXPERIMENTS[experiment] * settings.rms * signal / np.sqrt(np.mean(signal**2, axis=0))
+    return EXPERIMENTS[settings.axes][experiment] * settings.rms * signal / np.sqrt(np.mean(signal**2, axis=0))

@@ -40,14 +40,15 @@ def simulate_distortion(
         As `simulate`.
     """
     lines = lines_of(settings, plant.integration.sample_rate)
-    total = settings.realisations * len(EXPERIMENTS)
+    experiments = len(EXPERIMENTS[settings.axes])
+    total = settings.realisations * experiments
     bearing, law = Plant(plant), PdController(controller)
     responses: list[list[PeriodicResponse]] = []
     for realisation in range(settings.realisations):
         responses.append([])
-        for experiment in range(len(EXPERIMENTS)):
+        for experiment in range(experiments):
             if progress is not None:
-                progress(realisation * len(EXPERIMENTS) + experiment, total)
+                progress(realisation * experiments + experiment, total)
             responses[-1].append(_respond(bearing, law, settings, lines, realisation, experiment))
     if progress is not None:
         progress(total, total)

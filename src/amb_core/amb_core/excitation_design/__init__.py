@@ -1,22 +1,28 @@
-"""Check and design of excitations: the regions in which they would run, and the largest excitation in region A."""
+"""Check and design of excitations: regions and distortion under an excitation, and the largest one within limits."""
 
+from amb_core.excitation_design.certificate import Certificate
 from amb_core.excitation_design.check import check_excitation
 from amb_core.excitation_design.design import DESIGNED_KINDS, DesignedExcitation, design_excitation
+from amb_core.excitation_design.excited_order import ExcitedOrder, excited_order
+from amb_core.excitation_design.limits import Limits
 from amb_core.excitation_design.load import Load
-from amb_core.excitation_design.persistence import Persistence, persistence
+from amb_core.excitation_design.measures import AxisMeasure
 from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
 from amb_core.excitation_design.trial import Trial, TrialBench
 
 __all__ = [
     "DESIGNED_KINDS",
     "AxisCheck",
+    "AxisMeasure",
+    "Certificate",
     "DesignedExcitation",
     "ExcitationCheck",
+    "ExcitedOrder",
+    "Limits",
     "Load",
-    "Persistence",
     "Trial",
     "TrialBench",
     "check_excitation",
     "design_excitation",
-    "persistence",
+    "excited_order",
 ]

@@ -10,14 +10,18 @@ from amb_core.excitation import ExcitationSignal
 from amb_core.excitation.signal import excited_spans
 from amb_core.excitation_design.command import ABOVE_A, command, limits
 from amb_core.excitation_design.content import Content, content_of
+from amb_core.excitation_design.linear_response import LinearLoop, effective_current_limit, slew_rate
 from amb_core.excitation_design.load import AxisLoad, amplitude_margin
 from amb_core.excitation_design.notes import made_with, notes_on
+from amb_core.excitation_design.request import Request, request_on
 from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
 from amb_core.loop.control import ControllerParameters
-from amb_core.plant import PlantParameters
-from amb_core.plant.closed_forms import inductance
+from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.region_map import RegionMap
+
+SATURATED = 0.01
+"""Share of samples beyond a limit of current or voltage above which the map's region A is not the whole answer."""
 
 
 def check_excitation(
@@ -43,13 +47,24 @@ def check_excitation(
         If the signal is zero throughout on an excited axis.
     RegionError
         If neither the map nor the caller gives the parameters of the loop.
+    PlantError
+        If the controller cannot hold the rotor.
     """
     controller = controller or made_with(region_map, "controller", ControllerParameters)
     plant = plant or made_with(region_map, "plant", PlantParameters)
-    current_limit = min(controller.current_limit, plant.amplifier.bias_current)
+    current_limit, rate = effective_current_limit(plant, controller), slew_rate(plant)
+    loop = LinearLoop(Plant(plant), controller)
+    linear = loop.respond(signal.samples)
     axes, loads = zip(
         *(
-            _superimpose(signal, axis, (first, last), region_map, controller, current_limit)
+            _superimpose(
+                signal,
+                axis,
+                (first, last),
+                region_map,
+                controller,
+                request_on(axis, (first, last), linear, loop.static_current, current_limit, rate, signal.sample_time),
+            )
             for axis, first, last in excited_spans(signal.parameters.axes, signal.steps)
         ),
         strict=True,
@@ -61,7 +76,6 @@ def check_excitation(
         region: float(sum(weight * axis.shares[region] for weight, axis in zip(power / power.sum(), axes, strict=True)))
         for region in Region
     }
-    amplifier = plant.amplifier
     return ExcitationCheck(
         kind=signal.kind,
         axes=axes,
@@ -70,12 +84,12 @@ def check_excitation(
         certain=predicted > Region.A or all(axis.load.linear < 1.0 for axis in axes),
         margin=margin,
         verdict=verdict(axes, margin),
-        notes=notes_on(signal, axes, region_map, controller, plant),
-        bias_current=amplifier.bias_current,
-        current_limit=controller.current_limit,
-        slew_rate=amplifier.supply_voltage * (2.0 * amplifier.maximum_duty - 1.0) / inductance(plant.magnetic_circuit)
-        if amplifier.limits
-        else None,
+        notes=(
+            *(text for axis in axes for text in saturation(axis, 0.0)),
+            *notes_on(signal, axes, region_map, controller, plant),
+        ),
+        current_limit=current_limit,
+        slew_rate=rate,
     )
 
 
@@ -99,7 +113,25 @@ def verdict(axes: tuple[AxisCheck, ...], margin: float) -> str:
             f"region A on {worst.axis} is not certain: {load.bounded:.2f} of a load of at most {load.linear:.2f} comes "
             f"from where the map shows no boundary; multiply the amplitude by {margin:.2f}, widen the map, or simulate"
         )
+    saturated = [text for axis in axes for text in saturation(axis, SATURATED)]
+    if saturated:
+        return (
+            f"region A by the map, where the load is {load.linear:.2f} times its limit, but {'; '.join(saturated)}: "
+            "lower the amplitude or the frequencies, and simulate"
+        )
     return f"region A: the load is {load.linear:.2f} times its limit; the amplitude may be multiplied by {margin:.2f}"
+
+
+def saturation(axis: AxisCheck, beyond: float) -> list[str]:
+    """What the linear loop requests of an axis beyond current and voltage, in more than a share of the samples."""
+    return [
+        f"on {axis.axis} {what} in {100.0 * share:.2g} % of the samples"
+        for share, what in (
+            (axis.limited, f"the control current, with {abs(axis.static_current):.2f} A at rest, exceeds its limit"),
+            (axis.slewed, "the control current changes faster than the voltage can drive it"),
+        )
+        if share > beyond
+    ]
 
 
 def _superimpose(
@@ -108,7 +140,7 @@ def _superimpose(
     span: tuple[int, int],
     region_map: RegionMap,
     controller: ControllerParameters,
-    current_limit: float,
+    request: Request,
 ) -> tuple[AxisCheck, AxisLoad]:
     samples = signal.samples[span[0] : span[1], axis]
     if not samples.any():
@@ -116,8 +148,7 @@ def _superimpose(
     content = content_of(signal, span, axis)
     region, covered = _place(content, region_map, controller)
     current = command(samples, controller, signal.sample_time)
-    slew = np.diff(current, append=current[-1]) / signal.sample_time
-    axis_load = AxisLoad(content, current, signal.sample_time, region_map, controller, current_limit)
+    axis_load = AxisLoad(content, current, signal.sample_time, region_map, controller, request.limit)
     load = axis_load.at()
     check = AxisCheck(
         axis="xy"[axis],
@@ -132,11 +163,13 @@ def _superimpose(
         predicted=max((name for name in ABOVE_A if load.towards[name] >= 1.0), default=Region.A),
         rms=_rms(samples),
         peak=float(np.max(np.abs(samples))),
-        command_rms=_rms(current),
-        command_peak=float(np.max(np.abs(current))),
-        slew_rms=_rms(slew),
-        slew_peak=float(np.max(np.abs(slew))),
-        limited=float(np.mean(np.abs(current) > current_limit)),
+        static_current=request.static,
+        command_rms=_rms(request.current),
+        command_peak=float(np.max(np.abs(request.static + request.current))),
+        slew_rms=_rms(request.slew),
+        slew_peak=float(np.max(np.abs(request.slew))),
+        limited=float(np.mean(np.abs(request.static + request.current) > request.limit)),
+        slewed=request.slewed,
     )
     return check, axis_load
 

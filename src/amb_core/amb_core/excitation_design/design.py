@@ -1,19 +1,24 @@
-"""Excitation design: the largest signal of a kind that stays in region A and determines a model of the given order."""
+"""Excitation design: the largest signal of a kind that stays in region A and within limits of nonlinear distortion."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
+from amb_core.distortion import Distortion
 from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
+from amb_core.excitation_design.certificate import Bench, Certificate, Progress
 from amb_core.excitation_design.check import check_excitation
+from amb_core.excitation_design.excited_order import ExcitedOrder
+from amb_core.excitation_design.limits import Limits
+from amb_core.excitation_design.linear_response import LinearLoop
 from amb_core.excitation_design.notes import made_with
-from amb_core.excitation_design.persistence import Persistence, persistence
 from amb_core.excitation_design.result import ExcitationCheck
-from amb_core.excitation_design.trial import Trial, TrialBench
+from amb_core.excitation_design.search import SMALLEST_AMPLITUDE, largest_within
+from amb_core.excitation_design.trial import Trial
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
@@ -22,75 +27,107 @@ from amb_core.regions.region_map import RegionMap
 DESIGNED_KINDS = ("square", "multisine", "prbs")
 
 FIRST_AMPLITUDE = 10e-6  # m; for the first check on the map; its margin then gives the amplitude
-STEP = 1.25  # factor between amplitudes until one is in A and the next is not
-SMALLEST_AMPLITUDE = 1e-8  # m; below, no sensor would detect the motion of the rotor
+_FIRST_LOAD = 0.1  # control current of the first trial over its limit, rms
+_LOWERED = 0.8  # factor on an amplitude that exceeds a limit though a larger one did not
 
 
 @dataclass(frozen=True)
 class TriedAmplitude:
-    """An amplitude (m) that was simulated, and the region in which the rotor ran."""
+    """An amplitude (m) that was simulated, the region in which the rotor ran, and the limit of which it used most."""
 
     amplitude: float
     region: Region
+    use: str
 
 
 @dataclass(frozen=True)
 class DesignedExcitation:
-    """An excitation designed to stay in region A.
+    """An excitation designed to stay in region A and within limits of distortion, clipping and slew.
 
     Attributes
     ----------
     signal : ExcitationSignal
         The excitation.
-    predicted_amplitude : float
-        Largest amplitude in A according to the map (m).
+    limits : Limits
+        The limits.
     largest_amplitude : float
-        Largest amplitude in A by simulation, within `tolerance` (m).
+        Largest amplitude within the limits by simulation, within the tolerance (m).
     beyond_amplitude : float
-        Smallest amplitude found not in A by simulation (m); infinity if the largest allowed one is still in A.
-    check : ExcitationCheck
-        The excitation on the map.
-    trial : Trial
-        Its simulation, in region A.
-    persistence : Persistence
-        Persistence of excitation: the order of the model that it determines.
+        Smallest amplitude found beyond them (m); infinity if the largest allowed one is still within.
+    limited_by : str
+        The limit that is exceeded at `beyond_amplitude`, with its value there.
+    certificate : Certificate
+        Simulations of the excitation with all seeds.
+    excited_order : ExcitedOrder
+        Order of the models that identification accepts of its recording.
     tried : tuple of TriedAmplitude
-        Simulations, in the order in which they were run.
+        Simulations in the order in which they were run, one seed each.
+    predicted_amplitude : float or None
+        Largest amplitude in A according to the map (m); None without a map.
+    check : ExcitationCheck or None
+        The excitation on the map; None without a map.
     """
 
     signal: ExcitationSignal
-    predicted_amplitude: float
+    limits: Limits
     largest_amplitude: float
     beyond_amplitude: float
-    check: ExcitationCheck
-    trial: Trial
-    persistence: Persistence
+    limited_by: str
+    certificate: Certificate
+    excited_order: ExcitedOrder
     tried: tuple[TriedAmplitude, ...]
+    predicted_amplitude: float | None
+    check: ExcitationCheck | None
 
     @property
     def amplitude(self) -> float:
         """Amplitude of the excitation (m)."""
         return float(self.signal.parameters.model_dump()["amplitude"])
 
+    @property
+    def trial(self) -> Trial:
+        """Simulation with the seed of `signal`, in region A."""
+        return self.certificate.trials[0]
+
+    @property
+    def distortion(self) -> Distortion | None:
+        """Nonlinear distortion by random-phase multisines of the same band and power; None if it is no multisine."""
+        return self.certificate.distortion
+
+    @property
+    def verdict(self) -> str:
+        """One line: the amplitude, what was shown, and what limits it."""
+        worst = self.certificate.worst
+        deviation = ", ".join(f"{item.axis} {100.0 * item.deviation:.2g} %" for item in worst)
+        seeds = len(self.certificate.trials)
+        shown = f"region A and a deviation from the linear response of {deviation}"
+        if self.distortion is not None:
+            ratio = {axis: self.distortion.ratio["xy".index(axis)] for axis in (item.axis for item in worst)}
+            shown += ", nonlinear distortion " + ", ".join(f"{axis} {100.0 * r:.2g} %" for axis, r in ratio.items())
+        return (
+            f"{1e6 * self.amplitude:.4g} um: {shown}, in {seeds} simulation{'s' if seeds > 1 else ''}; "
+            f"a larger amplitude is limited by {self.limited_by}"
+        )
+
 
 def design_excitation(
     kind: str,
     values: Mapping[str, Any],
-    region_map: RegionMap,
+    region_map: RegionMap | None = None,
     controller: ControllerParameters | None = None,
     plant: PlantParameters | None = None,
     regions: RegionParameters | None = None,
     *,
-    model_order: int = 10,
+    limits: Limits | None = None,
+    model_order: int | None = None,
     margin: float = 0.9,
     tolerance: float = 0.02,
-    progress: Callable[[float, int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> DesignedExcitation:
-    """Find the largest amplitude of a signal that stays in region A.
+    """Find the largest amplitude of a signal that stays in region A and within limits.
 
-    The map gives the start value; the simulation of the full plant decides, see `amb_core.excitation_design.trial`.
-    Starting there, amplitudes with steps of a quarter are simulated until one is in A and the next is not. Then the
-    interval is halved down to the tolerance.
+    The simulation of the full plant decides, see `amb_core.excitation_design.certificate`. Every amplitude is tried
+    with several seeds. The map, if there is one, gives no more than a bound for the first amplitude.
 
     Parameters
     ----------
@@ -98,27 +135,116 @@ def design_excitation(
         Kind of excitation.
     values : Mapping
         Its fields except the amplitude, as in `excitation_from_request`. By default a multisine has optimised phases
-        and, with axes `both`, interleaved lines.
-    region_map : RegionMap
+        and, with axes `both`, interleaved lines. Other seeds follow the one given.
+    region_map : RegionMap, optional
         Map of the bearing.
     controller, plant : ControllerParameters, PlantParameters, optional
         The loop to simulate; by default those the map was made with.
     regions : RegionParameters, optional
         Thresholds of the classifier.
+    limits : Limits, optional
+        Limits of distortion, fit and saturation, and the number of seeds.
     model_order : int, optional
-        Number of states of the model that is to be identified.
+        Number of states of a model that the signal must determine; by default that is reported only.
     margin : float, optional
-        Amplitude of the result over the largest in A, above 0 and at most 1.
+        Amplitude of the result over the largest within the limits, above 0 and at most 1.
     tolerance : float, optional
         Relative error of the largest amplitude, above 0.
     progress : callable, optional
-        Called with the simulated amplitude (m), the number of finished steps and that of all steps.
+        Called with what is simulated, and the numbers of finished and of all steps.
 
     Raises
     ------
     ExcitationError
-        If a value is not allowed, the signal is not persistently exciting for the order, or no amplitude stays in A.
+        If a value is not allowed, the signal does not determine a model of the order, or no amplitude is within the
+        limits.
+    RegionError
+        If neither the map nor the caller gives the parameters of the loop.
     """
+    _check_options(kind, values, model_order, margin, tolerance)
+    controller = controller or made_with(region_map, "controller", ControllerParameters)
+    plant = plant or made_with(region_map, "plant", PlantParameters)
+    limits = limits or Limits()
+    fields = _fields(kind, values)
+
+    signal_of = _Signals(kind, fields, controller.sample_rate)
+    first = signal_of(FIRST_AMPLITUDE)
+    bench = Bench(plant, controller, regions, limits, signal_of, progress)
+    bench.require_order(first, model_order)
+    predicted = None
+    start = _start(first, bench.linear, bench.current_limit)
+    if region_map is not None:
+        predicted = FIRST_AMPLITUDE * check_excitation(first, region_map, controller, plant).margin
+        start = min(start, predicted)
+    largest, beyond, exceeded = largest_within(bench.use_of_trials, start, HIGHEST_AMPLITUDE, tolerance)
+    if bench.measures_distortion:
+        lower = largest_within(bench.use_of_distortion, largest, largest, tolerance)
+        largest, beyond, exceeded = lower if lower[2] else (largest, beyond, exceeded)
+    certificate = _certify(bench, margin * largest)
+    signal = signal_of.generated(certificate.amplitude)
+    order = bench.require_order(signal, model_order, certificate.trials[0])
+    return DesignedExcitation(
+        signal=signal,
+        limits=limits,
+        largest_amplitude=largest,
+        beyond_amplitude=beyond,
+        limited_by=exceeded.what
+        if exceeded
+        else f"nothing up to the largest allowed amplitude, {HIGHEST_AMPLITUDE:g} m",
+        certificate=certificate,
+        excited_order=order,
+        tried=tuple(TriedAmplitude(*tried) for tried in bench.tried),
+        predicted_amplitude=predicted,
+        check=None if region_map is None else check_excitation(signal, region_map, controller, plant),
+    )
+
+
+class _Signals:
+    """The signals of a kind: phases are optimised once a seed, since every kind is in proportion to its amplitude."""
+
+    def __init__(self, kind: str, fields: Mapping[str, Any], sample_rate: float) -> None:
+        self._kind, self._fields, self._sample_rate = kind, fields, sample_rate
+        self._by_seed: dict[int, ExcitationSignal] = {}
+
+    def __call__(self, amplitude: float, seed: int = 0) -> ExcitationSignal:
+        """The signal of an amplitude (m) with a number added to its seed, to rounding."""
+        if seed not in self._by_seed:
+            self._by_seed[seed] = self.generated(FIRST_AMPLITUDE, seed)
+        known = self._by_seed[seed]
+        parameters = known.parameters.model_copy(update={"amplitude": amplitude})
+        return replace(known, parameters=parameters, samples=amplitude / FIRST_AMPLITUDE * known.samples)
+
+    def generated(self, amplitude: float, seed: int = 0) -> ExcitationSignal:
+        """The same, exactly as the excitation generator makes it."""
+        values = {**self._fields, "amplitude": amplitude}
+        if seed:
+            values["seed"] = int(self._fields.get("seed") or 0) + seed
+        return generate(excitation_from_request(self._kind, values), self._sample_rate)
+
+
+def _certify(bench: Bench, amplitude: float) -> Certificate:
+    """A smaller amplitude may exceed a limit even if a larger one does not: then it is lowered further."""
+    while True:
+        certificate = bench.certify(amplitude)
+        if certificate.use.share <= 1.0:
+            return certificate
+        amplitude *= _LOWERED
+        if amplitude < SMALLEST_AMPLITUDE:
+            raise ExcitationError(
+                f"no amplitude down to {SMALLEST_AMPLITUDE:g} m is within the limits; {certificate.use.what}"
+            )
+
+
+def _start(signal: ExcitationSignal, loop: LinearLoop, current_limit: float) -> float:
+    """Amplitude with a small control current in the linear loop."""
+    rms = float(loop.respond(signal.samples).current.std(axis=0).max())
+    amplitude = FIRST_AMPLITUDE * _FIRST_LOAD * current_limit / rms if rms > 0.0 else FIRST_AMPLITUDE
+    return min(max(amplitude, SMALLEST_AMPLITUDE), HIGHEST_AMPLITUDE)
+
+
+def _check_options(
+    kind: str, values: Mapping[str, Any], model_order: int | None, margin: float, tolerance: float
+) -> None:
     if kind not in DESIGNED_KINDS:
         raise ExcitationError(f"kind {kind!r} is not designed; allowed: {', '.join(DESIGNED_KINDS)}")
     if "amplitude" in values:
@@ -128,87 +254,8 @@ def design_excitation(
     for name, value in (("margin", margin), ("tolerance", tolerance)):
         if not 0.0 < value <= 1.0:
             raise ExcitationError(f"{name} = {value!r} is not allowed; it must be above 0, and 1 at most")
-    if model_order < 1:
+    if model_order is not None and model_order < 1:
         raise ExcitationError(f"model_order = {model_order!r} is not allowed; it must be 1 or more")
-    controller = controller or made_with(region_map, "controller", ControllerParameters)
-    plant = plant or made_with(region_map, "plant", PlantParameters)
-    fields = _fields(kind, values)
-
-    def signal_of(amplitude: float) -> ExcitationSignal:
-        return generate(excitation_from_request(kind, {**fields, "amplitude": amplitude}), controller.sample_rate)
-
-    first = signal_of(FIRST_AMPLITUDE)
-    excited = persistence(first, model_order)
-    if not excited.sufficient:
-        raise ExcitationError(_not_persistent(kind, excited, model_order))
-    predicted = FIRST_AMPLITUDE * check_excitation(first, region_map, controller, plant).margin
-    search = _Search(TrialBench(plant, controller, regions), signal_of, progress)
-    largest, beyond = search.largest(min(max(predicted, SMALLEST_AMPLITUDE), HIGHEST_AMPLITUDE), tolerance)
-    amplitude = margin * largest
-    trial = search.run(amplitude)
-    while trial.region > Region.A:  # a smaller amplitude may leave A even if a larger one is in A
-        amplitude = _lowered(amplitude)
-        trial = search.run(amplitude)
-    signal = signal_of(amplitude)
-    return DesignedExcitation(
-        signal=signal,
-        predicted_amplitude=predicted,
-        largest_amplitude=largest,
-        beyond_amplitude=beyond,
-        check=check_excitation(signal, region_map, controller, plant),
-        trial=trial,
-        persistence=excited,
-        tried=tuple(search.tried),
-    )
-
-
-class _Search:
-    """Searches for the largest amplitude that stays in region A in simulation."""
-
-    def __init__(
-        self,
-        bench: TrialBench,
-        signal_of: Callable[[float], ExcitationSignal],
-        progress: Callable[[float, int, int], None] | None,
-    ) -> None:
-        self._bench, self._signal_of, self._progress = bench, signal_of, progress
-        self.tried: list[TriedAmplitude] = []
-
-    def run(self, amplitude: float) -> Trial:
-        progress = self._progress
-        trial = self._bench.run(
-            self._signal_of(amplitude),
-            None if progress is None else lambda done, total: progress(amplitude, done, total),
-        )
-        self.tried.append(TriedAmplitude(amplitude, trial.region))
-        return trial
-
-    def largest(self, start: float, tolerance: float) -> tuple[float, float]:
-        """Largest amplitude found in A and smallest found not in A (m), their ratio within 1 + tolerance."""
-        low = high = start
-        if self._linear(start):
-            while self._linear(high):
-                if high >= HIGHEST_AMPLITUDE:
-                    return high, float("inf")
-                low, high = high, min(STEP * high, HIGHEST_AMPLITUDE)
-        else:
-            low = _lowered(high)
-            while not self._linear(low):
-                low, high = _lowered(low), low
-        while high > (1.0 + tolerance) * low:
-            middle = (low * high) ** 0.5
-            low, high = (middle, high) if self._linear(middle) else (low, middle)
-        return low, high
-
-    def _linear(self, amplitude: float) -> bool:
-        known = {tried.amplitude: tried.region for tried in self.tried}
-        return (known[amplitude] if amplitude in known else self.run(amplitude).region) == Region.A
-
-
-def _lowered(amplitude: float) -> float:
-    if amplitude < STEP * SMALLEST_AMPLITUDE:
-        raise ExcitationError(f"no amplitude down to {SMALLEST_AMPLITUDE:g} m stays in region A in simulation")
-    return amplitude / STEP
 
 
 def _fields(kind: str, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -216,14 +263,3 @@ def _fields(kind: str, values: Mapping[str, Any]) -> dict[str, Any]:
         return dict(values)
     interleaved = (values.get("axes") or "both") == "both"
     return {"phasing": "optimised", "interleaved": interleaved, **values}
-
-
-def _not_persistent(kind: str, excited: Persistence, model_order: int) -> str:
-    if excited.order == 0 and min(excited.lines) > 0:
-        return (
-            f"{kind}: x and y carry the same signal, so their effects cannot be separated; allowed axes: x, y, in_turn"
-        )
-    return (
-        f"{kind}: persistently exciting of order {excited.order}, but a model with {model_order} states needs "
-        f"{excited.wanted}; lengthen the duration or widen the band"
-    )

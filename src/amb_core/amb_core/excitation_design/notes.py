@@ -23,12 +23,12 @@ NAMED = 4
 """Largest number of differing parameters that are named."""
 
 
-def made_with(region_map: RegionMap, part: str, model: type[P]) -> P:
+def made_with(region_map: RegionMap | None, part: str, model: type[P]) -> P:
     """The parameters with which a map was made, from its provenance.
 
     Parameters
     ----------
-    region_map : RegionMap
+    region_map : RegionMap or None
         The map.
     part : {"controller", "plant"}
         Part of the loop.
@@ -38,8 +38,10 @@ def made_with(region_map: RegionMap, part: str, model: type[P]) -> P:
     Raises
     ------
     RegionError
-        If its provenance does not contain them.
+        If there is no map, or its provenance does not contain them.
     """
+    if region_map is None:
+        raise RegionError(f"without a region map, specify the parameters of the {part}")
     values = region_map.provenance.get(part)
     if not isinstance(values, Mapping):
         raise RegionError(f"the region map does not contain the parameters of its {part}; specify them")

@@ -1,4 +1,4 @@
-"""Trial of an excitation: simulation of the full plant, and the region in which the bearing then runs.
+"""Trial of an excitation: simulation of the full plant, the region in which it runs, and its deviation from linearity.
 
 The classifier (`amb_core.regions`) detects B by a drifting bias, as in a sweep. A signal with a constant spectrum over
 time moves the bias at its beginning and keeps it there: the same nonlinearity, but without drift. So the shift of the
@@ -17,10 +17,16 @@ from numpy.typing import NDArray
 from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal
 from amb_core.excitation.signal import excited_spans
+from amb_core.excitation_design.linear_response import (
+    LinearLoop,
+    LinearResponse,
+    effective_current_limit,
+    slew_rate,
+)
+from amb_core.excitation_design.measures import AxisMeasure, measure_trial
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
-from amb_core.plant.linearise import linearize
 from amb_core.regions import Onset, Region, RegionParameters, classify
 from amb_core.simulation import simulate
 
@@ -42,6 +48,8 @@ class Trial:
         delevitated before it could be measured.
     record : LoopRecord
         Samples of the run.
+    measures : tuple of AxisMeasure
+        Of the excited axes; none if the rotor delevitated.
     """
 
     region: Region
@@ -49,6 +57,7 @@ class Trial:
     onsets: dict[Region, Onset]
     bias_shift: NDArray[np.float64]
     record: LoopRecord
+    measures: tuple[AxisMeasure, ...] = ()
 
 
 class TrialBench:
@@ -62,6 +71,13 @@ class TrialBench:
         Thresholds of the classifier; by default those of `RegionParameters`, with the plant's backup bearing.
     rest : float, optional
         Time before the excitation in which the rotor settles (s).
+
+    Attributes
+    ----------
+    linear : LinearLoop
+        The linearised loop.
+    current_limit : float
+        Limit of the control current (A).
 
     Raises
     ------
@@ -81,8 +97,9 @@ class TrialBench:
         self._one_axis = plant.magnetic_circuit.actuators != "two_axis"
         self._controller = controller
         self._rest = rest
-        gain = np.atleast_2d(linearize(self._plant, controller).closed_loop.dcgain())
-        self._static_gain = np.diag([0.0, float(gain[0, 0])]) if len(gain) == 1 else gain[:2, :2]
+        self.linear = LinearLoop(self._plant, controller)
+        self.current_limit = effective_current_limit(plant, controller)
+        self._slew_rate = slew_rate(plant)
 
     def run(self, signal: ExcitationSignal, progress: Callable[[int, int], None] | None = None) -> Trial:
         """Simulate a signal from rest to its end, or until the rotor delevitates.
@@ -120,22 +137,27 @@ class TrialBench:
         )
         found = classify(record, self.regions, delevitated=self._plant.delevitated)
         classified = max(found.onsets, default=Region.A)
-        shift = self._bias_shift(record, signal, rest)
+        linear = self.linear.respond(signal.samples)
+        shift = self._bias_shift(record, signal, rest, linear)
         moved = bool(np.any(np.abs(shift) >= self.regions.drift_threshold))
-        return Trial(max(classified, Region.B if moved else Region.A), classified, found.onsets, shift, record)
+        region = max(classified, Region.B if moved else Region.A)
+        measures: tuple[AxisMeasure, ...] = ()
+        if record.steps == steps:
+            axes = [axis for axis, _, _ in excited_spans(signal.parameters.axes, signal.steps)]
+            measures = measure_trial(record, rest, axes, linear, self.current_limit, self._slew_rate)
+        return Trial(region, classified, found.onsets, shift, record, measures)
 
-    def _bias_shift(self, record: LoopRecord, signal: ExcitationSignal, rest: int) -> NDArray[np.float64]:
-        """Mean position under excitation, less that at rest and less the linear response to the mean reference."""
+    def _bias_shift(
+        self, record: LoopRecord, signal: ExcitationSignal, rest: int, linear: LinearResponse
+    ) -> NDArray[np.float64]:
+        """Mean position under excitation, less that at rest and less the mean of the linear response."""
         settling = round(self.regions.settling_time / signal.sample_time)
         before = slice(max(rest - settling, 0), rest)
         shifts = [np.full(2, np.nan)]
         for first, last in {(first, last) for _, first, last in excited_spans(signal.parameters.axes, signal.steps)}:
             span = slice(rest + (first + settling if last - first > 2 * settling else first), rest + last)
             if record.steps >= span.stop:
-                position, reference = (
-                    values[span].mean(axis=0) - values[before].mean(axis=0)
-                    for values in (record.position, record.reference)
-                )
-                shifts.append(position - self._static_gain @ reference)
+                moved = record.position[span].mean(axis=0) - record.position[before].mean(axis=0)
+                shifts.append(moved - linear.position[span.start - rest : span.stop - rest].mean(axis=0))
         largest = np.nanargmax(np.abs(np.array(shifts[1:])), axis=0) if len(shifts) > 1 else None
         return shifts[0] if largest is None else np.array(shifts[1:])[largest, [0, 1]]
