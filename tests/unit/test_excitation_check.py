@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from amb_core.errors import ExcitationError, RegionError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
-from amb_core.excitation_design import ExcitationCheck, check_excitation
+from amb_core.excitation_design import ExcitationCheck, TrialBench, check_excitation
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
@@ -152,7 +152,8 @@ def test_a_chirp_of_low_crest_factor_loads_more_than_random_phases_of_the_same_p
 
 def test_edges_of_a_square_count_no_more_than_the_current_that_the_controller_allows() -> None:
     axis = check("square", amplitude=50e-6).axes[0]
-    assert axis.command_peak == pytest.approx(38.0 * 2.0 * 50e-6 * RATE + 20_000.0 * 50e-6)
+    # The derivative of the edge, and the gain times the error: the rotor is 1.33 times the amplitude on the other side.
+    assert axis.command_peak == pytest.approx(38.0 * 2.0 * 50e-6 * RATE + 20_000.0 * 2.33 * 50e-6, rel=2e-3)
     assert axis.limited == pytest.approx(10.0 / RATE)  # ten edges a second, a sample each
     assert axis.load.linear < 1.0
 
@@ -160,6 +161,34 @@ def test_edges_of_a_square_count_no_more_than_the_current_that_the_controller_al
 @pytest.mark.parametrize(("kind", "crest_factor"), [("square", 1.0), ("sweep", np.sqrt(2.0)), ("prbs", 1.0)])
 def test_crest_factors(kind: str, crest_factor: float) -> None:
     assert check(kind).axes[0].crest_factor == pytest.approx(crest_factor, rel=1e-2)
+
+
+# -- limits of current and voltage
+
+
+def test_the_current_that_carries_the_weight_counts_towards_the_limit() -> None:
+    x, y = check("multisine", amplitude=27e-6, frequency_end=700.0).axes
+    assert x.static_current == pytest.approx(0.0, abs=1e-9)
+    assert y.static_current == pytest.approx(1.363, abs=0.01)  # 61.3 N and 68 um of sag
+    assert y.command_peak > 3.0 > y.command_peak - y.static_current  # clipped because of the weight
+    assert y.limited > 0.0 == x.limited
+
+
+def test_what_is_predicted_to_clip_does_so_in_simulation() -> None:
+    found = signal("multisine", amplitude=40e-6, frequency_end=700.0, duration=1.0)
+    predicted = check_excitation(found, MAP).axes[1]
+    trial = TrialBench(PlantParameters(), ControllerParameters(), rest=0.5).run(found)
+    assert trial.measures[1].clipped == pytest.approx(predicted.limited, rel=0.5)
+
+
+def test_a_slew_that_the_voltage_cannot_drive_is_in_the_verdict() -> None:
+    slow = validate(PlantParameters, {"amplifier.supply_voltage": 20.0})
+    found = check_excitation(signal("multisine", amplitude=2e-6, frequency_end=2_000.0), MAP, None, slow)
+    assert found.slew_rate == pytest.approx(10.0 / 7.15e-3, rel=0.01)
+    assert all(axis.slewed > 0.01 for axis in found.axes)
+    assert "region A by the map, " in found.verdict
+    assert "on y the control current changes faster than the voltage can drive it in " in found.verdict
+    assert "may be multiplied" not in found.verdict
 
 
 # -- the verdict

@@ -142,8 +142,13 @@ class Bench:
         Raises
         ------
         ExcitationError
-            If it determines no model, or none of the given order.
+            If both axes carry the same signal, or it determines no model, or none of the given order.
         """
+        if signal.parameters.axes == "both" and (signal.samples[:, 0] == signal.samples[:, 1]).all():
+            raise ExcitationError(
+                f"{signal.kind}: x and y carry the same signal, so their effects cannot be separated; allowed axes: x, "
+                "y, in_turn"
+            )
         axes = ["xy".index(axis) for axis in self._axes]
         response = self.linear.respond(signal.samples) if trial is None else trial.record
         last = slice(-signal.steps, None)
@@ -191,11 +196,6 @@ class Bench:
 
 
 def _not_persistent(signal: ExcitationSignal, found: ExcitedOrder, model_order: int | None) -> str:
-    if signal.parameters.axes == "both" and (signal.samples[:, 0] == signal.samples[:, 1]).all():
-        return (
-            f"{signal.kind}: x and y carry the same signal, so their effects cannot be separated; allowed axes: x, y, "
-            "in_turn"
-        )
     wanted = "any model" if model_order is None else f"a model with {model_order} states"
     return (
         f"{signal.kind}: identification would accept models of {found.order} states at most from its recording, not "
