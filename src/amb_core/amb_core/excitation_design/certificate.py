@@ -28,6 +28,8 @@ from amb_core.regions import Region, RegionParameters
 Progress = Callable[[str, int, int], None]
 """Called with what is simulated, and the numbers of finished and of all steps."""
 
+_REST = 0.5  # s, before the excitation; rotors settle within a tenth of a second or two
+
 
 @dataclass(frozen=True)
 class Certificate:
@@ -87,7 +89,7 @@ class Bench:
         signal_of: Callable[[float, int], ExcitationSignal],
         progress: Progress | None,
     ) -> None:
-        self._trials = TrialBench(plant, controller, regions)
+        self._trials = TrialBench(plant, controller, regions, _REST)
         self._plant, self._controller, self._limits = plant, controller, limits
         self._signal_of, self._progress = signal_of, progress
         first = signal_of(1e-6, 0)

@@ -15,7 +15,8 @@ from amb_core.distortion import DistortionSettings
 from amb_core.excitation import ExcitationSignal, Multisine
 from amb_core.excitation.signal import excited_spans
 
-_PERIOD = 0.5  # s, if the band then has enough lines
+_PERIOD = 0.25  # s, longer than the loop needs to settle; used if the band then has enough lines
+_REST = 0.3  # s, before the excitation
 _FEWEST_LINES = 64  # odd and even ones in the band
 _LARGEST_SEED = 2**31
 
@@ -48,5 +49,6 @@ def distortion_settings(signal: ExcitationSignal, realisations: int) -> Distorti
         period=period,
         realisations=realisations,
         seed=parameters.seed % _LARGEST_SEED,
+        rest=_REST,
         axes="both" if parameters.axes == "both" else "in_turn",
     )
