@@ -37,16 +37,21 @@ COUPLING = np.array([[1.0, 0.3], [-0.2, 0.8]])
 Signal = NDArray[np.float64]
 
 
-def respond(bend: Callable[[Signal], Signal] = lambda y: 0.0 * y, noise: float = 0.0, seed: int = 0) -> Distortion:
+def respond(
+    bend: Callable[[Signal], Signal] = lambda y: 0.0 * y,
+    noise: float = 0.0,
+    seed: int = 0,
+    settings: DistortionSettings = SETTINGS,
+) -> Distortion:
     """A loop with a delay of three samples and coupled axes, its position bent, with white noise on the sensors."""
     random = np.random.default_rng(seed)
     responses = []
-    for realisation in range(SETTINGS.realisations):
+    for realisation in range(settings.realisations):
         pair = []
         for experiment in range(2):
-            reference = reference_of(SETTINGS, LINES, realisation, experiment)
+            reference = reference_of(settings, LINES, realisation, experiment)
             clean = np.roll(reference, 3, axis=0) @ COUPLING.T
-            position = np.tile(clean + bend(clean), (SETTINGS.periods, 1, 1))
+            position = np.tile(clean + bend(clean), (settings.periods, 1, 1))
             position += noise * random.normal(size=position.shape)
             pair.append(PeriodicResponse(reference, 2e6 * (reference - position), position))
         responses.append(pair)
@@ -64,6 +69,15 @@ def test_one_odd_line_of_every_four_is_left_out_and_no_even_one_excited() -> Non
     left_out = [set(band[n : n + 4]) - set(LINES.excited) for n in range(0, len(band), 4)]
     assert all(len(lines) == 1 for lines in left_out)
     assert LINES.odd[0] == 1, "slow motion below the band counts"
+
+
+def test_axes_in_turn_find_the_same_loop_with_one_axis_at_rest() -> None:
+    in_turn = SETTINGS.model_copy(update={"axes": "in_turn"})
+    for experiment, resting in ((0, 1), (1, 0)):
+        assert not reference_of(in_turn, LINES, 0, experiment)[:, resting].any()
+    both, separate = (respond(settings=settings) for settings in (SETTINGS, in_turn))
+    assert separate.closed_loop == pytest.approx(both.closed_loop, abs=1e-9)
+    assert separate.ratio == pytest.approx(0.0, abs=1e-9)
 
 
 def test_references_have_the_rms_asked_for_and_nothing_but_the_excited_lines() -> None:

@@ -24,7 +24,7 @@ class Limits(Parameters):
         0.05, "-", "largest deviation and largest nonlinear distortion of an axis over its linear response", 1e-3, 1.0
     )
     least_fit: float = quantity(
-        90.0, "%", "smallest fit of the linearised loop on an axis, a shift of the mean position included", 0.0, 99.9
+        90.0, "percent", "smallest fit of the linearised loop on an axis; a shift of the mean is an error", 0.0, 99.9
     )
     saturation_limit: float = quantity(
         0.01,
