@@ -88,6 +88,7 @@ def check_excitation(
             *(text for axis in axes for text in saturation(axis, 0.0)),
             *notes_on(signal, axes, region_map, controller, plant),
         ),
+        bias_current=plant.amplifier.bias_current,
         current_limit=current_limit,
         slew_rate=rate,
     )

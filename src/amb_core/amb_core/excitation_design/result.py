@@ -39,8 +39,6 @@ class AxisCheck:
         Highest region with a load of 1 or more, else A.
     rms, peak : float
         Of the signal while the axis is excited (m).
-    static_current : float
-        Control current that holds the rotor at rest (A).
     command_rms, command_peak : float
         Of the control current that the linearised loop requests, before any limit: rms of what the signal adds, and
         peak with the static current (A).
@@ -48,6 +46,8 @@ class AxisCheck:
         Of its rate of change (A/s).
     limited : float
         Share of the samples in which it is above the limit of the control current, static current included.
+    static_current : float
+        Control current that holds the rotor at rest (A).
     slewed : float
         Share of the samples in which it changes faster than the voltage can drive it.
     """
@@ -64,13 +64,13 @@ class AxisCheck:
     predicted: Region
     rms: float
     peak: float
-    static_current: float
     command_rms: float
     command_peak: float
     slew_rms: float
     slew_peak: float
     limited: float
-    slewed: float
+    static_current: float = 0.0
+    slewed: float = 0.0
 
     @property
     def crest_factor(self) -> float:
@@ -100,6 +100,8 @@ class ExcitationCheck:
         One line: where it would run, and what to do.
     notes : tuple of str
         Notes for the reader: content outside the map, a map of another axis, sample rate, controller or plant.
+    bias_current : float
+        Bias current of every electromagnet (A).
     current_limit : float
         Largest control current that the controller allows and all coils can follow (A).
     slew_rate : float or None
@@ -114,5 +116,6 @@ class ExcitationCheck:
     margin: float
     verdict: str
     notes: tuple[str, ...]
+    bias_current: float
     current_limit: float
     slew_rate: float | None

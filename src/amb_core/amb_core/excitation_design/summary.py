@@ -22,6 +22,7 @@ def check_summary(check: ExcitationCheck) -> dict[str, Any]:
         "margin": round(check.margin, 4),
         "shares": {region.name: round(share, 6) for region, share in check.shares.items()},
         "axes": {axis.axis: _axis(axis) for axis in check.axes},
+        "bias_current_a": check.bias_current,
         "current_limit_a": check.current_limit,
         "slew_rate_a_per_s": None if check.slew_rate is None else round(check.slew_rate, 1),
         "notes": list(check.notes),
