@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -132,7 +133,8 @@ def design(
     assert designed.check is not None
     for note in designed.check.notes:
         console.print(f"[yellow]note: {note}[/yellow]")
-    _write(out, {"map": str(map_file), **design_summary(designed)}, designed.check, region_map, console)
+    drawn = replace(designed.check, verdict=designed.verdict)  # the simulations decide, not the map
+    _write(out, {"map": str(map_file), **design_summary(designed)}, drawn, region_map, console)
 
 
 def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:
