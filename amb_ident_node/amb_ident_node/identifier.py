@@ -28,6 +28,7 @@ from amb_core.identification import (
     validate,
 )
 from amb_core.identification.controller_choice import PAPER, is_named_set, named_controller, needs_controller
+from amb_core.identification.data.drift import DriftOption
 from amb_core.identification.identify import check_arguments
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import Parameters, choice, quantity
@@ -58,6 +59,9 @@ class IdentifierParameters(Parameters):
 
     order: int = quantity(10, "-", "number of states if a request gives none", 1, 30)
     method: Method = choice("pem", "method if a request gives none")
+    drift: DriftOption = choice(
+        "auto", "slow drift of the outputs: auto (removed where the checks find it), none, or prefilter (always)"
+    )
     max_steps: int = quantity(
         1_200_000, "-", "steps of telemetry that are kept; older ones are dropped", 1_000, 100_000_000
     )
@@ -188,6 +192,7 @@ class IdentifierNode(Node):
                 *self._arguments(request),
                 loop.controller,
                 focus=request.focus or DEFAULT_FOCUS,
+                drift=self._settings.drift,
                 progress=tell,
                 cancelled=ended,
             )

@@ -81,17 +81,19 @@ class LinearBearing:
         lead: int = 0,
         controller: ControllerParameters | None = None,
         force: float = 0.0,
+        drift: str = "",
         **settings: Any,
     ) -> LoopRecord:
         """The loop from rest under an excitation of 50 um and 2 s after `lead` steps.
 
         `noise` is the rms of the white noise of the sensors (m), `force` that of the white force on the rotor (N).
+        `drift` is the shape of a drift of both sensors by some um, see `sensor_drift`.
         """
         request = {"amplitude": 50e-6, "duration": 2.0, **settings}
         signal = generate(excitation_from_request(kind, request), 1.0 / self.sample_time).samples
         reference = np.vstack([np.zeros((lead, 2)), signal])
         random = np.random.default_rng(1)
-        errors = random.normal(scale=noise, size=reference.shape)
+        errors = random.normal(scale=noise, size=reference.shape) + sensor_drift(drift, len(reference))
         forces = random.normal(scale=force, size=reference.shape)
         law = PdController(controller or ControllerParameters())
         model, disturbed = self.model, self._matrices[1][:, 2:]
@@ -102,6 +104,22 @@ class LinearBearing:
             current[step] = law.update(*position[step], *target)
             state = model.a @ state + model.b @ (current[step] - model.input_offset) + disturbed @ forces[step]
         return LoopRecord(0, self.sample_time, reference, position, current)
+
+
+def sensor_drift(shape: str, steps: int) -> np.ndarray:
+    """Drift of the sensors of x and y by 4 and -2.5 um (m), shape (steps, 2); none for an empty shape."""
+    time = np.linspace(0.0, 1.0, steps)
+    walk = np.cumsum(np.random.default_rng(2).normal(size=steps))
+    relative = {
+        "": np.zeros(steps),
+        "ramp": time,
+        "sine": 0.5 * np.sin(2.0 * np.pi * (time + 0.1)),
+        "half sine": np.sin(np.pi * time),
+        "warm-up": 1.0 - np.exp(-4.0 * time),
+        "random walk": walk / np.ptp(walk),
+        "step": (time > 0.6).astype(float),
+    }[shape]
+    return np.outer(relative, [4e-6, -2.5e-6])
 
 
 @pytest.fixture(scope="session")

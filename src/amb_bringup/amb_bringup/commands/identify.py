@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -20,6 +21,7 @@ from amb_core.errors import IdentificationError
 from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress, response_of
 from amb_core.identification.controller_choice import PAPER, needs_controller
 from amb_core.identification.data import merge
+from amb_core.identification.data.drift import DriftOption
 from amb_core.loop.control import ControllerParameters
 
 UNITS = 1e6
@@ -39,6 +41,9 @@ def identify(
     focus: Annotated[
         str, typer.Option(help="Criterion for the model: prediction, or simulation in closed loop.")
     ] = "prediction",
+    drift: Annotated[
+        str, typer.Option(help="Slow drift of the outputs: auto (removed where found), none, or prefilter (always).")
+    ] = "auto",
     first_step: Annotated[int, typer.Option(help="First step used; -1 for where the last excitation starts.")] = -1,
     steps: Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")] = 0,
     controller: ControllerOption = "",
@@ -72,6 +77,7 @@ def identify(
     with Stages(console) as stages:
         result = identification.identify(
             data, wanted, method, closing, ", ".join(map(str, bag)), orders=tried, focus=cast("Focus", focus),
+            drift=cast("DriftOption", drift),
             progress=lambda now: stages.update(now.stage, now.done, now.total, _cost(now)),
         )  # fmt: skip
     for finding in result.report.warnings:
@@ -154,6 +160,18 @@ def summary_of(result: Identification) -> dict[str, Any]:
             for index, pole in enumerate(model.poles().tolist())
         ],
         "unstable_poles": len(model.unstable_poles()),
+        "poles_at_one": None if uncertainty is None else [[p.real, p.imag] for p in uncertainty.poles_at_one.tolist()],
+        "search": None if result.search is None else asdict(result.search),
+        "drift": None
+        if result.drift is None
+        else {
+            "removed": result.drift.summary,
+            "corner": result.drift.corner,
+            "steps": [
+                {"experiment": step.experiment, "step": step.step, "size": step.size.tolist()}
+                for step in result.drift.steps
+            ],
+        },
         "closed_loop_stable": None if result.closed_loop_poles is None else result.stable,
         "closed_loop_poles": None
         if result.closed_loop_poles is None
@@ -213,6 +231,13 @@ def _table(result: Identification) -> Table:
         )
     rates = ", ".join(f"{_number(np.log(pole) / model.sample_time, 5)} 1/s" for pole in unstable)
     table.add_row("unstable poles", f"{len(unstable)}" + (f": {rates}" if rates else ""))
+    if result.uncertainty is not None and (remark := result.uncertainty.at_one):
+        table.add_row("[yellow]pole at 1[/yellow]", remark)
+    if result.drift is not None:
+        table.add_row("drift", result.drift.summary)
+    if (search := result.search) is not None:
+        end = "converged" if search.converged else f"[yellow]not converged[/yellow], {100.0 * search.left:.2g} % left"
+        table.add_row("search", f"{end}, {search.iterations} steps")
     if result.closed_loop_poles is not None:
         table.add_row("closed loop", "stable" if result.stable else "[red]unstable[/red]")
     return table

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles
 from amb_core.identification.controller_choice import needs_controller
-from amb_core.identification.data import DataReport, IdentificationData, check_data
+from amb_core.identification.data import DataReport, IdentificationData, Severity, check_data
 from amb_core.identification.data.checks import check_amount, check_excitation
+from amb_core.identification.data.drift import DriftCure, DriftOption, cure_drift
 from amb_core.identification.estimate.methods import METHODS, estimate
 from amb_core.identification.estimate.order_selection import OrderSelection, select_order
 from amb_core.identification.estimate.scaled_data import check_order
-from amb_core.identification.experiment_simulation import simulate_experiment
+from amb_core.identification.experiment_simulation import in_experiment, simulate_experiment
 from amb_core.identification.focus.focus import focus_simulation
 from amb_core.identification.progress import Cancelled, Progress, SearchEnd, Watch
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
@@ -54,6 +55,8 @@ class Identification:
         from the bearing's loop.
     search : SearchEnd or None
         How the search of `pem` ended, and whether it converged; None for other methods.
+    drift : DriftCure or None
+        Which drift was removed from the data that the model is estimated from, and how; None if nothing was.
     """
 
     model: StateSpaceModel
@@ -64,6 +67,7 @@ class Identification:
     simulations: tuple[LoopRecord | None, ...]
     closed_loop_poles: NDArray[np.complex128] | None
     search: SearchEnd | None = None
+    drift: DriftCure | None = None
 
     @property
     def stable(self) -> bool:
@@ -95,6 +99,10 @@ class Identification:
                 f"the search stopped after {self.search.iterations} steps and had not converged, a further step "
                 f"promises {100.0 * self.search.left:.2g} % less squared error"
             )
+        if self.drift is not None:
+            parts.append(self.drift.summary)
+        if self.uncertainty is not None and (remark := self.uncertainty.at_one):
+            parts.append(remark)
         return "; ".join(parts)
 
 
@@ -107,6 +115,7 @@ def identify(
     *,
     orders: Sequence[int] | None = None,
     focus: Focus = "prediction",
+    drift: DriftOption = "auto",
     progress: Progress | None = None,
     cancelled: Cancelled | None = None,
 ) -> Identification:
@@ -131,6 +140,9 @@ def identify(
         The orders that "auto" tests; see `select_order`.
     focus : str
         `prediction`, or `simulation` to reduce the errors of the closed-loop simulation in a last step.
+    drift : str
+        Whether slow drift and steps of the outputs are removed before the estimate (see `cure_drift`): `auto` where the
+        checks find drift, `none`, or `prefilter` for any data. Data without drift are not changed by `auto`.
     progress : callable, optional
         Called with an `IdentificationProgress` at every stage and iteration.
     cancelled : callable, optional
@@ -142,7 +154,7 @@ def identify(
         If an argument is not allowed, the checks find errors in the data, the data determine no model, or the
         identification is cancelled; the message is one line with the reason.
     """
-    check_arguments(order, method, focus)
+    check_arguments(order, method, focus, drift)
     if isinstance(data, LoopRecord):
         data = IdentificationData.from_record(data)
     source = source or "; ".join(dict.fromkeys(item.source for item in data.experiments if item.source))
@@ -154,30 +166,37 @@ def identify(
     sample_time = None if controller is None else 1.0 / controller.sample_rate
     report = check_data(data, 1 if order == "auto" else order, sample_time=sample_time)
     report.refuse_errors()
+    found = report.finding("drift").severity is Severity.WARNING
+    cure = cure_drift(data, drift) if found or drift == "prefilter" else None
+    used = data if cure is None else cure.data
     watch.tell("checks", 1, 1)
     selection = None
     if isinstance(order, str):
-        selection = select_order(data, orders, progress, cancelled)
+        selection = select_order(used, orders, progress, cancelled)
         order = selection.chosen
         report = _for_order(report, data, order)
-    models = estimate(data, order, method, watch, source)
+    models = estimate(used, order, method, watch, source)
+    if cure is not None:  # the state at the first sample of the data themselves
+        models = [replace(model, initial_state=in_experiment(model, data, 0).initial_state) for model in models]
     watch.tell("validation", 0, 1)
     best = max((_validate(model, data, controller, report, selection) for model in models), key=_quality)
     if focus == "simulation" and controller is not None:
         model = focus_simulation(best.model, data, controller, progress, cancelled)
         best = _validate(model, data, controller, report, selection)
     elif method == "pem":
-        best = replace(best, uncertainty=_uncertainty(best.model, data), search=watch.search)
+        best = replace(best, uncertainty=_uncertainty(best.model, used), search=watch.search)
     watch.tell("validation", 1, 1)
-    return best
+    return replace(best, drift=cure)
 
 
-def check_arguments(order: int | str, method: str, focus: str) -> None:
+def check_arguments(order: int | str, method: str, focus: str, drift: str = "auto") -> None:
     """Raise IdentificationError if `identify` does not take one of these arguments, whatever the data."""
     if method not in METHODS:
         raise IdentificationError(f"unknown method {method!r}; allowed: {', '.join(METHODS)}")
     if focus not in get_args(Focus):
         raise IdentificationError(f"unknown focus {focus!r}; allowed: {', '.join(get_args(Focus))}")
+    if drift not in get_args(DriftOption):
+        raise IdentificationError(f"unknown drift {drift!r}; allowed: {', '.join(get_args(DriftOption))}")
     if isinstance(order, str):
         if order != "auto":
             raise IdentificationError(f"order {order!r} is not allowed; allowed: a number or 'auto'")

@@ -7,7 +7,7 @@ milliseconds per iteration. Every order uses the same two factors of the data.
 
 Predictors of a lightly damped plant have a longer memory. Truncated, that of the true order is not the best, and more
 states compensate for the truncation. So the best order and its neighbours are compared again with `pem` models of all
-samples.
+samples, started from those of finite memory. The search of an order ends as soon as it cannot become the best one.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 16.4 and 16.6; G. Schwarz, Estimating
 the dimension of a model, Annals of Statistics 6 (1978).
@@ -30,12 +30,12 @@ from amb_core.identification.data.checks import highest_excited_order
 from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
 from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory, halves
+from amb_core.identification.estimate.order_progress import OrderProgress
 from amb_core.identification.estimate.pem import MOST_EXPERIMENTS, cost_of, fit_modes
 from amb_core.identification.estimate.scaled_data import ScaledData, check_order
 from amb_core.identification.estimate.ssarx import future_map
 from amb_core.identification.estimate.state_regression import (
     RIDGES,
-    best_predictor,
     horizons,
     predictor_matrices,
     shortest_horizon,
@@ -51,6 +51,7 @@ _LEAST_GAIN = 1e-4  # of the squared errors: far below what a state must gain fo
 _MOST_ITERATIONS = 12
 _REACH = 2  # orders on either side that are compared with the best one: those of one mode less or more
 _RIDGES = RIDGES[::3]
+_HOPE = 4.0  # a search may lower the criterion by as many times what its next step promises
 
 
 @dataclass(frozen=True)
@@ -131,10 +132,10 @@ def select_order(
         check_order(order)
     highest = highest_excited_order(data, tried[-1])
     tried = tuple(order for order in tried if order <= highest) or tried
-    watch.tell("order", 0, _total(tried))
+    steps = OrderProgress(watch, len(tried), _REACH)
     scaled = ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
     with small_matrices(f"no order can be chosen from {data.samples} samples"):
-        return _compare(scaled, tried if orders is not None else _affordable(scaled, tried), watch)
+        return _compare(scaled, tried if orders is not None else _affordable(scaled, tried), steps)
 
 
 def _affordable(data: ScaledData, orders: tuple[int, ...]) -> tuple[int, ...]:
@@ -149,20 +150,24 @@ def _affordable(data: ScaledData, orders: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(order for order in orders if order <= highest)
 
 
-def _compare(data: ScaledData, orders: tuple[int, ...], watch: Watch) -> OrderSelection:
+def _compare(data: ScaledData, orders: tuple[int, ...], steps: OrderProgress) -> OrderSelection:
     past, future = horizons(data, orders[-1])
     triangle = DataTriangle(data, past, future)
+    steps.advance()
     regression = PastRegression(triangle, triangle.best_past(shortest_horizon(orders[-1])))
     maps = [future_map(regression, float(ridge)) for ridge in _RIDGES]
     p, q = triangle.p, triangle.q
+    steps.advance()
     memory = min(_MEMORY, max(data.lengths) // 4)
     first, second, first_steps, second_steps = halves(data, memory)
     whole = FiniteMemory.of(first + second, first_steps + second_steps, p)
     training, validation = FiniteMemory.of(first, first_steps, p), FiniteMemory.of(second, second_steps, p)
+    fits: list[Fit | None] = []
     likelihood, error = np.full(len(orders), np.inf), np.full(len(orders), np.inf)
     for number, order in enumerate(orders):
-        watch.tell("order", number, _total(orders))
+        steps.advance()
         fit = _fit(regression, maps, whole, order)
+        fits.append(fit)
         if fit is None:
             continue
         likelihood[number] = 2.0 * len(data.inputs) * cost_of(fit)
@@ -173,11 +178,9 @@ def _compare(data: ScaledData, orders: tuple[int, ...], watch: Watch) -> OrderSe
     if not np.isfinite(likelihood).any():
         raise IdentificationError(f"the data determine no model of the orders {orders[0]} to {orders[-1]}")
     parameters = np.array(orders, dtype=np.float64) * (p + q)  # of A, B, C, K minus those of the state's coordinates
-    watch.tell("order", len(orders), _total(orders))
-    done = len(orders)
     if len(data.lengths) <= MOST_EXPERIMENTS:
-        done = _refine_around_the_best(data, regression, orders, likelihood, math.log(whole.steps) * parameters, watch)
-    watch.tell("order", done, done)
+        _refine_around_the_best(data, fits, orders, likelihood, math.log(whole.steps) * parameters, steps)
+    steps.end()
     aic, bic = likelihood + 2.0 * parameters, likelihood + math.log(whole.steps) * parameters
     strengths = linalg.svdvals(regression.columns @ maps[0])
     return OrderSelection(orders, strengths / strengths[0], aic - aic.min(), bic - bic.min(), error)
@@ -185,47 +188,62 @@ def _compare(data: ScaledData, orders: tuple[int, ...], watch: Watch) -> OrderSe
 
 def _refine_around_the_best(
     data: ScaledData,
-    regression: PastRegression,
+    fits: list[Fit | None],
     orders: tuple[int, ...],
     likelihood: NDArray[np.float64],
     penalty: NDArray[np.float64],
-    watch: Watch,
-) -> int:
-    """Enter the likelihood of the `pem` model of all samples for the best order and its neighbours.
+    steps: OrderProgress,
+) -> None:
+    """Enter the likelihood of the `pem` model of all samples for the best order and its neighbours, the best first."""
+    samples, refined = len(data.inputs), np.zeros(len(orders), dtype=bool)
+    whole = partial(_on_all_samples, data)
+    while True:
+        criterion = likelihood + penalty
+        best = orders[int(np.argmin(criterion))]
+        near = [n for n, order in enumerate(orders) if abs(order - best) <= _REACH and not refined[n]]
+        if not near:
+            return
+        number = min(near, key=criterion.__getitem__)
+        least = min(criterion[refined], default=math.inf)
+        refined[number] = True
+        steps.begin_search(len(near))
+        fit = fits[number]
+        if fit is None:
+            continue
+        search = _Search(samples, len(fit.covariance), float(least - penalty[number]))
+        try:
+            found = fit_modes(
+                fit.modes, whole, len(fit.covariance), steps.advance_search, hopeless=search.hopeless, first=fit
+            )
+        except linalg.LinAlgError:
+            continue
+        likelihood[number] = min(likelihood[number], 2.0 * samples * cost_of(found))
 
-    Returns the number of progress steps that are done.
+
+def _on_all_samples(data: ScaledData, modes: Modes, weight: NDArray[np.float64]) -> Fit:
+    return fit_gains(modes, data.inputs, data.outputs, weight, data.lengths)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The search of one order, and the likelihood that it must reach to become the best.
+
+    Attributes
+    ----------
+    samples, outputs : int
+        Samples of the data, and outputs.
+    needed : float
+        Minus twice the logarithm of the likelihood at which the order has the best criterion.
     """
 
-    def whole(modes: Modes, weight: NDArray[np.float64]) -> Fit:
-        return fit_gains(modes, data.inputs, data.outputs, weight, data.lengths)
+    samples: int
+    outputs: int
+    needed: float
 
-    refined: set[int] = set()
-    while True:
-        best = orders[int(np.argmin(likelihood + penalty))]
-        near = [number for number, order in enumerate(orders) if abs(order - best) <= _REACH and number not in refined]
-        done = len(orders) + len(refined)
-        if not near:
-            return done
-        total = max(_total(orders), done + len(near))
-        for step, number in enumerate(near, start=done):
-            watch.tell("order", step, total)
-            refined.add(number)
-            try:
-                a, c, k = best_predictor(data, regression, orders[number], future_map)
-                start = Modes.of(a - k @ c, c)
-                fit = fit_modes(start, whole, len(c), partial(_tell_cost, watch, step, total))
-            except (IdentificationError, linalg.LinAlgError):
-                continue
-            likelihood[number] = min(likelihood[number], 2.0 * len(data.inputs) * cost_of(fit))
-
-
-def _total(orders: Sequence[int]) -> int:
-    """Expected progress steps: one for each order, and again for the best one and its neighbours."""
-    return len(orders) + min(len(orders), 2 * _REACH + 1)
-
-
-def _tell_cost(watch: Watch, step: int, total: int, _iteration: int, cost: float) -> None:
-    watch.tell("order", step, total, cost)
+    def hopeless(self, cost: float, promised: float) -> bool:
+        """Whether what a step promises, several times, does not suffice."""
+        gain = -self.samples * self.outputs * math.log1p(-min(promised, 0.5))
+        return 2.0 * self.samples * cost - _HOPE * gain > self.needed
 
 
 def _fit(regression: PastRegression, maps: list[NDArray[np.float64]], memory: FiniteMemory, order: int) -> Fit | None:

@@ -104,6 +104,8 @@ def fit_modes(
     most_iterations: int = MOST_ITERATIONS,
     least_gain: float = _LEAST_GAIN,
     ended: Callable[[SearchEnd], None] | None = None,
+    hopeless: Callable[[float, float], bool] | None = None,
+    first: Fit | None = None,
 ) -> Fit:
     """The fit with the smallest determinant of the errors' covariance that a search from `modes` finds.
 
@@ -118,19 +120,24 @@ def fit_modes(
     progress, most_iterations, ended : see `pem`
     least_gain : float
         Predicted relative decrease of the squared errors at which the search ends.
+    hopeless : callable, optional
+        Called as hopeless(cost, predicted relative decrease of the squared errors) before each step; the search ends
+        where it returns True.
+    first : Fit, optional
+        An earlier fit with errors of about the same covariance, for the first weight; by default one without weight.
 
     Raises
     ------
     LinAlgError
         If the start determines no fit.
     """
-    fit = best(modes, _weight(best(modes, np.eye(outputs)).covariance))
+    fit = best(modes, _weight((first or best(modes, np.eye(outputs))).covariance))
     iteration, cost, damping = 0, cost_of(fit), Damping()
     if progress is not None:
         progress(iteration, cost)
     while iteration < most_iterations:
         step, promised, possible = damped_step(fit.sensitivity, fit.errors, damping.value)
-        if not possible >= least_gain:
+        if not possible >= least_gain or (hopeless is not None and hopeless(cost, possible)):
             break
         iteration += 1
         trial = _try(fit.modes.moved(step), best, _weight(fit.covariance))

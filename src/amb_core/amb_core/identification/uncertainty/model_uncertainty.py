@@ -78,9 +78,29 @@ class ModelUncertainty:
         if not self.white:
             taken = "are taken" if self.robust else "should be taken (robust)"
             text += f"; innovations are not white and {taken} as they are: {self.inflation:.3g} times the variance"
+        if remark := self.at_one:
+            text += f"; {remark}"
         if self.distance > _FAR:
             text += f"; not the model that predicts these data best, but {self.distance:.2g} standard deviations away"
         return text
+
+    @property
+    def poles_at_one(self) -> NDArray[np.complex128]:
+        """Poles whose 99 % interval holds z = 1: the data do not decide whether they are stable."""
+        poles, reach = self.model.poles(), normal_quantile(LEVEL) * self.pole_deviations()
+        apart = np.column_stack([np.abs(poles.real - 1.0), np.abs(poles.imag)])
+        return np.asarray(poles[np.all(apart <= reach, axis=1)])
+
+    @property
+    def at_one(self) -> str:
+        """A remark on `poles_at_one`; empty if there are none."""
+        poles = ", ".join(_number(pole) for pole in self.poles_at_one)
+        if not poles:
+            return ""
+        return (
+            f"the 99 % interval of pole z = {poles} holds 1: the data do not decide whether it is stable; slow drift "
+            "causes such poles, as does too high an order"
+        )
 
     @property
     def covariance(self) -> NDArray[np.float64]:

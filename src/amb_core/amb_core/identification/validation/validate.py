@@ -169,6 +169,7 @@ def validate(
         )
         closed_loop, loop_notes = _closed_loop(model, data, controller, prediction)
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
+    undecided = uncertainty.at_one if uncertainty is not None else ""
     return Validation(
         model,
         data,
@@ -177,7 +178,7 @@ def validate(
         residuals,
         closed_loop,
         frequency,
-        (*loop_notes, *frequency_notes),
+        (*([f"poles: {undecided}"] if undecided else []), *loop_notes, *frequency_notes),
     )
 
 

@@ -1,6 +1,7 @@
 """Checks of data for identification: each a function with one finding, and all of them at once."""
 
 from amb_core.identification.data.checks.all_checks import check_data
+from amb_core.identification.data.checks.drift import check_drift
 from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
 from amb_core.identification.data.checks.excitation import (
     check_amount,
@@ -26,6 +27,7 @@ __all__ = [
     "check_clipping",
     "check_data",
     "check_delay",
+    "check_drift",
     "check_excitation",
     "check_feedback",
     "check_finite",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
+from amb_core.identification.data.checks.drift import check_drift
 from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
 from amb_core.identification.data.checks.excitation import check_amount, check_excitation, check_inputs
 from amb_core.identification.data.checks.region import check_region
@@ -70,6 +71,7 @@ def check_data(
             check_excitation(data, order),
             check_clipping(data, limits),
             check_offsets(data),
+            check_drift(data),
         ]
         feedback = check_feedback(data)
         controlled = bool(feedback.where) or all(item.reference is not None for item in data.experiments)
