@@ -88,9 +88,9 @@ def test_short_data_are_not_checked(bearing) -> None:
 
 
 def test_an_unknown_option_is_refused(bearing) -> None:
-    with pytest.raises(IdentificationError, match="unknown drift 'all'; allowed: auto, none, prefilter"):
+    with pytest.raises(IdentificationError, match=r"unknown drift 'all'; allowed: auto, none, prefilter"):
         identify(drifting(bearing, ""), 6, drift="all")  # type: ignore[arg-type]
-    with pytest.raises(IdentificationError, match="a moving average of 4 samples is not allowed; .* odd"):
+    with pytest.raises(IdentificationError, match=r"a moving average of 4 samples is not allowed; .* odd"):
         high_pass(drifting(bearing, ""), 4)
 
 

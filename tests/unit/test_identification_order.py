@@ -11,7 +11,13 @@ from scipy.signal import butter, lfilter
 
 from amb_core.errors import IdentificationError
 from amb_core.figures.order import order_chart
-from amb_core.identification import IdentificationData, OrderSelection, identify, select_order
+from amb_core.identification import (
+    IdentificationData,
+    IdentificationProgress,
+    OrderSelection,
+    identify,
+    select_order,
+)
 from amb_core.identification.estimate.filter_bank import Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory, halves
 from amb_core.identification.estimate.scaled_data import ScaledData
@@ -33,6 +39,14 @@ def selection(data: IdentificationData) -> OrderSelection:
 def test_the_criterion_of_schwarz_finds_the_order_of_the_bearing(selection: OrderSelection) -> None:
     assert selection.chosen == 6 and not selection.at_the_end
     assert selection.orders == (4, 5, 6, 7)
+
+
+def test_the_progress_moves_with_every_iteration_of_a_search(data: IdentificationData) -> None:
+    told: list[IdentificationProgress] = []
+    select_order(data, (5, 6), progress=told.append)
+    assert [now.done for now in told[:-1]] == list(range(len(told) - 1))
+    assert all(now.done < now.total for now in told[:-1]) and told[-1].done == told[-1].total
+    assert sum(now.cost is not None for now in told) >= 2  # iterations on all samples
 
 
 def test_orders_that_the_inputs_do_not_excite_are_not_offered() -> None:

@@ -46,6 +46,8 @@ def test_several_files_give_one_model_with_numbers_and_figures(
     assert min(summary["fit"].values()) > 99.0
     assert len(summary["poles"]) == 6 and all(pole["deviation"] for pole in summary["poles"])
     assert {finding["severity"] for finding in summary["findings"]} <= {"info", "warning"}
+    assert summary["search"]["converged"] and summary["drift"] is None and summary["poles_at_one"] == []
+    assert "converged" in shown
     names = ["bode", "order", "poles", "experiment_1/response", "experiment_2/orbit"]
     assert all((figures / f"{name}.{ending}").exists() for name in names for ending in ("png", "html"))
     assert not caplog.records, "figures drawn without complaint"

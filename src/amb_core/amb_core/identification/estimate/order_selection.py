@@ -51,7 +51,7 @@ _LEAST_GAIN = 1e-4  # of the squared errors: far below what a state must gain fo
 _MOST_ITERATIONS = 12
 _REACH = 2  # orders on either side that are compared with the best one: those of one mode less or more
 _RIDGES = RIDGES[::3]
-_HOPE = 4.0  # a search may lower the criterion by as many times what its next step promises
+_HOPE = 2.0  # a search may lower the criterion by as many times what its next step promises
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ CORNER = 1.0
 
 
 def high_pass(data: IdentificationData, length: int) -> IdentificationData:
-    """The data less their moving average; each experiment loses `length` - 1 samples.
+    """The data less their moving average, without means; each experiment loses `length` - 1 samples.
 
     The means of the original signals are kept as offsets of the trends, as `detrend` does it: they are the operating
     point.
@@ -87,5 +87,5 @@ def _filtered(item: Experiment, kernel: NDArray[np.float64], index: int) -> Expe
         mean, trend = samples.mean(axis=0), np.array(getattr(item, f"{name}_trend"))
         trend[0] += mean
         passed = signal.oaconvolve(samples - mean, kernel, mode="valid", axes=0)
-        changes |= {field: passed, f"{name}_trend": trend}
+        changes |= {field: passed - passed.mean(axis=0), f"{name}_trend": trend}
     return replace(item, **changes)
