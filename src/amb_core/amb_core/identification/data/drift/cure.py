@@ -1,9 +1,9 @@
 """Removes drift from data: steps of the sensors are subtracted, slow drift by a high-pass prefilter.
 
-A first-order high-pass filter with its corner where the drift's power falls below the noise is what a random-walk state
-for the drift, estimated along, amounts to: the estimate of such a state is the low-passed error. One window length for
-all signals has to be chosen instead of a covariance. The data choose it: least entropy of the ARX model's innovations,
-less what the filter itself takes from every spectrum.
+A state for the drift that walks at random, estimated along, amounts to a high-pass filter of all signals as well: what
+the filter of that state takes for drift is the slow part of the errors. Here one window length is chosen for all signals
+instead of a covariance for each output, and no method needs to know of it. The data choose it: least entropy of the ARX
+model's innovations, less what the filter takes from every spectrum.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from amb_core.identification.data.drift.steps import SensorStep, find_steps, wit
 
 DriftOption = Literal["auto", "none", "prefilter"]
 
-_SHARES = (8, 16, 32, 64, 128)  # of the shortest experiment that the window may take
+_SHARES = (16, 32, 64, 128)  # parts of the shortest experiment that a window may take; a longer one loses much data
 _SHORTEST_WINDOW = 5 * LAGS
 
 
