@@ -59,15 +59,14 @@ def find_drift(data: IdentificationData) -> Drift | None:
     data : IdentificationData
         Data with finite values; means of each experiment do not count.
     """
-    data = long_enough(data)
-    if data is None:
+    kept = long_enough(data)
+    model = None if kept is None else undrifted(kept)
+    if kept is None or model is None:
         return None
-    model = undrifted(data)
-    if model is None:
-        return None
-    slow, level, size = 0.0, 0.0, np.zeros(len(data.output_names))
-    to_outputs = np.linalg.pinv(model.static_gain) * scales(data)[len(data.input_names) :, np.newaxis]
-    for part in signals_of(data):
+    p = len(data.output_names)
+    slow, level, size = np.zeros(p), np.zeros(p), np.zeros(p)
+    to_outputs = np.linalg.pinv(model.static_gain) * scales(kept)[len(data.input_names) :, np.newaxis]
+    for part in signals_of(kept):
         lines = fft.dct(model.errors(part), axis=0, norm="ortho")
         power = lines[1 : SLOWEST + 1 + _OTHERS] ** 2
         slow = slow + power[:SLOWEST].mean(axis=0)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +79,7 @@ def _filtered(item: Experiment, kernel: NDArray[np.float64], index: int) -> Expe
         raise IdentificationError(
             f"experiment {index} has {item.steps} samples; a moving average of {len(kernel)} needs more"
         )
-    changes = {"first_step": item.first_step + len(kernel) // 2}
+    changes: dict[str, Any] = {"first_step": item.first_step + len(kernel) // 2}
     for name in ("input", "output", "reference"):
         field = name if name == "reference" else f"{name}s"
         samples = getattr(item, field)
