@@ -1,9 +1,9 @@
 """Removes drift from data: steps of the sensors are subtracted, slow drift by a high-pass prefilter.
 
 A state for the drift that walks at random, estimated along, amounts to a high-pass filter of all signals as well: what
-the filter of that state takes for drift is the slow part of the errors. Here one window length is chosen for all signals
-instead of a covariance for each output, and no method needs to know of it. The data choose it: least entropy of the ARX
-model's innovations, less what the filter takes from every spectrum.
+the filter of that state takes for drift is the slow part of the errors. Here one window length is chosen for all
+signals instead of a covariance for each output, and no method needs to know of it. The data choose it: least entropy of
+the ARX model's innovations, less what the filter takes from every spectrum.
 """
 
 from __future__ import annotations
