@@ -27,6 +27,7 @@ DETUNING = 0.06  # of the line's frequency: the pole is looked for at least so f
 DETUNING_STEP = 0.012
 ZOOMS, ZOOMED = 3, 7  # rounds of the search, and poles per direction in all but the first
 NEIGHBOURS = 3  # samples of the input envelope on both sides: the smooth part of the response
+FADE_IN = 0.15  # of the signals, in which the input is faded in
 LATE = 3.0  # latest periods of the line, which the response that the whole span determines must explain
 SHORTEST = 20  # samples of an envelope that are compared
 
@@ -59,6 +60,9 @@ def unexplained_amplitude(
     samples = len(envelope)
     if samples < SHORTEST:
         return math.inf
+    # An input that was there before the signals begin must not look like a blow that starts the ringing.
+    begins = np.minimum((np.arange(samples) + 1.0) / (FADE_IN * samples), 1.0)
+    input_envelope = input_envelope * np.sin(0.5 * np.pi * begins) ** 2
     late = slice(samples - round(LATE * PER_PERIOD), samples)
     angular = 2.0 * math.pi * frequency * every / rate
     widest = max(DETUNING, 1.2 * resolution / frequency)

@@ -28,7 +28,7 @@ from amb_core.regions.slow_signal import (
 
 ALIAS_MARGIN = 1.3  # of the slow band: a beat is followed from slightly outside the band
 LOWEST_BIN = 4  # periods per window: fewer cannot be distinguished from jumps of the bias
-LINEAR = 0.4  # share of a line's amplitude that a linear mode may leave unexplained
+LINEAR = 0.5  # share of a line's amplitude that a linear mode may leave unexplained
 SLOWEST_MODE = 8.0  # Hz: slower lines are not compared with a linear mode
 
 
