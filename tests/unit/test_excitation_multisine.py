@@ -109,3 +109,27 @@ def test_requests_that_make_no_sense_are_refused(kind: str, values: dict[str, ob
 def test_interleaving_needs_two_lines() -> None:
     with pytest.raises(ExcitationError, match="interleaved needs two lines or more, but only 20 Hz lies in the band"):
         samples(interleaved=True, duration=0.1, frequency_start=15.0, frequency_end=25.0)
+
+
+def test_odd_leaves_out_one_of_every_four_odd_lines_the_same_ones_for_every_seed_and_axis() -> None:
+    first, second = (samples(odd=True, seed=seed, frequency_start=1.0, frequency_end=399.0) for seed in (0, 5))
+    lines = excited_lines(first[:, 0])
+    assert set(lines % 2) == {1}
+    assert len(lines) == 150
+    for signal in (first[:, 1], *second.T):
+        np.testing.assert_array_equal(excited_lines(signal), lines)
+    assert not np.allclose(first, second)
+
+
+def test_periods_repeat_the_multisine_of_a_period_bit_for_bit() -> None:
+    three, one = samples(duration=3.0, periods=3), samples(duration=1.0)
+    assert three.tobytes() == np.tile(one, (3, 1)).tobytes()
+    in_turn = samples(duration=4.0, periods=2, axes="in_turn")
+    np.testing.assert_array_equal(in_turn[:10_000, 0], in_turn[10_000:20_000, 0])
+
+
+def test_periods_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ExcitationError, match="10000 samples on an axis cannot hold 3 equal periods"):
+        samples(duration=1.0, periods=3)
+    with pytest.raises(ExcitationError, match="odd needs four odd lines or more, but only 20 Hz lies in the band"):
+        samples(odd=True, frequency_start=20.0, frequency_end=20.5)

@@ -1,4 +1,4 @@
-"""`amb distortion`: how much of the rotor's motion no linear model can explain, on the simulated bearing."""
+"""`amb distortion`: how much of the rotor's motion no linear model can explain, in a recording or by simulation."""
 
 from __future__ import annotations
 
@@ -11,16 +11,31 @@ from rich.table import Table
 
 from amb_bringup.commands.inputs import load_changed_loop
 from amb_bringup.commands.options import ChangeOption, ParamsOption, declared_options
-from amb_bringup.commands.progress import Stages
+from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, write_json
-from amb_core.distortion import Distortion, DistortionSettings, simulate_distortion
+from amb_bringup.commands.validate import FirstStepOption, RunOption, StepsOption
+from amb_core.analysis import read_evidence
+from amb_core.distortion import Coherence, Distortion, DistortionSettings, simulate_distortion
+from amb_core.errors import SpectrumError
+from amb_core.figures.coherence import coherence_chart
 from amb_core.figures.distortion import distortion_chart
 from amb_core.parameters import part_of
 
 
-@declared_options({"Multisine": [DistortionSettings]})
+@declared_options({"Multisine, of the simulation": [DistortionSettings]})
 def distortion(
     given: dict[str, Any],
+    recording: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[BAG]",
+            help="Bag, or .csv, .npz or .mat file of write_data; without it the bearing is simulated.",
+            show_default=False,
+        ),
+    ] = None,
+    run: RunOption = None,
+    first_step: FirstStepOption = -1,
+    steps: StepsOption = 0,
     params: ParamsOption = None,
     change: ChangeOption = None,
     out: Annotated[Path, typer.Option(help="Folder for summary.json and figures.")] = Path("results/distortion"),
@@ -28,42 +43,89 @@ def distortion(
     """Measure nonlinear distortion: how much of the rotor's motion no linear model can explain.
 
     Random-phase odd multisines excite both axes. Distortions of even order show at even lines, those of odd order at
-    odd lines that are not excited.
+    odd lines that are not excited. A recording needs two periods or more of such a multisine; of any other, the
+    coherence of position and reference is given, which mixes noise and distortion.
     """
-    settings = part_of(DistortionSettings, given)
-    loop = load_changed_loop(params, change or [])
     console = Console()
+    if recording is None:
+        _refuse("a recording", {"--run": run is not None, "--first-step": first_step != -1, "--steps": steps != 0})
+        _simulate(console, part_of(DistortionSettings, given), load_changed_loop(params, change or []), out)
+    else:
+        names = {f"--{name.replace('_', '-')}": True for name in given}
+        _refuse("the simulation", names | {"--params": params is not None, "--set": bool(change)})
+        _measure(console, recording, run, first_step, steps, out)
+
+
+def _refuse(only_for: str, given: dict[str, bool]) -> None:
+    if wrong := [name for name, present in given.items() if present]:
+        raise SpectrumError(f"{wrong[0]} is for {only_for} only")
+
+
+def _simulate(console: Console, settings: DistortionSettings, loop: Any, out: Path) -> None:
     make_folder(out)
     with Stages(console) as stages:
         found = simulate_distortion(*loop, settings, lambda done, total: stages.update("experiments", done, total))
     console.print(_table(found))
-    write_json(out / "summary.json", {"settings": settings.model_dump(), **_values(found)})
+    write_json(out / "summary.json", {"settings": settings.model_dump(), **found.as_dict()})
     distortion_chart(found).save(out, "distortion")
+    console.print(f"summary.json, figures: {out}")
+
+
+def _measure(console: Console, path: Path, run: int | None, first_step: int, steps: int, out: Path) -> None:
+    with working(console, f"measuring {path}"):
+        found = read_evidence(path, run, first_step, steps)
+    if found.distortion is None and found.coherence is None:
+        raise SpectrumError(f"{path}: {found.problem}; {found.coherence_problem}")
+    make_folder(out)
+    if found.distortion is not None:
+        console.print(_table(found.distortion))
+        console.print(_conditions(found.distortion))
+        distortion_chart(found.distortion).save(out, "distortion")
+    else:
+        console.print(f"[yellow]no distortion: {found.problem}[/yellow]", highlight=False)
+    if found.coherence is not None:
+        console.print(_coherence_table(found.coherence))
+        coherence_chart(found.coherence).save(out, "coherence")
+    write_json(out / "summary.json", {"recording": str(path), **found.as_dict()})
     console.print(f"summary.json, figures: {out}")
 
 
 def _table(found: Distortion) -> Table:
     table = Table("axis", "distortion", "", "even order", "odd order", "noise of a period")
     table.title = "over the linear response"
-    for axis, values in _values(found).items():
+    for axis, values in found.as_dict().items():
+        level = values["distortion_db"]
         table.add_row(
             axis,
-            f"{values['distortion_percent']:.3g} %",
-            f"{values['distortion_db']:.1f} dB" if values["distortion_db"] is not None else "none found",
-            *(f"{values[f'{part}_percent']:.3g} %" for part in ("even", "odd", "noise")),
+            _percent(values["distortion_percent"]),
+            "none found" if level is None else f"{level:.1f} dB",
+            *(_percent(values[f"{part}_percent"]) for part in ("even", "odd", "noise")),
         )
     return table
 
 
-def _values(found: Distortion) -> dict[str, dict[str, float | None]]:
-    """Numbers of each axis; the level in dB is None where no distortion was found."""
-    return {
-        name: {
-            "distortion_percent": 100.0 * float(found.ratio[axis]),
-            "distortion_db": float(found.decibel[axis]) if found.ratio[axis] > 0.0 else None,
-            "even_percent": 100.0 * float(found.even_ratio[axis]),
-            "odd_percent": 100.0 * float(found.odd_ratio[axis]),
-            "noise_percent": 100.0 * float(found.noise_ratio[axis]),
-        }
-        for axis, name in enumerate("xy")
-    }
+def _conditions(found: Distortion) -> str:
+    text = (
+        f"{found.method} method: experiments with references of their own: {found.experiments}, periods measured in "
+        f"each: {found.periods} or more, of {found.period:g} s"
+    )
+    if not found.complete:
+        text += "; all odd lines are excited, so distortion of odd order is hidden and not counted"
+    return text
+
+
+def _coherence_table(found: Coherence) -> Table:
+    table = Table("axis", "coherence", "lowest of a band", "noise and distortion over the rest")
+    table.title = f"coherence of position and reference, bands of {found.width:.3g} Hz"
+    for axis, values in found.as_dict().items():
+        table.add_row(
+            axis,
+            f"{values['coherence']:.4f}",
+            f"{values['lowest_coherence']:.4f}",
+            _percent(values["noise_and_distortion_percent"]),
+        )
+    return table
+
+
+def _percent(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g} %"

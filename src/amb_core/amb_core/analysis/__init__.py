@@ -1,7 +1,8 @@
-"""Data of a recording for an analysis: its regions, data for identification, and the parameters of its loop."""
+"""Data of a recording for an analysis: regions, distortion, data for identification, and parameters of the loop."""
 
 from amb_core.analysis.data_files import read_data
 from amb_core.analysis.recorded_data import read_bag_data, recorded_data
+from amb_core.analysis.recorded_distortion import evidence_of_run, read_evidence
 from amb_core.analysis.recorded_loop import RecordedLoop, read_loop
 from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
 
@@ -9,8 +10,10 @@ __all__ = [
     "RecordedLoop",
     "RecordedRegions",
     "classify_run",
+    "evidence_of_run",
     "read_bag_data",
     "read_data",
+    "read_evidence",
     "read_loop",
     "recorded_data",
 ]

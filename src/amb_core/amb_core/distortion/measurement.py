@@ -1,31 +1,38 @@
-"""Best linear approximation, noise and nonlinear distortions from the response to random-phase multisines.
+"""Best linear approximation, noise and nonlinear distortions from the response to periodic references.
 
 With the Fourier transforms R of the reference, U of the control current and Y of the position over a period, a column
-for each of the two experiments of a realisation, the reference is the instrument that opens the loop:
+for each experiment, the reference is the instrument that opens the loop:
 
-    T = mean(Y R^-1),    S = mean(U R^-1),    G = T S^-1
+    T = Y R^H (R R^H)^-1,    S = U R^H (R R^H)^-1,    G = T S^-1
 
-T is the best linear approximation of the closed loop from reference to position, G that of the plant, means over the
-realisations. What differs from period to period is noise; what is the same in every period but not T R is distortion:
-at lines that are not excited it is there by itself (fast method), at excited lines it differs between realisations
-(robust method).
+T is the best linear approximation of the closed loop from reference to position, G that of the plant, by least squares
+over the experiments. What differs from period to period is noise; what is the same in every period but not T R is
+distortion: at lines that are not excited it is there by itself (fast method), at excited lines it differs between
+realisations (robust method).
 
 Source: R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley, 2012,
-chapter 4.
+chapter 4; for the local fit of few experiments, section 7.2.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.distortion.local_fit import fit_between_lines
+from amb_core.distortion.result import Distortion, Method
 from amb_core.distortion.signals import Lines
 from amb_core.errors import SpectrumError
 
-_INDEPENDENT = 1e-6  # ratio of the singular values of the references of a realisation
+INDEPENDENT = 1e-6
+"""Smallest singular value of the references at a line over the largest one of all lines."""
+Values = NDArray[np.float64]
+T = TypeVar("T", np.float64, np.complex128)
+_SMOOTHED = 5  # neighbouring lines that are not excited, whose mean power stands for an excited one's
 
 
 @dataclass(frozen=True)
@@ -45,75 +52,13 @@ class PeriodicResponse:
     position: NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Distortion:
-    """Linear response, noise and distortions of the position; levels are peak amplitudes of lines in one experiment.
-
-    Attributes
-    ----------
-    frequency, odd_frequency, even_frequency : ndarray
-        Frequencies of the excited lines, of the odd lines that are not, and of the even lines (Hz).
-    closed_loop : ndarray, shape (excited, 2, 2)
-        T: from the references x, y to the positions x, y (-).
-    deviation : ndarray, shape (excited, 2, 2)
-        Standard deviation of T from noise and distortions together.
-    plant : ndarray, shape (excited, 2, 2)
-        G: from the control currents x, y to the positions x, y (m/A).
-    linear : ndarray, shape (excited, 2)
-        The linear response T R, root mean square over the experiments (m).
-    stochastic : ndarray, shape (excited, 2)
-        Distortions at the excited lines (m).
-    odd, even : ndarray, shapes (odd, 2), (even, 2)
-        Distortions at the odd and even lines that are not excited (m).
-    noise : ndarray, shape (excited, 2)
-        Noise at the excited lines, of the mean over the periods (m).
-    ratio : ndarray, shape (2,)
-        Root mean square of all distortions over that of the linear response, x and y (-).
-    odd_ratio, even_ratio, noise_ratio : ndarray, shape (2,)
-        The parts of odd and even order, and the noise of one period, likewise.
-    """
-
-    frequency: NDArray[np.float64]
-    odd_frequency: NDArray[np.float64]
-    even_frequency: NDArray[np.float64]
-    closed_loop: NDArray[np.complex128]
-    deviation: NDArray[np.float64]
-    plant: NDArray[np.complex128]
-    linear: NDArray[np.float64]
-    stochastic: NDArray[np.float64]
-    odd: NDArray[np.float64]
-    even: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    ratio: NDArray[np.float64]
-    odd_ratio: NDArray[np.float64]
-    even_ratio: NDArray[np.float64]
-    noise_ratio: NDArray[np.float64]
-
-    @property
-    def decibel(self) -> NDArray[np.float64]:
-        """`ratio` in dB, shape (2,); minus infinity where no distortion was found."""
-        with np.errstate(divide="ignore"):
-            return np.asarray(20.0 * np.log10(self.ratio))
-
-    @property
-    def summary(self) -> str:
-        """One line for people."""
-        parts = [
-            f"{axis} {100.0 * ratio:.2g} % ({level:.0f} dB; even {100.0 * even:.2g} %, odd {100.0 * odd:.2g} %)"
-            for axis, ratio, level, even, odd in zip(
-                "xy", self.ratio, self.decibel, self.even_ratio, self.odd_ratio, strict=True
-            )
-        ]
-        return f"nonlinear distortion over the linear response: {', '.join(parts)}"
-
-
 def measure_distortion(responses: Sequence[Sequence[PeriodicResponse]], lines: Lines, sample_time: float) -> Distortion:
     """Measure the distortions of a loop.
 
     Parameters
     ----------
     responses : sequence of pairs of PeriodicResponse
-        The two experiments of each realisation, of two realisations or more, all with as many periods, two or more.
+        The two experiments of each realisation, of two realisations or more, with two periods or more.
     lines : Lines
         Which lines are excited and which are not.
     sample_time : float
@@ -127,55 +72,165 @@ def measure_distortion(responses: Sequence[Sequence[PeriodicResponse]], lines: L
     """
     if len(responses) < 2 or any(len(pair) != 2 for pair in responses):
         raise SpectrumError("distortions need two realisations or more, of two experiments each")
-    if min(len(item.position) for pair in responses for item in pair) < 2:
-        raise SpectrumError("distortions need two periods or more of every experiment; one shows no noise")
-    reference, current, position = (
-        np.array([[_amplitudes(getattr(item, name)) for item in pair] for pair in responses])
-        for name in ("reference", "current", "position")
-    )  # realisation, experiment, (period,) line, axis
-    if not (np.isfinite(reference).all() and np.isfinite(current).all() and np.isfinite(position).all()):
-        raise SpectrumError("a reference, current or position is not finite")
-    realisations, experiments, periods = position.shape[:3]
-    mean = position.mean(axis=2)
-    noise = position.var(axis=2, ddof=1).mean(axis=(0, 1)) / periods
+    _check([item for pair in responses for item in pair])
+    for pair in responses:
+        by_line = np.stack([_amplitudes(item.reference)[lines.excited] for item in pair], axis=-1)
+        weak = _dependent(by_line)
+        if weak.any():
+            frequency = lines.excited[np.argmax(weak)] / (lines.steps * sample_time)
+            raise SpectrumError(f"the references do not excite x and y independently at {frequency:g} Hz")
+    return distortion_of([item for pair in responses for item in pair], lines, sample_time)
 
-    by_line = reference[:, :, lines.excited].transpose(0, 2, 3, 1)  # realisation, line, axis, experiment
-    strengths = np.linalg.svd(by_line, compute_uv=False)
-    weak = ~(strengths[..., -1] > _INDEPENDENT * strengths.max())
-    if weak.any():
-        line = lines.excited[np.argwhere(weak)[0, 1]]
-        frequency = line / (lines.steps * sample_time)
-        raise SpectrumError(f"the references do not excite x and y independently at {frequency:g} Hz")
-    opened = np.linalg.inv(by_line)
-    each = mean[:, :, lines.excited].transpose(0, 2, 3, 1) @ opened
-    closed_loop = each.mean(axis=0)
-    to_current = (current.mean(axis=2)[:, :, lines.excited].transpose(0, 2, 3, 1) @ opened).mean(axis=0)
 
-    linear = (closed_loop @ by_line).transpose(0, 3, 1, 2)  # realisation, experiment, line, axis
-    rest = np.abs(mean[:, :, lines.excited] - linear) ** 2
-    stochastic = rest.sum(axis=(0, 1)) / (experiments * (realisations - 1)) - noise[lines.excited]
-    odd, even = ((np.abs(mean[:, :, kind]) ** 2).mean(axis=(0, 1)) - noise[kind] for kind in (lines.odd, lines.even))
-    response = (np.abs(linear) ** 2).mean(axis=(0, 1))
+def distortion_of(experiments: Sequence[PeriodicResponse], lines: Lines, sample_time: float) -> Distortion:
+    """Measure the distortions from experiments whose references are realisations of one kind of signal.
+
+    With more experiments than axes excited at once, distortions at excited lines are measured (robust method).
+    Otherwise they are taken from the lines beside them that are not excited (fast method).
+
+    Parameters
+    ----------
+    experiments : sequence of PeriodicResponse
+        The experiments, with two periods or more each.
+    lines : Lines
+        Which lines are excited and which are not.
+    sample_time : float
+        Sample time (s).
+
+    Raises
+    ------
+    SpectrumError
+        If there are too few periods, a value is not finite, or neither method can be used.
+    """
+    _check(experiments)
+    position = [_amplitudes(item.position) for item in experiments]  # of each experiment: period, line, axis
+    mean = np.stack([lines_of_it.mean(axis=0) for lines_of_it in position])
+    noise = np.mean([part.var(axis=0, ddof=1) / len(part) for part in position], axis=0)
+    period_noise = np.mean([part.var(axis=0, ddof=1) for part in position], axis=0)
+    current = np.stack([_amplitudes(item.current).mean(axis=0) for item in experiments])
+    reference = np.stack([_amplitudes(item.reference) for item in experiments])
+
+    at = lines.excited
+    moving = np.ptp(np.concatenate([item.reference for item in experiments]), axis=0) > 0.0
+    r, y, u = (np.moveaxis(part[:, at], 0, -1) for part in (reference[..., moving], mean, current))
+    columns = r.shape[1]  # r: line, moving axis, experiment
+    by_lines = not _dependent(r).any()
+    method: Method = "robust" if by_lines and len(experiments) > columns else "fast"
+    complete = method == "robust" or _shows_all(lines)
+    odd, even = ((np.abs(mean[:, kind]) ** 2).mean(axis=0) - noise[kind] for kind in (lines.odd, lines.even))
+    left = np.zeros((len(at), y.shape[1]))
+    if by_lines:
+        weights = np.linalg.inv(r @ _conjugate(r))
+        opened = _conjugate(r) @ weights
+        closed_loop, to_current = y @ opened, u @ opened
+    else:
+        closed_loop, to_current, weights, left = fit_between_lines(at, r, y, u)
+    if method == "robust":
+        fitted = closed_loop @ r
+        response = (np.abs(fitted) ** 2).mean(axis=-1)
+        spread = (np.abs(y - fitted) ** 2).sum(axis=-1) / (len(experiments) - columns)
+        stochastic = spread - noise[at]
+    else:
+        stochastic = _beside(lines, odd, even) if complete else np.zeros((len(at), y.shape[1]))
+        spread = np.maximum(stochastic, 0.0) + noise[at]
+        response = np.maximum((np.abs(y) ** 2).mean(axis=-1) - spread, 0.0)
     total = response.sum(axis=0)
+    total = np.where(moving & (total > 0.0), total, np.nan)
     of_odd, of_even = odd.sum(axis=0) + stochastic.sum(axis=0), even.sum(axis=0)
+    separate = 1.0 if only_odd(lines) else np.nan
+    variance = np.maximum(spread, left)[:, :, np.newaxis] * np.einsum("lii->li", weights).real[:, np.newaxis, :]
     every: NDArray[np.float64] = np.arange(lines.steps) / (lines.steps * sample_time)
+    last = max(int(part[-1]) for part in (lines.excited, lines.odd, lines.even) if len(part))
     return Distortion(
-        frequency=every[lines.excited],
+        frequency=every[at],
         odd_frequency=every[lines.odd],
         even_frequency=every[lines.even],
-        closed_loop=closed_loop,
-        deviation=np.sqrt(each.var(axis=0, ddof=1) / realisations),
-        plant=closed_loop @ np.linalg.inv(to_current),
+        closed_loop=_spread_out(closed_loop, moving),
+        deviation=_spread_out(np.sqrt(variance), moving),
+        plant=closed_loop @ np.linalg.inv(to_current) if moving.all() else np.full_like(y[..., :1] * moving, np.nan),
         linear=np.sqrt(response),
         stochastic=_root(stochastic),
         odd=_root(odd),
         even=_root(even),
-        noise=np.sqrt(noise[lines.excited]),
+        noise=np.sqrt(noise[at]),
         ratio=_root((of_odd + of_even) / total),
-        odd_ratio=_root(of_odd / total),
-        even_ratio=_root(of_even / total),
-        noise_ratio=np.sqrt(periods * noise[1 : max(lines.excited[-1], lines.even[-1]) + 1].sum(axis=0) / total),
+        odd_ratio=separate * _root(of_odd / total) if complete else np.full_like(total, np.nan),
+        even_ratio=separate * _root(of_even / total),
+        noise_ratio=np.sqrt(period_noise[1 : last + 1].sum(axis=0) / total),
+        method=method,
+        complete=complete,
+        experiments=len(experiments),
+        periods=min(len(item.position) for item in experiments),
+        period=lines.steps * sample_time,
     )
+
+
+def _check(experiments: Sequence[PeriodicResponse]) -> None:
+    """Two periods or more of finite samples."""
+    if min(len(item.position) for item in experiments) < 2:
+        raise SpectrumError("distortions need two periods or more of every experiment; one shows no noise")
+    if not all(np.isfinite(part).all() for item in experiments for part in vars(item).values()):
+        raise SpectrumError("a reference, current or position is not finite")
+
+
+def only_odd(lines: Lines) -> bool:
+    """Whether only odd lines are excited, so that products of even and of odd order share no line."""
+    return bool(np.all(lines.excited % 2 == 1))
+
+
+def _dependent(references: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """Lines, shape (lines,), at which the references of several experiments do not separate the axes."""
+    if references.shape[-1] < references.shape[-2]:
+        return np.ones(len(references), dtype=bool)
+    strengths = np.linalg.svd(references, compute_uv=False)
+    return np.asarray(~(strengths[..., -1] > INDEPENDENT * strengths.max()))
+
+
+def _shows_all(lines: Lines) -> bool:
+    """Whether distortions of every order show at lines in the band that are not excited.
+
+    Raises
+    ------
+    SpectrumError
+        If those of no order do.
+    """
+    unexcited, _ = _seen(lines, lines.odd, lines.even)
+    if len(unexcited) >= 2:
+        return True
+    if only_odd(lines) and len(lines.even):
+        return False
+    raise SpectrumError("every line of the band is excited, so distortion hides in the response to the reference")
+
+
+def _seen(lines: Lines, odd: Values, even: Values) -> tuple[NDArray[np.int_], Values]:
+    """Lines in the band on which what is at the excited ones shows by itself, and a value at each."""
+    unexcited, values = lines.odd, odd
+    if not only_odd(lines):  # products of every order fall on every line
+        unexcited = np.concatenate([lines.odd, lines.even])
+        order = np.argsort(unexcited)
+        unexcited, values = unexcited[order], np.concatenate([odd, even])[order]
+    inside = (unexcited > lines.excited[0]) & (unexcited < lines.excited[-1])
+    return unexcited[inside], values[inside]
+
+
+def _beside(lines: Lines, odd: Values, even: Values) -> Values:
+    """Power of distortions at the excited lines, from lines beside them on which they show by themselves."""
+    unexcited, power = _seen(lines, odd, even)
+    window = np.ones(min(_SMOOTHED, len(unexcited)))
+    share = np.convolve(np.ones(len(unexcited)), window, "same")
+    smooth = np.stack([np.convolve(column, window, "same") / share for column in power.T])
+    return np.stack([np.interp(lines.excited, unexcited, column) for column in smooth], axis=-1)
+
+
+def _spread_out(matrices: NDArray[T], moving: NDArray[np.bool_]) -> NDArray[T]:
+    """Matrices with columns for all references; NaN for those that do not move."""
+    full = np.full((*matrices.shape[:2], len(moving)), np.nan, dtype=matrices.dtype)
+    full[:, :, moving] = matrices
+    return full
+
+
+def _conjugate(matrices: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    return np.asarray(np.swapaxes(matrices.conj(), -1, -2))
 
 
 def _amplitudes(signal: NDArray[np.float64]) -> NDArray[np.complex128]:

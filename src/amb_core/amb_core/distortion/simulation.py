@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from amb_core.distortion.measurement import Distortion, PeriodicResponse, measure_distortion
+from amb_core.distortion.measurement import PeriodicResponse, measure_distortion
+from amb_core.distortion.result import Distortion
 from amb_core.distortion.settings import DistortionSettings
 from amb_core.distortion.signals import EXPERIMENTS, Lines, lines_of, reference_of
 from amb_core.errors import SpectrumError

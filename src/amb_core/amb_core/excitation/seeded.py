@@ -22,6 +22,9 @@ from amb_core.excitation.phases import optimised_phases, schroeder_phases
 from amb_core.excitation.signal import AXES_DESCRIPTION, Axes, Excitation, Sampler, required
 from amb_core.parameters import choice, quantity, switch
 
+_GROUP = 4  # consecutive odd lines, of which one is left out
+_LEFT_OUT_SEED = 0  # of the lot that draws these, the same in every signal
+
 
 class _Seeded(Excitation):
     """Common part of the kinds with a random part."""
@@ -89,11 +92,14 @@ class _Band(_Seeded):
 
 
 class Multisine(_Band):
-    """Multisine: sines of equal amplitude at every multiple of 1 / duration in the band.
+    """Multisine: sines of equal amplitude at every multiple of 1 / period in the band.
 
-    The signal on an axis is exactly one period, so a discrete Fourier transform over it shows no leakage and its
-    resolution is the finest that the duration allows. The highest magnitude is `amplitude`. With axes `in_turn` the
-    period is half the duration.
+    The signal on an axis is one period, or `periods` equal ones. A discrete Fourier transform over it shows no leakage,
+    and its resolution is the finest that the period allows. The highest magnitude is `amplitude`. With axes `in_turn`
+    the signal on an axis has half the duration.
+
+    With `odd`, which lines are left out depends on the band and the period, not on the seed: signals of several seeds
+    are realisations of one kind, see `amb_core.distortion`.
 
     Random phases are uniform over the circle, drawn from the seed; optimised ones start from them. Schroeder's do not
     depend on it: x chirps upwards, y downwards. Signals without random phases start where they are closest to zero, so
@@ -107,18 +113,21 @@ class Multisine(_Band):
         "how phases are chosen: random (crest factor 3 to 4), schroeder (a chirp, 1.7) or optimised (below 1.5)",
     )
     interleaved: bool = switch(False, "x has every other line of the band, y those between: no line excites both axes")
+    odd: bool = switch(False, "only odd lines, and one of every four of them is left out, so that distortions show")
+    periods: int = quantity(1, "-", "number of equal periods; distortion needs 2 or more", 1, 1000)
 
     def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
+        """All samples on one axis (m), shape (steps,)."""
+        if steps % self.periods:
+            raise ExcitationError(
+                f"{self.kind}: {steps} samples on an axis cannot hold {self.periods} equal periods; "
+                "allowed: a duration that is a whole multiple of them"
+            )
+        return np.tile(self._period(steps // self.periods, sample_rate, axis), self.periods)
+
+    def _period(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
         """Samples of one period (m), shape (steps,)."""
-        band = self.lines(steps, sample_rate)
-        lines = np.arange(band.start, band.stop)
-        if self.interleaved:
-            lines = lines[axis::2]
-            if not len(lines):
-                raise ExcitationError(
-                    f"{self.kind}: interleaved needs two lines or more, but only {band.start * sample_rate / steps:g} "
-                    "Hz lies in the band; lengthen the duration or widen the band"
-                )
+        lines = self._excited(steps, sample_rate, axis)
         spectrum = np.zeros(steps // 2 + 1, dtype=complex)
         spectrum[lines] = np.exp(1j * self._phases(lines, axis))
         signal: NDArray[np.float64] = np.fft.irfft(spectrum, steps)
@@ -126,6 +135,29 @@ class Multisine(_Band):
             signal = np.roll(signal, -int(np.argmin(np.abs(signal))))
         signal *= self.amplitude / np.max(np.abs(signal))
         return signal
+
+    def _excited(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.int_]:
+        """Excited lines of a period of some steps."""
+        band = self.lines(steps, sample_rate)
+        lines = np.arange(band.start, band.stop)
+        if self.odd:
+            lines = lines[lines % 2 == 1]
+            lot = np.random.default_rng(_LEFT_OUT_SEED)
+            left_out = [lot.choice(lines[n : n + _GROUP]) for n in range(0, len(lines), _GROUP)]
+            lines = np.setdiff1d(lines, left_out)
+        if self.interleaved:
+            lines = lines[axis::2]
+        if not len(lines):
+            wish = "odd needs four odd lines" if self.odd else "interleaved needs two lines"
+            resolution = sample_rate / steps
+            there = f"{band.start * resolution:g} Hz"
+            if band.stop - band.start > 1:
+                there += f" to {(band.stop - 1) * resolution:g} Hz in steps of {resolution:g} Hz"
+            raise ExcitationError(
+                f"{self.kind}: {wish} or more, but only {there} lies in the band; lengthen the duration or widen the "
+                "band"
+            )
+        return lines
 
     def _phases(self, lines: NDArray[np.int_], axis: int) -> NDArray[np.float64]:
         if self.phasing == "schroeder":

@@ -5,6 +5,7 @@
 
 from amb_core.figures.bode import bode_chart
 from amb_core.figures.chart import Chart
+from amb_core.figures.coherence import coherence_chart
 from amb_core.figures.comparison import comparison_chart, save_validation_figures
 from amb_core.figures.distortion import distortion_chart
 from amb_core.figures.force import force_chart, force_speed_chart
@@ -27,6 +28,7 @@ from amb_core.figures.trial import trial_chart
 __all__ = [
     "Chart",
     "bode_chart",
+    "coherence_chart",
     "comparison_chart",
     "distortion_chart",
     "force_chart",

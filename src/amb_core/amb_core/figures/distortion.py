@@ -24,10 +24,12 @@ def distortion_chart(distortion: Distortion, title: str = "Linear response and n
         Title of the figure.
     """
     panels, rows = [], []
-    ends = (0.8 * min(distortion.odd_frequency[0], distortion.frequency[0]), 1.2 * distortion.frequency[-1])
+    first = min(part[0] for part in (distortion.odd_frequency, distortion.frequency) if len(part))
+    ends = (0.8 * first, 1.2 * distortion.frequency[-1])
+    excited = "at excited lines" if distortion.method == "robust" else "beside excited lines"
     kinds: tuple[tuple[str, Values, Values, str, Marker], ...] = (
         ("linear response", distortion.frequency, distortion.linear, BLUE, "circle"),
-        ("distortion at excited lines", distortion.frequency, distortion.stochastic, GREEN, "triangle"),
+        (f"distortion {excited}", distortion.frequency, distortion.stochastic, GREEN, "triangle"),
         ("odd distortion", distortion.odd_frequency, distortion.odd, ORANGE, "square"),
         ("even distortion", distortion.even_frequency, distortion.even, VERMILION, "diamond"),
         ("noise", distortion.frequency, distortion.noise, REFERENCE.colour, "cross"),
@@ -39,6 +41,8 @@ def distortion_chart(distortion: Distortion, title: str = "Linear response and n
             if seen.any():
                 items.append(Points(frequency[seen], UM * level[seen, axis], label, colour, marker, filled=False))
         heading = f"{name}: distortion {100.0 * distortion.ratio[axis]:.2g} % of the linear response"
+        if np.isnan(distortion.ratio[axis]):
+            heading = f"{name}: not excited"
         panels.append(
             Panel(Axis("frequency (Hz)", log=True, limits=ends), Axis(f"{name} (µm)", log=True), tuple(items), heading)
         )
@@ -50,6 +54,7 @@ def distortion_chart(distortion: Distortion, title: str = "Linear response and n
                 ("of odd order", distortion.odd_ratio),
                 ("noise of one period", distortion.noise_ratio),
             )
+            if np.isfinite(ratio[axis])
         ]
     highest = float(UM * np.max(distortion.linear))
     alt = f"Lines of the position: the linear response reaches {highest:.3g} µm. {distortion.summary.capitalize()}."

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from functools import singledispatch
 
-from amb_core.distortion import Distortion
+from amb_core.distortion import Coherence, Distortion
 from amb_core.errors import AmbError
 from amb_core.figures.bode import bode_chart
 from amb_core.figures.chart import Chart
+from amb_core.figures.coherence import coherence_chart
 from amb_core.figures.distortion import distortion_chart
 from amb_core.figures.loop import response_chart
 from amb_core.figures.order import order_chart
@@ -34,9 +35,9 @@ def plot(result: object) -> Chart:
     Parameters
     ----------
     result : LoopRecord, Identification, Validation, FrequencyResponse, OrderSelection, RegionMap, Distortion, \
-SubharmonicSpectrum or SubharmonicSurface
+Coherence, SubharmonicSpectrum or SubharmonicSurface
         Drawn are the response, the poles, the residuals, the Bode diagram, the criterion over the order, the map, the
-        lines, the spectrum and the surface.
+        lines, the coherence, the spectrum and the surface.
 
     Raises
     ------
@@ -80,6 +81,11 @@ def _(result: RegionMap) -> Chart:
 @plot.register
 def _(result: Distortion) -> Chart:
     return distortion_chart(result)
+
+
+@plot.register
+def _(result: Coherence) -> Chart:
+    return coherence_chart(result)
 
 
 @plot.register

@@ -1,0 +1,59 @@
+"""Distortion and coherence of a recording or a data file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from amb_core.analysis.data_files import data_reader
+from amb_core.analysis.recorded_data import read_bag_data, recorded_data
+from amb_core.distortion import Evidence, find_evidence
+from amb_core.identification.data import IdentificationData
+from amb_core.loop.records import LoopRecord
+from amb_core.recording import Recording
+
+NO_REFERENCE = "the data have no reference, which distortion is measured from; record telemetry"
+
+
+def read_evidence(path: str | Path, run: int | None = None, first_step: int = -1, steps: int = 0) -> Evidence:
+    """Distortion and coherence of a bag, or of a `.csv`, `.npz` or `.mat` file with a reference.
+
+    Parameters
+    ----------
+    path : path
+        As for `read_data`.
+    run, first_step, steps : int, optional
+        Samples of a bag that are used; by default the whole of its last run, and its last experiment for coherence.
+
+    Raises
+    ------
+    BagError, IdentificationError
+        If there are no such data.
+    """
+    chosen = {
+        name: value
+        for name, value, default in (("run", run, None), ("first_step", first_step, -1), ("steps", steps, 0))
+        if value != default
+    }
+    reader = data_reader(path, chosen)
+    if reader is read_bag_data:
+        return evidence_of_run(Recording.read(path), run, first_step, steps)
+    return _of_data(reader(path))
+
+
+def evidence_of_run(recording: Recording, run: int | None = None, first_step: int = -1, steps: int = 0) -> Evidence:
+    """Distortion and coherence of a run of a bag, by default the last one; see `read_evidence`."""
+    data = recorded_data(recording, run, first_step, steps)
+    if not recording.runs or first_step >= 0 or steps:
+        return _of_data(data)
+    run = recording.runs[-1] if run is None else run
+    return find_evidence([recording.telemetry(run, *span) for span in recording.spans(run)], _records(data))
+
+
+def _of_data(data: IdentificationData) -> Evidence:
+    records = _records(data)
+    return find_evidence(records) if records else Evidence(None, None, NO_REFERENCE, NO_REFERENCE)
+
+
+def _records(data: IdentificationData) -> Sequence[LoopRecord]:
+    return [data.record(index) for index, item in enumerate(data.experiments) if item.reference is not None]

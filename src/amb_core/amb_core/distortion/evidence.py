@@ -1,0 +1,76 @@
+"""How far a recording's motion is from a linear response: distortion where it can be measured, else coherence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from amb_core.distortion.coherence import Coherence, measure_coherence
+from amb_core.distortion.recorded import measure_recorded, periodic_once
+from amb_core.distortion.result import Distortion
+from amb_core.errors import SpectrumError
+from amb_core.loop.records import LoopRecord
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a recording shows about distortion.
+
+    Attributes
+    ----------
+    distortion : Distortion or None
+        The distortions; None if the recording does not permit it.
+    coherence : Coherence or None
+        Coherence of position and reference, noise and distortion together; None if there is none either.
+    problem : str
+        Why there is no distortion, and what is needed; empty if there is.
+    coherence_problem : str
+        Why there is no coherence; empty if there is.
+    """
+
+    distortion: Distortion | None
+    coherence: Coherence | None
+    problem: str = ""
+    coherence_problem: str = ""
+
+    @property
+    def brief(self) -> str:
+        """The best measure in a few words; that of the coherence says what it mixes."""
+        if self.distortion is not None:
+            return self.distortion.brief
+        if self.coherence is not None:
+            return f"{self.coherence.brief} (distortion alone not measured)"
+        return "distortion not measured"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for strict JSON."""
+        return {
+            "distortion": self.distortion and self.distortion.as_dict(),
+            "method": self.distortion and self.distortion.method,
+            "coherence": self.coherence and self.coherence.as_dict(),
+            "problem": self.problem,
+            "coherence_problem": self.coherence_problem,
+        }
+
+
+def find_evidence(records: Sequence[LoopRecord], window: Sequence[LoopRecord] | None = None) -> Evidence:
+    """Distortion and coherence of recorded samples.
+
+    Parameters
+    ----------
+    records : sequence of LoopRecord
+        Consecutive samples each, in which realisations of a multisine are searched for.
+    window : sequence of LoopRecord, optional
+        The samples for the coherence, by default the same.
+    """
+    distortion, coherence, problem, coherence_problem = None, None, "", ""
+    try:
+        distortion = measure_recorded(records)
+    except SpectrumError as found:
+        problem = str(found)
+    try:
+        coherence = measure_coherence(periodic_once(records if window is None else window))
+    except SpectrumError as found:
+        coherence_problem = str(found)
+    return Evidence(distortion, coherence, problem, coherence_problem)

@@ -1,0 +1,137 @@
+"""The result of a distortion measurement: responses and levels over frequency, and a number for each axis."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Method = Literal["robust", "fast"]
+
+
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """Linear response, noise and distortions of the position; levels are peak amplitudes of lines in one experiment.
+
+    Attributes
+    ----------
+    frequency, odd_frequency, even_frequency : ndarray
+        Frequencies of the excited lines, of the odd lines that are not, and of the even lines that are not (Hz).
+    closed_loop : ndarray, shape (excited, 2, 2)
+        T: from the references x, y to the positions x, y (-); NaN for a reference that does not move.
+    deviation : ndarray, shape (excited, 2, 2)
+        Standard deviation of T from noise and distortions together.
+    plant : ndarray, shape (excited, 2, 2)
+        G: from the control currents x, y to the positions x, y (m/A); NaN unless both references move.
+    linear : ndarray, shape (excited, 2)
+        The linear response T R, root mean square over the experiments (m).
+    stochastic : ndarray, shape (excited, 2)
+        Distortions at the excited lines (m); by the fast method those of the nearest lines that are not excited.
+    odd, even : ndarray, shapes (odd, 2), (even, 2)
+        Distortions at the odd and even lines that are not excited (m).
+    noise : ndarray, shape (excited, 2)
+        Noise at the excited lines, of the mean over the periods (m).
+    ratio : ndarray, shape (2,)
+        Root mean square of all distortions over that of the linear response, x and y (-); NaN for an axis whose
+        reference does not move.
+    odd_ratio, even_ratio : ndarray, shape (2,)
+        The parts of odd and even order, likewise; NaN if even lines are excited, as the orders then share lines, and
+        for the odd order if it is hidden.
+    noise_ratio : ndarray, shape (2,)
+        The noise of one period, likewise.
+    method : {"robust", "fast"}
+        Whether distortions at excited lines were measured, or taken from the lines beside them.
+    complete : bool
+        False if all odd lines of the band are excited, once: distortion of odd order is then hidden, and `ratio` holds
+        only that of even order.
+    experiments : int
+        Number of realisations, or experiments with references of their own.
+    periods : int
+        Smallest number of periods measured in one of them.
+    period : float
+        Period of the reference (s).
+    """
+
+    frequency: NDArray[np.float64]
+    odd_frequency: NDArray[np.float64]
+    even_frequency: NDArray[np.float64]
+    closed_loop: NDArray[np.complex128]
+    deviation: NDArray[np.float64]
+    plant: NDArray[np.complex128]
+    linear: NDArray[np.float64]
+    stochastic: NDArray[np.float64]
+    odd: NDArray[np.float64]
+    even: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    ratio: NDArray[np.float64]
+    odd_ratio: NDArray[np.float64]
+    even_ratio: NDArray[np.float64]
+    noise_ratio: NDArray[np.float64]
+    method: Method
+    complete: bool
+    experiments: int
+    periods: int
+    period: float
+
+    @property
+    def decibel(self) -> NDArray[np.float64]:
+        """`ratio` in dB, shape (2,); minus infinity where no distortion was found."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(20.0 * np.log10(self.ratio))
+
+    @property
+    def best_fit(self) -> NDArray[np.float64]:
+        """Largest NRMSE fit of a linear model to the motion without noise (percent), shape (2,)."""
+        return np.asarray(100.0 * (1.0 - self.ratio / np.sqrt(1.0 + self.ratio**2)))
+
+    @property
+    def brief(self) -> str:
+        """The number of each axis in a few words."""
+        parts = [
+            f"{_percent(ratio)} on {axis}"
+            for axis, ratio in zip("xy", self.ratio, strict=True)
+            if not math.isnan(ratio)
+        ]
+        return f"{self._measured} {', '.join(parts)}"
+
+    @property
+    def summary(self) -> str:
+        """One line for people."""
+        parts = []
+        for axis, name in enumerate("xy"):
+            if math.isnan(self.ratio[axis]):
+                parts.append(f"{name} not excited")
+                continue
+            orders = [f"{self.decibel[axis]:.0f} dB"]
+            if not math.isnan(self.odd_ratio[axis]):
+                orders.append(f"even {_percent(self.even_ratio[axis])}, odd {_percent(self.odd_ratio[axis])}")
+            parts.append(f"{name} {_percent(self.ratio[axis])} ({'; '.join(orders)})")
+        return f"nonlinear {self._measured} over the linear response: {', '.join(parts)}"
+
+    @property
+    def _measured(self) -> str:
+        return "distortion" if self.complete else "distortion of even order, with that of odd order hidden,"
+
+    def as_dict(self) -> dict[str, dict[str, float | None]]:
+        """Numbers of each axis, as plain values for strict JSON; None where there is none."""
+        return {
+            name: {
+                "distortion_percent": _plain(100.0 * self.ratio[axis]),
+                "distortion_db": _plain(self.decibel[axis]),
+                "even_percent": _plain(100.0 * self.even_ratio[axis]),
+                "odd_percent": _plain(100.0 * self.odd_ratio[axis]),
+                "noise_percent": _plain(100.0 * self.noise_ratio[axis]),
+            }
+            for axis, name in enumerate("xy")
+        }
+
+
+def _percent(ratio: float) -> str:
+    return f"{100.0 * ratio:.2g} %"
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

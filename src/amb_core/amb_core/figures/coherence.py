@@ -1,0 +1,35 @@
+"""Coherence of the position with the references over frequency, an axis in each panel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from amb_core.distortion import Coherence
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Curve, Panel, Table
+from amb_core.figures.style import PLANT
+
+
+def coherence_chart(coherence: Coherence, title: str = "Coherence of position and reference") -> Chart:
+    """The part of the power that a linear response to the references explains, between 0 and 1.
+
+    Parameters
+    ----------
+    coherence : Coherence
+        The measurement.
+    title : str
+        Title of the figure.
+    """
+    frequency = coherence.frequency
+    across = Axis("frequency (Hz)", log=True, limits=(0.8 * frequency[0], 1.2 * frequency[-1]))
+    panels, rows = [], []
+    for axis, name in enumerate("xy"):
+        values, ratio = coherence.coherence[:, axis], 100.0 * coherence.ratio[axis]
+        heading = f"{name}: noise and distortion together {ratio:.2g} % of the explained motion"
+        curve = Curve(frequency, values, "coherence", PLANT)
+        panels.append(Panel(across, Axis(f"coherence of {name} (-)", limits=(0.0, 1.05)), (curve,), heading))
+        rows.append((name, f"{coherence.overall[axis]:.4f}", f"{np.min(values):.4f}", f"{ratio:.3g}"))
+    table = Table(("axis", "coherence", "lowest of a band", "noise and distortion (%)"), tuple(rows))
+    return Chart(
+        title, f"{coherence.summary.capitalize()}.", tuple(panels), shared_x=True, size=(8.0, 6.0), table=table
+    )

@@ -1,0 +1,265 @@
+"""Distortion and coherence of recordings: of loops whose nonlinearity is known, and of the simulated bearing."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.signal import butter, lfilter
+from typer.testing import CliRunner
+
+from amb_bringup.cli import app
+from amb_core.distortion import (
+    DistortionSettings,
+    find_evidence,
+    lines_of,
+    measure_coherence,
+    measure_recorded,
+    reference_of,
+    simulate_distortion,
+)
+from amb_core.errors import SpectrumError
+from amb_core.excitation import excitation_from_request, generate
+from amb_core.figures import plot
+from amb_core.identification.data import IdentificationData, write_data
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
+from amb_core.plant import Plant, PlantParameters
+from amb_core.recording import BagWriter
+from amb_core.simulation import simulate
+
+Signal = NDArray[np.float64]
+
+RATE = 2_000.0
+COUPLING = np.array([[1.0, 0.3], [-0.2, 0.8]])
+SETTINGS = DistortionSettings(rms=2e-6, frequency_start=1.0, frequency_end=200.0, period=1.0)
+LINES = lines_of(SETTINGS, RATE)
+REST = np.zeros((700, 2))
+
+
+def respond(reference: Signal, square: float = 0.0, cube: float = 0.0, noise: float = 0.0, seed: int = 0) -> LoopRecord:
+    """A well damped loop of second order and 60 Hz with coupled axes, whose y is bent: square in 1/m, cube in 1/m^2."""
+    position = lfilter(*butter(2, 60.0, fs=RATE), np.roll(reference, 3, axis=0) @ COUPLING.T, axis=0)
+    y = position[:, 1]
+    position[:, 1] = y + square * y**2 + cube * y**3
+    position = position + noise * np.random.default_rng(seed).normal(size=position.shape)
+    return LoopRecord(0, 1.0 / RATE, reference, position, 2e6 * (reference - position))
+
+
+def multisine(*realisations: int, periods: int = 3, between: Signal = REST) -> Signal:
+    parts = [np.tile(reference_of(SETTINGS, LINES, number, 0), (periods, 1)) for number in realisations]
+    return np.vstack([REST, *(np.vstack([part, between]) for part in parts)])
+
+
+def excitation(kind: str, repeat: int = 1, **values: object) -> Signal:
+    samples = generate(excitation_from_request(kind, values), RATE).samples
+    return np.vstack([REST, *[samples] * repeat, REST])
+
+
+def true_share(square: float) -> float:
+    """Power of square y^2 without its mean over that of y, as a ratio of rms, over many realisations."""
+    y = np.vstack([respond(multisine(number, periods=1)).position[-2700:-700, 1:] for number in range(10, 30)])
+    return float(square * np.std(y**2) / np.std(y))
+
+
+@pytest.mark.parametrize("between", [REST, REST[:0]])
+def test_realisations_in_one_recording_are_found_and_give_the_robust_method(between: Signal) -> None:
+    found = measure_recorded([respond(multisine(0, 1, 2, 3, between=between), square=4e4)])
+    assert (found.method, found.experiments, found.periods, found.period) == ("robust", 4, 2, 1.0)
+    assert found.ratio[0] < 1e-6, "x is linear"
+    assert found.ratio[1] == pytest.approx(true_share(4e4), rel=0.15)
+    assert found.even_ratio[1] == pytest.approx(found.ratio[1]), "a square is of even order"
+    assert found.odd_ratio[1] < 0.02 * found.ratio[1]
+    np.testing.assert_array_equal(np.round(found.frequency), LINES.excited)
+    b, a = butter(2, 60.0, fs=RATE)
+    z = np.exp(-2j * np.pi * found.frequency / RATE)
+    expected = COUPLING * ((np.polyval(b[::-1], z) / np.polyval(a[::-1], z)) * z**3)[:, None, None]
+    np.testing.assert_allclose(found.closed_loop[:, 0], expected[:, 0], atol=1e-6)
+
+
+def test_one_realisation_with_lines_left_out_gives_the_fast_method() -> None:
+    square = measure_recorded([respond(multisine(0), square=4e4)])
+    assert (square.method, square.experiments) == ("fast", 1)
+    assert square.ratio[0] < 1e-6
+    assert square.ratio[1] == pytest.approx(true_share(4e4), rel=0.3)
+    cube = measure_recorded([respond(multisine(0), cube=3e10)])
+    robust = measure_recorded([respond(multisine(*range(6)), cube=3e10)])
+    assert cube.even_ratio[1] < 1e-6
+    assert cube.odd_ratio[1] == pytest.approx(robust.odd_ratio[1], rel=0.3)
+
+
+def test_the_fast_response_is_that_of_the_robust_method_within_its_deviation() -> None:
+    fast, robust = (measure_recorded([respond(multisine(*range(count)), noise=1e-8, seed=count)]) for count in (1, 6))
+    inner = slice(8, 60)
+    error = np.abs(fast.closed_loop - robust.closed_loop)[inner]
+    assert np.median(error / fast.deviation[inner]) < 2.0
+    assert np.median(error) < 0.01
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_noise_and_the_transient_of_the_first_period_are_not_taken_for_distortion(count: int) -> None:
+    found = measure_recorded([respond(multisine(*range(count), periods=2), noise=4e-8, seed=count)])
+    assert found.periods == 2
+    assert np.all(found.ratio < 0.03), found.summary
+
+
+def test_the_same_realisation_again_is_not_another_one() -> None:
+    found = measure_recorded([respond(multisine(0, 0, 0, 0), square=4e4)])
+    assert (found.method, found.experiments) == ("fast", 1)
+
+
+def test_the_excitation_that_nodes_play_is_such_a_signal() -> None:
+    settings = {"amplitude": 6e-6, "duration": 3.0, "periods": 3, "odd": True, "frequency_end": 200.0}
+    parts = [excitation("multisine", seed=seed, **settings) for seed in range(3)]
+    assert measure_recorded([respond(parts[0], square=4e4)]).method == "fast"
+    robust = measure_recorded([respond(np.vstack(parts), square=4e4)])
+    assert (robust.method, robust.experiments) == ("robust", 3)
+    assert robust.ratio[1] == pytest.approx(true_share(4e4), rel=0.25)
+    assert measure_recorded([respond(excitation("multisine", axes="y", **settings), square=4e4)]).ratio[1] > 0.02
+
+
+def test_an_axis_that_is_not_excited_has_no_number() -> None:
+    settings = {"amplitude": 6e-6, "duration": 3.0, "periods": 3, "odd": True, "frequency_end": 200.0}
+    found = measure_recorded([respond(excitation("multisine", axes="y", **settings), square=4e4)])
+    assert np.isnan(found.ratio[0]) and np.isfinite(found.ratio[1])
+    assert "x not excited" in found.summary and " on x" not in found.brief
+    assert found.as_dict()["x"]["distortion_percent"] is None
+
+
+def test_squares_show_even_order_alone_and_say_so() -> None:
+    squares = excitation("square", amplitude=5e-6, duration=4.0, frequency=10.0)
+    found = measure_recorded([respond(squares, square=4e4)])
+    assert not found.complete and found.even_ratio[1] > 0.01 and np.isnan(found.odd_ratio[1])
+    assert "with that of odd order hidden" in found.summary and "with that of odd order hidden" in found.brief
+    assert measure_recorded([respond(squares)]).ratio[1] < 1e-6
+
+
+NOT_PERMITTED = {
+    "sweep": ({"duration": 8.0, "frequency_start": 5.0, "frequency_end": 200.0}, "repeats no period"),
+    "prbs": ({"duration": 4.0}, "repeats no period"),
+    "white_noise": ({"duration": 4.0}, "repeats no period"),
+    "multisine": ({"duration": 4.0}, "repeats no period"),
+}
+
+
+@pytest.mark.parametrize("kind", NOT_PERMITTED)
+def test_other_recordings_are_refused_with_what_is_needed_and_show_their_coherence(kind: str) -> None:
+    settings, reason = NOT_PERMITTED[kind]
+    record = respond(excitation(kind, amplitude=3e-6, **settings), square=4e4)
+    with pytest.raises(SpectrumError, match=rf"{reason}.*needed: two whole periods or more of a multisine"):
+        measure_recorded([record])
+    found = find_evidence([record])
+    assert found.distortion is None and found.coherence is not None
+    assert found.coherence.ratio[0] < 0.01 < found.coherence.ratio[1]
+    assert "noise and distortion together" in found.brief and "distortion alone not measured" in found.brief
+
+
+def test_a_period_of_every_line_repeated_does_not_pass_for_free_of_distortion() -> None:
+    record = respond(excitation("multisine", 3, amplitude=6e-6, duration=2.0, frequency_end=200.0), square=4e4)
+    with pytest.raises(SpectrumError, match="every line of the band is excited, so distortion hides"):
+        measure_recorded([record])
+    found = find_evidence([record]).coherence
+    assert found is not None and found.ratio[1] > 0.02
+
+
+def test_what_else_is_not_permitted_is_said() -> None:
+    tones = excitation("tones", duration=3.0, frequencies=[20.0, 45.0], amplitudes=[2e-6, 2e-6])
+    with pytest.raises(SpectrumError, match=r"has 2 lines in its period of 0\.2 s, a multisine has 8 or more"):
+        measure_recorded([respond(tones)])
+    mixed = np.vstack([multisine(0, 1), 3.0 * multisine(2, 3)])
+    with pytest.raises(SpectrumError, match=r"rms is 2\.83 um in one realisation and 8\.49 um in another"):
+        measure_recorded([respond(mixed)])
+    with pytest.raises(SpectrumError, match="the reference does not move"):
+        measure_coherence([respond(np.zeros((4_000, 2)))])
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-6, 1e-5])
+def test_coherence_has_no_bias_from_the_number_of_lines(noise: float) -> None:
+    reference = excitation("white_noise", amplitude=3e-6, duration=6.0, frequency_end=200.0)
+    clean, noisy = respond(reference), respond(reference, noise=noise)
+    band = int(200.0 / RATE * len(reference)) * 2 / len(reference)
+    expected = noise * np.sqrt(band) / np.std(clean.position, axis=0)
+    found = measure_coherence([noisy])
+    np.testing.assert_allclose(found.ratio, expected, rtol=0.2, atol=2e-3)
+    if noise == 1e-5:
+        assert np.all(found.coherence[found.frequency > 150.0].mean(axis=0) < 0.1), "hardly any motion there but noise"
+
+
+def test_the_chart_of_a_coherence_has_its_numbers() -> None:
+    chart = plot(measure_coherence([respond(excitation("prbs", amplitude=3e-6, duration=4.0), square=4e4)]))
+    assert [panel.title.split(":")[0] for panel in chart.panels] == ["x", "y"]
+    assert "noise and distortion together" in chart.alt
+    assert chart.figure().axes
+
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
+    TYPES.register(get_types_from_msg(file.read_text(), f"amb_msgs/msg/{file.stem}"))
+TELEMETRY = "amb_msgs/msg/LoopSamples"
+
+
+def write_bag(folder: Path, record: LoopRecord) -> Path:
+    """A bag with one message of telemetry."""
+    header = TYPES.types["std_msgs/msg/Header"](TYPES.types["builtin_interfaces/msg/Time"](0, 0), "")
+    columns = np.hstack([record.reference, record.position, record.current]).T.copy()
+    with BagWriter(folder) as bag:
+        bag.add_topic("/amb/telemetry", TELEMETRY, TYPES.generate_msgdef(TELEMETRY, ros_version=2)[0])
+        content = TYPES.types[TELEMETRY](header, 1, 0, record.sample_time, *columns)
+        bag.write("/amb/telemetry", bytes(TYPES.serialize_cdr(content, TELEMETRY)), 0)
+    return folder
+
+
+BEARING = DistortionSettings(rms=3e-6, frequency_start=5.0, frequency_end=400.0, period=0.2, realisations=3)
+
+
+@cache
+def simulated_bearing() -> LoopRecord:
+    """The paper's bearing under three realisations, each of three periods, one after the other."""
+    lines = lines_of(BEARING, 10_000.0)
+    parts = [np.tile(reference_of(BEARING, lines, number, 0), (3, 1)) for number in range(3)]
+    excitation = np.vstack(parts)
+    plant, controller = PlantParameters(), ControllerParameters()
+    return simulate(Plant(plant), PdController(controller), 4_000 + len(excitation), excitation, 4_000)
+
+
+def test_a_bag_of_the_bearing_shows_what_its_simulation_does(tmp_path: Path) -> None:
+    bag, out = write_bag(tmp_path / "bag", simulated_bearing()), tmp_path / "out"
+    shown = CliRunner().invoke(app, ["distortion", str(bag), "--out", str(out)], catch_exceptions=False)
+    assert shown.exit_code == 0, shown.output
+    summary = json.loads((out / "summary.json").read_text())
+    expected = simulate_distortion(PlantParameters(), ControllerParameters(), BEARING).as_dict()
+    assert summary["method"] == "robust"
+    found = summary["distortion"]["y"]
+    assert found["distortion_percent"] == pytest.approx(expected["y"]["distortion_percent"], rel=0.25)
+    assert found["even_percent"] > 10 * found["odd_percent"]
+    assert (
+        summary["coherence"] is None and "too few lines for its response within 30 Hz" in summary["coherence_problem"]
+    )
+    assert (out / "distortion.png").is_file()
+    assert "robust method" in shown.output
+
+
+def test_a_file_of_data_will_do_and_one_that_does_not_says_what_is_needed(tmp_path: Path) -> None:
+    for name, reference in (("odd", multisine(0)), ("still", np.zeros((5_000, 2)))):
+        write_data(IdentificationData.from_record(respond(reference, square=4e4)), tmp_path / f"{name}.npz")
+    good = CliRunner().invoke(app, ["distortion", str(tmp_path / "odd.npz"), "--out", str(tmp_path / "out")])
+    assert good.exit_code == 0, good.output
+    bad = CliRunner().invoke(app, ["distortion", str(tmp_path / "still.npz"), "--out", str(tmp_path / "none")])
+    assert isinstance(bad.exception, SpectrumError)
+    assert "needed: two whole periods" in str(bad.exception) and "does not move" in str(bad.exception)
+    assert not (tmp_path / "none").exists()
+
+
+def test_options_of_the_simulation_are_refused_with_a_recording_and_the_other_way_round(tmp_path: Path) -> None:
+    for words, reason in (
+        (["bag", "--rms", "1e-6"], "--rms is for the simulation only"),
+        (["bag", "--set", "rotor.gravity=0"], "--set is for the simulation only"),
+        (["--run", "3"], "--run is for a recording only"),
+    ):
+        found = CliRunner().invoke(app, ["distortion", *words, "--out", str(tmp_path)])
+        assert isinstance(found.exception, SpectrumError) and str(found.exception) == reason
