@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from amb_core.regions.region_map import RegionMap as FoundMap
 
 MEANINGS = {
-    Region.A: "A, linear",
+    Region.A: "A, steady bias",
     Region.B: "B, the bias drifts",
     Region.C: "C, slow oscillation",
     Region.D: "D, delevitated",

@@ -81,10 +81,10 @@ def test_good_data_raise_no_warning_and_every_check_reports() -> None:
     assert not report.warnings
     assert [finding.check for finding in report.findings] == [
         "finite", "gaps", "sample time", "amount", "inputs", "excitation", "clipping", "offsets", "feedback", "delay",
-        "region",
+        "region", "distortion",
     ]  # fmt: skip
     report.refuse_errors()
-    assert len(str(report).splitlines()) == 12
+    assert len(str(report).splitlines()) == 13
     assert str(report).startswith(
         "1 experiment, 3000 samples of 0.001 s; inputs u1, u2; outputs y1, y2\ninfo    finite"
     )
@@ -315,7 +315,7 @@ def test_a_region_other_than_a_is_warned_of_with_the_steps_to_keep() -> None:
     assert_finding(check_region(detrend(touching)), WARNING, "region D (delevitated)")
     micrometres = replace(loop_record(), position=1e6 * loop_record().position)
     advice = check_region(IdentificationData.from_record(micrometres)).advice
-    assert advice == "a linear model holds in region A only, but no step is in it: check the units, or excite less"
+    assert advice == "no linear model holds outside region A, but no step is in it: check the units, or excite less"
 
 
 def test_what_cannot_be_judged_says_why() -> None:

@@ -122,7 +122,7 @@ def test_axes_are_logarithmic_with_plain_numbers(region_map) -> None:
 
 def test_a_map_of_one_sweep_is_drawn() -> None:
     chart = map_chart(RegionMap(MapSettings(), (sweep(20e-6),)))
-    assert [band.label for band in items(chart, Band)] == ["A linear"]
+    assert [band.label for band in items(chart, Band)] == ["A steady bias"]
     assert "all of it is region A" in chart.alt
     low, high = chart.panels[0].x.limits
     assert low < 20.0 < high
@@ -162,7 +162,7 @@ def test_the_sines_of_an_excitation_lie_on_the_map(region_map) -> None:
     inside, outside = (item for item in chart.panels[0].items if isinstance(item, Points))
     assert (inside.x.tolist(), inside.y.tolist()) == (pytest.approx([60.0, 20.0]), [15.0, 45.0])
     assert inside.filled and not outside.filled
-    assert inside.hover[0] == "60 µm, 15 Hz: 70 % of the power, A linear"
+    assert inside.hover[0] == "60 µm, 15 Hz: 70 % of the power, A steady bias"
     assert "Verdict: region C." in chart.alt
     assert len(overlay_chart(check, region_map).page().layout.annotations) == 2
 

@@ -27,7 +27,7 @@ def test_panels_share_the_scale_of_what_comes_after_the_fall() -> None:
     chart = trial_chart({"noise": trial(Region.B, -90e-6, 20_000), "pulses": trial(Region.A, -60e-6, 20_000)})
     assert [panel.title for panel in chart.panels] == [
         "noise: region B drifting bias",
-        "pulses: region A linear",
+        "pulses: region A steady bias",
     ]
     limits = {panel.y.limits for panel in chart.panels}
     assert len(limits) == 1

@@ -74,7 +74,7 @@ def test_the_force_law_with_iron_is_that_of_the_magnetic_circuit() -> None:
 
 def test_figures_show_every_trajectory(random: ForceTrajectory) -> None:
     trajectories = {Region.A: random, Region.C: random}
-    assert [panel.title for panel in force_chart(trajectories).panels] == ["A linear", "C slow oscillation"]
+    assert [panel.title for panel in force_chart(trajectories).panels] == ["A steady bias", "C slow oscillation"]
     (panel,) = force_speed_chart(trajectories).panels
     points = [item for item in panel.items if isinstance(item, Points)]
     assert len(points) == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from scipy.signal import butter, lfilter
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
+from amb_core.analysis import read_data
 from amb_core.distortion import (
     DistortionSettings,
     find_evidence,
@@ -26,11 +28,17 @@ from amb_core.distortion import (
 from amb_core.errors import SpectrumError
 from amb_core.excitation import excitation_from_request, generate
 from amb_core.figures import plot
+from amb_core.figures.style import region_label
+from amb_core.identification import identify
 from amb_core.identification.data import IdentificationData, write_data
+from amb_core.identification.data.checks import Severity, check_distortion
+from amb_core.identification.validation import validate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
-from amb_core.recording import BagWriter
+from amb_core.recording import BagWriter, Recording
+from amb_core.regions import Region
+from amb_core.report.recording import recording_report
 from amb_core.simulation import simulate
 
 Signal = NDArray[np.float64]
@@ -237,9 +245,7 @@ def test_a_bag_of_the_bearing_shows_what_its_simulation_does(tmp_path: Path) -> 
     found = summary["distortion"]["y"]
     assert found["distortion_percent"] == pytest.approx(expected["y"]["distortion_percent"], rel=0.25)
     assert found["even_percent"] > 10 * found["odd_percent"]
-    assert (
-        summary["coherence"] is None and "too few lines for its response within 30 Hz" in summary["coherence_problem"]
-    )
+    assert summary["coherence"] is None and "too short for bands of 30 Hz" in summary["coherence_problem"]
     assert (out / "distortion.png").is_file()
     assert "robust method" in shown.output
 
@@ -253,6 +259,51 @@ def test_a_file_of_data_will_do_and_one_that_does_not_says_what_is_needed(tmp_pa
     assert isinstance(bad.exception, SpectrumError)
     assert "needed: two whole periods" in str(bad.exception) and "does not move" in str(bad.exception)
     assert not (tmp_path / "none").exists()
+
+
+def recorded_bearing(folder: Path, amplitude: float) -> Path:
+    """A bag of the paper's bearing under a multisine of 1 Hz to 2 kHz (peak amplitude in m)."""
+    settings = {"amplitude": amplitude, "duration": 2.0, "frequency_start": 1.0, "frequency_end": 2_000.0}
+    samples = generate(excitation_from_request("multisine", settings), 10_000.0).samples
+    bearing, law = Plant(PlantParameters()), PdController(ControllerParameters())
+    record = simulate(bearing, law, 3_000 + len(samples), samples, 3_000)
+    return write_bag(folder / "bag", record.window(3_000, len(samples)))  # the rotor has settled
+
+
+@pytest.fixture(scope="module")
+def mixed_up(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """In region A, and too strongly and too fast excited for a linear model."""
+    return recorded_bearing(tmp_path_factory.mktemp("mixed_up"), 8.9e-6)
+
+
+@pytest.fixture(scope="module")
+def gentle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same at a tenth of the amplitude."""
+    return recorded_bearing(tmp_path_factory.mktemp("gentle"), 0.89e-6)
+
+
+def test_a_report_on_region_a_states_the_distortion_and_nothing_of_linear(mixed_up: Path) -> None:
+    report = recording_report(Recording.read(mixed_up), order=8)  # without a model, which takes long
+    assert re.search(r"Region A all the time; noise and distortion together .* % on x, [4-9]\d % on y", report.lead)
+    assert "linear" not in report.lead
+    assert [section.heading for section in report.sections][:3] == ["Regions", "Distortion", "Motion"]
+
+
+def test_region_a_is_named_by_what_it_says() -> None:
+    assert region_label(Region.A) == "A steady bias"
+
+
+def test_validation_and_data_check_name_distortion_as_the_limit_of_the_fit(mixed_up: Path, gentle: Path) -> None:
+    data = read_data(mixed_up)
+    finding = check_distortion(data)
+    assert finding.severity is Severity.WARNING
+    assert re.search(r"a linear loop fits to about [3-6]\d % at most", finding.advice)
+    for source in (mixed_up, gentle):
+        found = validate(identify(read_data(source), 8, method="ssarx").model, data, ControllerParameters())
+        assert found.fit[1] < 65.0, "not even the model of these data follows, though its controller is limited too"
+    assert "not linear" in found.report() and "Excite less" in found.report()
+    assert "noise and distortion together" in found.summary
+    assert found.as_dict()["distortion"]["coherence"]["y"]["coherence"] < 0.9
 
 
 def test_options_of_the_simulation_are_refused_with_a_recording_and_the_other_way_round(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def test_a_report_has_regions_motion_model_response_and_validation(excited: Path
     assert result.exit_code == 0
     assert "No model" not in result.stdout
     page = out.read_text(encoding="utf-8")
-    for heading in ("Regions", "Motion", "Identified model", "Frequency response", "Validation"):
+    for heading in ("Regions", "Distortion", "Motion", "Identified model", "Frequency response", "Validation"):
         assert f'">{heading}</h2>' in page
     assert "Bands hold the response with a confidence of 99 %" in page
 
@@ -76,7 +76,7 @@ def test_a_recording_is_read_once(excited: Path, tmp_path: Path) -> None:
 
 def test_without_excitation_the_report_says_at_its_top_why_there_is_no_model(resting: Path) -> None:
     report = recording_report(Recording.read(resting), order=6)
-    assert [section.heading for section in report.sections] == ["Regions", "Motion", "Identified model"]
+    assert [section.heading for section in report.sections] == ["Regions", "Distortion", "Motion", "Identified model"]
     assert " No model: " in report.lead
     (why,) = report.sections[-1].blocks
     assert isinstance(why, Prose) and why.text.startswith("There is none: ")

@@ -113,7 +113,7 @@ def test_pointing_at_the_map_tells_amplitude_frequency_and_region(browser, docum
     hover = visit.page.locator(".hoverlayer .hovertext").first
     hover.wait_for()
     text = hover.text_content()
-    assert "µm" in text and "Hz" in text and "A linear" in text
+    assert "µm" in text and "Hz" in text and "A steady bias" in text
     visit.page.close()
 
 

@@ -34,7 +34,7 @@ COMMANDS = {
     ),
     "validate": (
         "validate:validate",
-        "Validate a model: closed loop, predictions, residuals and frequency response, on one page.",
+        "Validate a model: closed loop, distortion, predictions, residuals and frequency response, on one page.",
     ),
     "compare": (
         "compare:compare",
@@ -50,7 +50,7 @@ COMMANDS = {
     ),
     "report": (
         "report:report",
-        "Regions, motion, identified model, frequency response with confidence and validation of a recorded run.",
+        "Regions, distortion, motion, identified model, frequency response and validation of a recorded run.",
     ),
     "reproduce": (
         "reproduce:reproduce",

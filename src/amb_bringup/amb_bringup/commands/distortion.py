@@ -19,7 +19,9 @@ from amb_core.distortion import Coherence, Distortion, DistortionSettings, simul
 from amb_core.errors import SpectrumError
 from amb_core.figures.coherence import coherence_chart
 from amb_core.figures.distortion import distortion_chart
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import part_of
+from amb_core.plant import PlantParameters
 
 
 @declared_options({"Multisine, of the simulation": [DistortionSettings]})
@@ -49,7 +51,7 @@ def distortion(
     console = Console()
     if recording is None:
         _refuse("a recording", {"--run": run is not None, "--first-step": first_step != -1, "--steps": steps != 0})
-        _simulate(console, part_of(DistortionSettings, given), load_changed_loop(params, change or []), out)
+        _simulate(console, part_of(DistortionSettings, given), *load_changed_loop(params, change or []), out)
     else:
         names = {f"--{name.replace('_', '-')}": True for name in given}
         _refuse("the simulation", names | {"--params": params is not None, "--set": bool(change)})
@@ -61,10 +63,14 @@ def _refuse(only_for: str, given: dict[str, bool]) -> None:
         raise SpectrumError(f"{wrong[0]} is for {only_for} only")
 
 
-def _simulate(console: Console, settings: DistortionSettings, loop: Any, out: Path) -> None:
+def _simulate(
+    console: Console, settings: DistortionSettings, plant: PlantParameters, controller: ControllerParameters, out: Path
+) -> None:
     make_folder(out)
     with Stages(console) as stages:
-        found = simulate_distortion(*loop, settings, lambda done, total: stages.update("experiments", done, total))
+        found = simulate_distortion(
+            plant, controller, settings, lambda done, total: stages.update("experiments", done, total)
+        )
     console.print(_table(found))
     write_json(out / "summary.json", {"settings": settings.model_dump(), **found.as_dict()})
     distortion_chart(found).save(out, "distortion")
@@ -120,8 +126,7 @@ def _coherence_table(found: Coherence) -> Table:
     for axis, values in found.as_dict().items():
         table.add_row(
             axis,
-            f"{values['coherence']:.4f}",
-            f"{values['lowest_coherence']:.4f}",
+            *(("-" if part is None else f"{part:.4f}") for part in (values["coherence"], values["lowest_coherence"])),
             _percent(values["noise_and_distortion_percent"]),
         )
     return table

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, write_json
+from amb_core.analysis.recorded_distortion import evidence_or_reason
 from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
 from amb_core.errors import ParameterError
 from amb_core.figures import sweep_chart
@@ -40,8 +41,11 @@ def regions(
         console.print(f"[yellow]bag {bag} is incomplete: {recording.truncated}[/yellow]")
     with working(console, "classifying"):
         found = classify_run(recording, run)
-    summary = _summary(found, bag)
+    with working(console, "measuring distortion"):
+        evidence = evidence_or_reason(recording, found.run)
+    summary = {**_summary(found, bag), "distortion": evidence.as_dict()}
     _print(console, found, summary)
+    console.print(evidence.brief)
     _write(out, found, summary, axes)
     console.print(f"sweep.png, sweep.html, summary.json: {out}")
 

@@ -27,7 +27,7 @@ def report(
         "results/report.html"
     ),
 ) -> None:
-    """Regions, motion, identified model, frequency response with confidence and validation of a recorded run."""
+    """Regions, distortion, motion, identified model, frequency response and validation of a recorded run."""
     console = Console()
     if not names_file(out, (".html",)):
         out = out / "report.html"

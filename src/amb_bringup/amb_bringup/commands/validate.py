@@ -55,7 +55,7 @@ def validate(
     figures: FiguresOption = None,
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
-    """Validate a model: closed loop, predictions, residuals and frequency response, on one page.
+    """Validate a model: closed loop, distortion, predictions, residuals and frequency response, on one page.
 
     Exit code 0 if the model passes the validation, 3 if it fails, 1 if it could not be validated.
     """

@@ -33,9 +33,9 @@ def paper_report(
     )
     return Report(
         "What magnetic bearings do when they are shaken too fast",
-        "Shaken slowly, an active magnetic bearing behaves like a linear system. Shaken faster, at the same amplitude, "
-        "its rotor drifts away from the centre, may oscillate slowly, and then falls. This page reproduces, on a "
-        "simulated bearing and figure by figure, the paper “LTI modelling of active magnetic bearings by means of "
+        "Shaken slowly, an active magnetic bearing follows about a steady position. Shaken faster, at the same "
+        "amplitude, its rotor drifts away from the centre, may oscillate slowly, and then falls. This page reproduces, "
+        "on a simulated bearing and figure by figure, the paper “LTI modelling of active magnetic bearings by means of "
         "system identification”.",
         [*_opening([figures[name] for name in opening]), table],
         [Section(study.heading, _blocks(results[study.name])) for study in studies],

@@ -8,6 +8,7 @@ from pathlib import Path
 from amb_core.analysis.data_files import data_reader
 from amb_core.analysis.recorded_data import read_bag_data, recorded_data
 from amb_core.distortion import Evidence, find_evidence
+from amb_core.errors import AmbError
 from amb_core.identification.data import IdentificationData
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import Recording
@@ -48,6 +49,14 @@ def evidence_of_run(recording: Recording, run: int | None = None, first_step: in
         return _of_data(data)
     run = recording.runs[-1] if run is None else run
     return find_evidence([recording.telemetry(run, *span) for span in recording.spans(run)], _records(data))
+
+
+def evidence_or_reason(recording: Recording, run: int | None = None) -> Evidence:
+    """As `evidence_of_run`; where the run does not hold the samples, the reason instead of an error."""
+    try:
+        return evidence_of_run(recording, run)
+    except AmbError as problem:
+        return Evidence(None, None, str(problem), str(problem))
 
 
 def _of_data(data: IdentificationData) -> Evidence:

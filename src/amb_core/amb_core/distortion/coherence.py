@@ -49,7 +49,8 @@ class Coherence:
     coherence : ndarray, shape (bands, 2)
         Multiple coherence of the positions x, y with the references, corrected for the number of lines, 0 to 1.
     explained, rest : ndarray, shape (2,)
-        Root mean square of the motion that the references explain in these bands, and of the rest (m).
+        Root mean square of the motion that the references explain in these bands, and of the rest (m); NaN for an axis
+        whose reference does not move.
     width : float
         Width of a band (Hz).
     """
@@ -74,22 +75,23 @@ class Coherence:
     @property
     def brief(self) -> str:
         """The number of each axis in a few words."""
-        parts = [f"{100.0 * ratio:.2g} % on {axis}" for axis, ratio in zip("xy", self.ratio, strict=True)]
-        return "noise and distortion together " + ", ".join(parts)
+        known = [(name, ratio) for name, ratio in zip("xy", self.ratio, strict=True) if not np.isnan(ratio)]
+        return "noise and distortion together " + ", ".join(f"{100.0 * ratio:.2g} % on {name}" for name, ratio in known)
 
     @property
     def summary(self) -> str:
         """One line for people."""
-        values = ", ".join(f"{value:.3f} on {axis}" for axis, value in zip("xy", self.overall, strict=True))
+        known = [(name, value) for name, value in zip("xy", self.overall, strict=True) if not np.isnan(value)]
+        values = ", ".join(f"{value:.3f} on {name}" for name, value in known)
         return f"coherence of the position with the reference: {values} ({self.brief} of the explained motion)"
 
-    def as_dict(self) -> dict[str, dict[str, float]]:
-        """Numbers of each axis, as plain values."""
+    def as_dict(self) -> dict[str, dict[str, float | None]]:
+        """Numbers of each axis, as plain values for strict JSON; None where there is none."""
         return {
             name: {
-                "coherence": float(self.overall[axis]),
-                "lowest_coherence": float(self.coherence[:, axis].min()),
-                "noise_and_distortion_percent": float(100.0 * self.ratio[axis]),
+                "coherence": _plain(self.overall[axis]),
+                "lowest_coherence": _plain(self.coherence[:, axis].min()),
+                "noise_and_distortion_percent": _plain(100.0 * self.ratio[axis]),
             }
             for axis, name in enumerate("xy")
         }
@@ -108,6 +110,8 @@ def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
     SpectrumError
         If a sample is not finite, the reference does not move, or it has too few lines.
     """
+    if not records:
+        raise SpectrumError("no coherence: there are no samples")
     record = max(records, key=lambda item: item.steps)
     if not (np.isfinite(record.reference).all() and np.isfinite(record.position).all()):
         raise SpectrumError("no coherence: a reference or position is not finite")
@@ -123,6 +127,8 @@ def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
     total = answered + rest
     with np.errstate(invalid="ignore", divide="ignore"):
         coherence = np.clip(np.where(total > 0.0, answered / total, 0.0), 0.0, 1.0)
+    for values in (coherence, answered, rest):
+        values[:, ~moving] = np.nan
     return Coherence(
         frequency=resolution * np.array([1 + 0.5 * (b.start + b.stop - 1) for b in bands]),
         coherence=coherence,
@@ -130,6 +136,10 @@ def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
         rest=np.sqrt(rest.sum(axis=0)),
         width=resolution * (bands[0].stop - bands[0].start),
     )
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def _lines(signal: NDArray[np.float64]) -> Complex:
@@ -173,13 +183,18 @@ def _rich(power: NDArray[np.float64]) -> bool:
 
 
 def _fit(reference: Complex, position: Complex) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Power of the positions in a band that the references explain, and of the rest, without bias."""
+    """Power of the positions in a band that the references explain, and of the rest, without bias.
+
+    What the transient from before the record explains is left out of both.
+    """
     count = len(reference)
-    offset = np.linspace(-1.0, 1.0, count)[:, np.newaxis]
-    powers = offset ** np.arange(_DEGREE + 1)
-    columns = [powers, *(powers * column[:, np.newaxis] for column in reference.T)]
-    basis, strengths, _ = np.linalg.svd(np.hstack(columns), full_matrices=False)
-    basis = basis[:, strengths > _NEGLIGIBLE * strengths[0]]
-    left = position - basis @ (basis.conj().T @ position)
-    rest = (np.abs(left) ** 2).sum(axis=0) * count / (count - basis.shape[1])
-    return (np.abs(position) ** 2).sum(axis=0) - rest, rest
+    powers = np.linspace(-1.0, 1.0, count)[:, np.newaxis] ** np.arange(_DEGREE + 1)
+    transient = np.linalg.qr(powers)[0]
+    columns = np.hstack([powers * column[:, np.newaxis] for column in reference.T])
+    moved, columns = (part - transient @ (transient.T @ part) for part in (position, columns))
+    basis, strengths, _ = np.linalg.svd(columns, full_matrices=False)
+    basis = basis[:, strengths > _NEGLIGIBLE * max(strengths[0], 1.0)]
+    left = moved - basis @ (basis.conj().T @ moved)
+    free = count - transient.shape[1]
+    rest = (np.abs(left) ** 2).sum(axis=0) / (free - basis.shape[1])  # of a line
+    return ((np.abs(moved) ** 2).sum(axis=0) / free - rest) * count, rest * count

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from amb_core.distortion.coherence import Coherence, measure_coherence
 from amb_core.distortion.recorded import measure_recorded, periodic_once
 from amb_core.distortion.result import Distortion
@@ -35,6 +38,11 @@ class Evidence:
     coherence_problem: str = ""
 
     @property
+    def measured(self) -> bool:
+        """Whether there is any measure."""
+        return self.distortion is not None or self.coherence is not None
+
+    @property
     def brief(self) -> str:
         """The best measure in a few words; that of the coherence says what it mixes."""
         if self.distortion is not None:
@@ -42,6 +50,28 @@ class Evidence:
         if self.coherence is not None:
             return f"{self.coherence.brief} (distortion alone not measured)"
         return "distortion not measured"
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """A sentence for each measure, and why one is missing."""
+        texts = [item.summary for item in (self.distortion, self.coherence) if item is not None]
+        if self.distortion is None:
+            texts.append(f"distortion not measured: {self.problem}")
+        if self.distortion is None and self.coherence is None:
+            texts.append(self.coherence_problem)
+        return tuple(texts)
+
+    @property
+    def best_fit(self) -> NDArray[np.float64]:
+        """Largest NRMSE fit of a linear loop to x and y (percent), shape (2,); NaN where not known.
+
+        A simulation in which the controller limits the current is no linear loop, and can fit better.
+        """
+        measures = [item.ratio for item in (self.distortion, self.coherence) if item is not None]
+        if not measures:
+            return np.full(2, np.nan)
+        ratio = np.fmax.reduce(measures)
+        return np.asarray(100.0 * (1.0 - ratio / np.sqrt(1.0 + ratio**2)))
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for strict JSON."""

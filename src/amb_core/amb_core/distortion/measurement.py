@@ -32,6 +32,7 @@ INDEPENDENT = 1e-6
 """Smallest singular value of the references at a line over the largest one of all lines."""
 Values = NDArray[np.float64]
 T = TypeVar("T", np.float64, np.complex128)
+V = TypeVar("V", np.int_, np.float64)
 _SMOOTHED = 5  # neighbouring lines that are not excited, whose mean power stands for an excited one's
 
 
@@ -202,7 +203,7 @@ def _shows_all(lines: Lines) -> bool:
     raise SpectrumError("every line of the band is excited, so distortion hides in the response to the reference")
 
 
-def _seen(lines: Lines, odd: Values, even: Values) -> tuple[NDArray[np.int_], Values]:
+def _seen(lines: Lines, odd: NDArray[V], even: NDArray[V]) -> tuple[NDArray[np.int_], NDArray[V]]:
     """Lines in the band on which what is at the excited ones shows by itself, and a value at each."""
     unexcited, values = lines.odd, odd
     if not only_odd(lines):  # products of every order fall on every line

@@ -83,11 +83,6 @@ class Distortion:
             return np.asarray(20.0 * np.log10(self.ratio))
 
     @property
-    def best_fit(self) -> NDArray[np.float64]:
-        """Largest NRMSE fit of a linear model to the motion without noise (percent), shape (2,)."""
-        return np.asarray(100.0 * (1.0 - self.ratio / np.sqrt(1.0 + self.ratio**2)))
-
-    @property
     def brief(self) -> str:
         """The number of each axis in a few words."""
         parts = [

@@ -24,6 +24,8 @@ def coherence_chart(coherence: Coherence, title: str = "Coherence of position an
     across = Axis("frequency (Hz)", log=True, limits=(0.8 * frequency[0], 1.2 * frequency[-1]))
     panels, rows = [], []
     for axis, name in enumerate("xy"):
+        if np.isnan(coherence.ratio[axis]):
+            continue
         values, ratio = coherence.coherence[:, axis], 100.0 * coherence.ratio[axis]
         heading = f"{name}: noise and distortion together {ratio:.2g} % of the explained motion"
         curve = Curve(frequency, values, "coherence", PLANT)

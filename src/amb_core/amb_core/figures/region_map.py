@@ -200,7 +200,7 @@ def _ranges(region_map: RegionMap) -> str:
         known = known[np.isfinite(known)]
         if len(known):
             parts.append(f"{region_label(region)} begins at {known[0]:.0f} Hz down to {known[-1]:.0f} Hz")
-    return ", ".join(parts) or "all of it is region A, linear"
+    return ", ".join(parts) or f"all of it is region {region_label(Region.A)}"
 
 
 def _table(region_map: RegionMap) -> Table:

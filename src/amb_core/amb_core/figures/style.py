@@ -59,7 +59,7 @@ class RegionLook:
 
 
 REGIONS: dict[Region, RegionLook] = {
-    Region.A: RegionLook(SKY, "", "solid", "circle", "linear"),
+    Region.A: RegionLook(SKY, "", "solid", "circle", "steady bias"),
     Region.B: RegionLook(ORANGE, "/", "dash", "square", "drifting bias"),
     Region.C: RegionLook(PURPLE, ".", "dashdot", "triangle", "slow oscillation"),
     Region.D: RegionLook(VERMILION, "x", "solid", "diamond", "delevitated"),

@@ -181,7 +181,7 @@ def _alt(record: LoopRecord, classification: Classification, with_model: bool, a
     if with_model:
         text += "The response of a linear model is drawn over it. "
     if not classification.onsets:
-        return text + "It stays in region A, linear."
+        return text + f"It stays in region A, {REGIONS[Region.A].meaning}."
     begins = [
         f"{region.name} ({REGIONS[region].meaning}) begins at {onset_text(onset)}"
         for region, onset in classification.onsets.items()

@@ -1,4 +1,4 @@
-"""The report on a recorded run: regions, response and orbit, the model identified from it, and how good that is."""
+"""The report on a recorded run: regions, distortion, response and orbit, the model identified from it, its quality."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from amb_core.analysis.recorded_distortion import evidence_or_reason
 from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
+from amb_core.distortion import Evidence
 from amb_core.errors import AmbError
+from amb_core.figures.coherence import coherence_chart
+from amb_core.figures.distortion import distortion_chart
 from amb_core.figures.loop import orbit_chart
 from amb_core.figures.style import region_label
 from amb_core.figures.sweep import onset_text, rises, sweep_chart
@@ -62,27 +66,29 @@ def recording_report(
     tell = progress or (lambda _stage: None)
     tell("classifying")
     found = classify_run(recording, run)
-    sections = [_regions(found)]
+    tell("measuring distortion")
+    evidence = evidence_or_reason(recording, found.run)
+    sections = [_regions(found), _distortion(evidence)]
     tell("drawing")
     sections.append(_motion(found.record))
     identified, problem = _model_sections(recording, found.run, order, controller, tell)
     return Report(
         f"Run {found.run} of {recording.path.name}",
-        _lead(found) + (f" No model: {problem}." if problem else ""),
+        _lead(found, evidence) + (f" No model: {problem}." if problem else ""),
         [FigureBlock(_sweep(found)), _experiment(recording, found)],
         sections + identified,
         f"Every number comes from the bag {recording.path}.",
     )
 
 
-def _lead(found: RecordedRegions) -> str:
+def _lead(found: RecordedRegions, evidence: Evidence) -> str:
     record, told = found.record, found.classification
     seconds = record.steps * record.sample_time
     text = f"{seconds:.1f} s of an active magnetic bearing at {1.0 / record.sample_time:g} Hz. "
     if not told.onsets:
-        return text + "It ran in region A, linear, all the time."
+        return text + f"Region A all the time; {evidence.brief}."
     begins = [f"{region_label(region)}, from {onset_text(onset)}" for region, onset in told.onsets.items()]
-    return text + "It left region A, linear, for " + "; ".join(begins) + "."
+    return text + "It left region A for " + "; ".join(begins) + f". Over the whole, {evidence.brief}."
 
 
 def _sweep(found: RecordedRegions):  # type: ignore[no-untyped-def]  # plotly has no types
@@ -133,6 +139,21 @@ def _regions(found: RecordedRegions) -> Section:
     if rows:
         blocks.append(TableBlock(("part", "region", "begins at", "input frequency"), rows, "Where regions begin"))
     return Section("Regions", blocks)
+
+
+def _distortion(evidence: Evidence) -> Section:
+    blocks: list[Block] = [
+        Prose(
+            "Region A says that the bias neither drifts nor oscillates slowly. How much of the motion no linear model "
+            "can follow is another question:"
+        )
+    ]
+    blocks += [Prose(f"{text[:1].upper()}{text[1:]}.") for text in evidence.lines]
+    if evidence.distortion is not None:
+        blocks.append(FigureBlock(distortion_chart(evidence.distortion).page(), "Lines of the position"))
+    if evidence.coherence is not None:
+        blocks.append(FigureBlock(coherence_chart(evidence.coherence).page(), "Coherence of position and reference"))
+    return Section("Distortion", blocks)
 
 
 def _motion(record: LoopRecord) -> Section:

@@ -27,6 +27,8 @@ def summary_line(validation: Validation) -> str:
         parts.append(f"closed loop {_word(validation.closed_loop.stable, 'stable', 'unstable')}")
         parts.append(f"closed-loop fit {_by_output(validation, validation.fit)}")
     parts.append(f"one-step fit {_by_output(validation, validation.one_step_fit)}")
+    if validation.evidence.measured:
+        parts.append(validation.evidence.brief)
     parts.append(_word(validation.white, "residuals white", "residuals not white"))
     parts.append(_word(validation.independent, "independent of past inputs", "dependent on past inputs"))
     return f"{validation.verdict}: {model.method or 'model'}, order {model.order}; {'; '.join(parts)}"
@@ -34,7 +36,8 @@ def summary_line(validation: Validation) -> str:
 
 def report_text(validation: Validation) -> str:
     """One page of text, 100 columns at most."""
-    lines = [*_heading(validation), "", *_closed_loop(validation), "", *_prediction(validation), ""]
+    lines = [*_heading(validation), "", *_closed_loop(validation), "", *_distortion(validation), ""]
+    lines += [*_prediction(validation), ""]
     lines += [*_residuals(validation), "", *_frequency(validation), ""]
     lines += [f"VERDICT      {validation.verdict.replace('not', 'NOT')}"]
     lines += [line for text in (*validation.notes, *advice(validation)) for line in _item(text)]
@@ -86,6 +89,7 @@ def report_values(validation: Validation) -> dict[str, Any]:
             "measured": comparison.measured and comparison.measured.response.label,
             "bands": [asdict(band) for band in comparison.bands],
         },
+        "distortion": validation.evidence.as_dict(),
         "notes": list(validation.notes),
         "advice": advice(validation),
     }
@@ -110,7 +114,16 @@ def advice(validation: Validation) -> list[str]:
                 "The simulated rotor rests elsewhere: load or operating point differ from those of the identification; "
                 "identify at this operating point, or compare deviations."
             )
-        if np.any(poor & ~elsewhere):
+        best = validation.evidence.best_fit
+        limited = poor & (np.nan_to_num(best, nan=100.0) < NEEDED_FIT)
+        if np.any(limited):
+            names = zip(validation.model.output_names, best, limited, strict=True)
+            limits = ", ".join(f"{name} to about {limit:.0f} %" for name, limit, shown in names if shown)
+            found.append(
+                f"The response of the loop itself is not linear ({validation.evidence.brief}): a linear loop would fit "
+                f"{limits} at most. Excite less, and see `amb distortion`."
+            )
+        if np.any(poor & ~elsewhere & ~limited):
             found.append(
                 "The closed loop follows poorly: raise the order, identify with a reference of this frequency content, "
                 "and check that the data are of region A (`amb regions`)."
@@ -161,6 +174,11 @@ def _closed_loop(validation: Validation) -> list[str]:
         _row("fit, means added (%)", [f"{value:.2f}" for value in loop.fit]),
         _row("measured minus simulated mean (um)", [f"{1e6 * value:.3g}" for value in loop.offset]),
     ]
+
+
+def _distortion(validation: Validation) -> list[str]:
+    rows = ["DISTORTION   of these data; a linear loop does not follow it"]
+    return rows + [line for text in validation.evidence.lines for line in _item(text)]
 
 
 def _prediction(validation: Validation) -> list[str]:

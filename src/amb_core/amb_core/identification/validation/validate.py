@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from amb_core.distortion import Evidence
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData, restore
+from amb_core.identification.data.checks import evidence_of
 from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
 from amb_core.identification.validation.report import report_text, report_values, summary_line
@@ -47,6 +49,8 @@ class Validation:
         Simulation with the known controller; None if controller or reference are not known.
     frequency : FrequencyComparison
         The model's frequency response compared with other estimates of the plant's.
+    evidence : Evidence
+        Distortion of these data, or coherence of position and reference: what no linear model can follow.
     notes : tuple of str
         What was left out, and why.
     """
@@ -58,6 +62,7 @@ class Validation:
     residuals: ResidualTests
     closed_loop: ClosedLoop | None
     frequency: FrequencyComparison
+    evidence: Evidence
     notes: tuple[str, ...]
 
     @property
@@ -178,6 +183,7 @@ def validate(
         residuals,
         closed_loop,
         frequency,
+        evidence_of(data),
         (*([f"poles: {undecided}"] if undecided else []), *loop_notes, *frequency_notes),
     )
 

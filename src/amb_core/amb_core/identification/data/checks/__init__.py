@@ -1,6 +1,7 @@
 """Checks of data for identification: each a function with one finding, and all of them at once."""
 
 from amb_core.identification.data.checks.all_checks import check_data
+from amb_core.identification.data.checks.distortion import check_distortion, evidence_of
 from amb_core.identification.data.checks.drift import check_drift
 from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
 from amb_core.identification.data.checks.excitation import (
@@ -27,6 +28,7 @@ __all__ = [
     "check_clipping",
     "check_data",
     "check_delay",
+    "check_distortion",
     "check_drift",
     "check_excitation",
     "check_feedback",
@@ -36,5 +38,6 @@ __all__ = [
     "check_offsets",
     "check_region",
     "check_sample_time",
+    "evidence_of",
     "highest_excited_order",
 ]

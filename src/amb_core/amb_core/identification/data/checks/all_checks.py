@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
+from amb_core.identification.data.checks.distortion import check_distortion
 from amb_core.identification.data.checks.drift import check_drift
 from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
 from amb_core.identification.data.checks.excitation import check_amount, check_excitation, check_inputs
@@ -76,6 +77,7 @@ def check_data(
         feedback = check_feedback(data)
         controlled = bool(feedback.where) or all(item.reference is not None for item in data.experiments)
         findings += [feedback, check_delay(data, feedback=controlled), check_region(data, regions)]
+        findings.append(check_distortion(data))
     return DataReport(_title(data), tuple(findings))
 
 

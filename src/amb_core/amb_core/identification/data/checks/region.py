@@ -1,4 +1,4 @@
-"""Check of the region of operation: a linear model holds in region A only."""
+"""Check of the region of operation: no linear model holds outside region A."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
             Severity.WARNING,
             f"region {region.name} ({_MEANING[region.name]}) from step {onset.step} ({onset.time:.3f} s){frequency}",
             f"experiment {index}",
-            f"a linear model holds in region A only{keep}"
+            f"no linear model holds outside region A{keep}"
             + (", or excite the resonance less" if resonance else ", or excite less"),
         )
     if not judged:
