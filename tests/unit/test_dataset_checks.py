@@ -80,11 +80,11 @@ def test_good_data_raise_no_warning_and_every_check_reports() -> None:
     assert not report.errors
     assert not report.warnings
     assert [finding.check for finding in report.findings] == [
-        "finite", "gaps", "sample time", "amount", "inputs", "excitation", "clipping", "offsets", "feedback", "delay",
-        "region", "distortion",
+        "finite", "gaps", "sample time", "amount", "inputs", "excitation", "clipping", "offsets", "drift", "feedback",
+        "delay", "region", "distortion",
     ]  # fmt: skip
     report.refuse_errors()
-    assert len(str(report).splitlines()) == 13
+    assert len(str(report).splitlines()) == 14
     assert str(report).startswith(
         "1 experiment, 3000 samples of 0.001 s; inputs u1, u2; outputs y1, y2\ninfo    finite"
     )

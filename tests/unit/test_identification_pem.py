@@ -89,8 +89,9 @@ def test_a_summary_says_that_the_search_has_not_converged(bearing: LinearBearing
     found = identify(bearing.experiment(**BASE_NOISE), 10, "pem")
     assert found.search is not None
     unfinished = replace(found, search=SearchEnd(22, 0.031, converged=False))
-    assert unfinished.summary.endswith(
+    assert (
         "the search stopped after 22 steps and had not converged, a further step promises 3.1 % less squared error"
+        in unfinished.summary
     )
     assert "converged" not in replace(found, search=SearchEnd(9, 1e-6, converged=True)).summary
 

@@ -148,7 +148,7 @@ def distortion_of(experiments: Sequence[PeriodicResponse], lines: Lines, sample_
         even_frequency=every[lines.even],
         closed_loop=_spread_out(closed_loop, moving),
         deviation=_spread_out(np.sqrt(variance), moving),
-        plant=closed_loop @ np.linalg.inv(to_current) if moving.all() else np.full_like(y[..., :1] * moving, np.nan),
+        plant=closed_loop @ _inverse(to_current) if moving.all() else np.full_like(y[..., :1] * moving, np.nan),
         linear=np.sqrt(response),
         stochastic=_root(stochastic),
         odd=_root(odd),
@@ -221,6 +221,14 @@ def _beside(lines: Lines, odd: Values, even: Values) -> Values:
     share = np.convolve(np.ones(len(unexcited)), window, "same")
     smooth = np.stack([np.convolve(column, window, "same") / share for column in power.T])
     return np.stack([np.interp(lines.excited, unexcited, column) for column in smooth], axis=-1)
+
+
+def _inverse(matrices: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Inverses of a stack of matrices; NaN for those that have none, as where a current does not move."""
+    inverses = np.full_like(matrices, np.nan)
+    regular = np.linalg.cond(matrices) < 1.0 / np.finfo(np.float64).eps
+    inverses[regular] = np.linalg.inv(matrices[regular])
+    return inverses
 
 
 def _spread_out(matrices: NDArray[T], moving: NDArray[np.bool_]) -> NDArray[T]:

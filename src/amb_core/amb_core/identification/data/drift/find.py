@@ -20,11 +20,11 @@ from amb_core.identification.data.drift.prefilter import high_pass
 FEWEST_SAMPLES = 1_000
 """Experiments with fewer samples are too short for the check."""
 
-LEVEL = 60.0
+LEVEL = 43.0
 """Power of the slow lines relative to the others from which outputs count as drifting.
 
 It is 1 +- 0.4 without drift for a linear plant. The bias of a loaded bearing follows the amplitude of its excitation a
-little: on simulated bearings without drift up to 36 was seen, with drift of 2 to 5 um 100 and more."""
+little: on simulated bearings without drift up to 36 was seen, with drift of 2 to 5 um 50 and more."""
 
 SLOWEST = 16
 """Number of slow lines: up to as many half cycles an experiment."""
