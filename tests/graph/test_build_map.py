@@ -119,6 +119,9 @@ def test_the_preview_takes_the_phases_of_a_multisine(builder: MapBuilder) -> Non
     low = builder.preview(**asked, phasing="schroeder", interleaved=True)
     assert low.success, low.message
     assert max(low.crest_factor_x, low.crest_factor_y) < 2.0 < random.crest_factor_x
+    odd = builder.preview(**asked, odd=True, periods=2)
+    assert odd.success, odd.message
+    assert "periods" in builder.preview(**asked, periods=1_000_000).message
     assert "allowed: one of random, schroeder, optimised" in builder.preview(**asked, phasing="best").message
 
 
