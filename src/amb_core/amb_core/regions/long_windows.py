@@ -166,9 +166,10 @@ class LongWindow:
 
     def beats(self, rate: float, orders: int) -> bool:
         """Whether a harmonic of a sine folds at this sample rate (Hz) into the band, for a large part of the window."""
-        harmonics = np.arange(2, orders + 1)[:, None] * self._blocks[:, 2]
+        sine = self._blocks[np.isfinite(self._blocks[:, 2]), 2]  # infinite: no input yet
+        harmonics = np.arange(2, orders + 1)[:, None] * sine
         folded = np.abs(harmonics - np.round(harmonics / rate) * rate)
-        return bool(((folded < REFERENCE / self._time).mean(axis=1) > BEATING).any())
+        return bool(((folded < REFERENCE / self._time).sum(axis=1) > BEATING * BLOCKS).any())
 
     def lowest_input(self) -> float:
         """Lowest frequency of the input within the window (Hz)."""
