@@ -175,6 +175,8 @@ class ImplicitPlant:
         return (np.concatenate([self.state[block.charge] for block in self._blocks]) - before) / step
 
     def _solve_to(self, end: float) -> None:
+        if end <= self.time:  # two starts of a period that differ by rounding, the second in the past already
+            return
         supply = self._parameters.amplifier.supply_voltage
         on, off = self._pulses()
         edges = np.concatenate([on, off])
