@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import math
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 PERIODS = 4.0  # of the line in the low-pass filter: inputs at twice its frequency and above do not pass
 PER_PERIOD = 2.0  # samples of an envelope per period of the line
@@ -63,33 +63,38 @@ def unexplained_amplitude(
     # An input that was there before the signals begin must not look like a blow that starts the ringing.
     begins = np.minimum((np.arange(samples) + 1.0) / (FADE_IN * samples), 1.0)
     input_envelope = input_envelope * np.sin(0.5 * np.pi * begins) ** 2
+    # The smooth part of the response does not depend on the pole: it is taken out of everything once.
+    around = np.column_stack([np.roll(input_envelope, shift) for shift in range(-NEIGHBOURS, NEIGHBOURS + 1)])
+    smooth = np.linalg.qr(around)[0]
+    envelope = envelope - smooth @ (smooth.conj().T @ envelope)
     late = slice(samples - round(LATE * PER_PERIOD), samples)
     angular = 2.0 * math.pi * frequency * every / rate
     widest = max(DETUNING, 1.2 * resolution / frequency)
     dampings = np.geomspace(LIGHTEST, HEAVIEST, DAMPINGS)
     detunings = np.linspace(-widest, widest, 2 * round(widest / DETUNING_STEP) + 1)
-    left = envelope
     for _ in range(ZOOMS):
-        least = math.inf
-        for damping in dampings:
-            for detuning in detunings:
-                rest = _rest(input_envelope, envelope, np.exp(angular * complex(-damping, detuning)))
-                if (total := float(np.sum(np.abs(rest) ** 2))) < least:
-                    least, left, best = total, rest, (damping, detuning)
+        damping, detuning = (grid.ravel() for grid in np.meshgrid(dampings, detunings, indexing="ij"))
+        response = _responses(input_envelope, np.exp(angular * (-damping + 1j * detuning)))
+        response -= smooth @ (smooth.conj().T @ response)
+        power = np.sum(np.abs(response) ** 2, axis=0)
+        common = response.conj().T @ envelope
+        best = int(np.argmax(np.abs(common) ** 2 / np.maximum(power, np.finfo(np.float64).tiny)))
+        left = envelope - response[:, best] * (common[best] / max(power[best], np.finfo(np.float64).tiny))
         ratio, step = dampings[1] / dampings[0], detunings[1] - detunings[0]
-        dampings = best[0] * ratio ** np.linspace(-1.0, 1.0, ZOOMED)
+        dampings = damping[best] * ratio ** np.linspace(-1.0, 1.0, ZOOMED)
         dampings = dampings[dampings >= LIGHTEST]
-        detunings = best[1] + step * np.linspace(-1.0, 1.0, ZOOMED)
+        detunings = detuning[best] + step * np.linspace(-1.0, 1.0, ZOOMED)
     return 2.0 * float(np.sqrt(np.mean(np.abs(left[late]) ** 2)))  # the envelope of a line is half its amplitude
 
 
-def _rest(
-    input_envelope: NDArray[np.complex128], envelope: NDArray[np.complex128], pole: complex
-) -> NDArray[np.complex128]:
-    """What the response of a pole leaves of an envelope, by least squares."""
-    around = [np.roll(input_envelope, shift) for shift in range(-NEIGHBOURS, NEIGHBOURS + 1)]
-    columns = np.column_stack([lfilter([0.0, 1.0], [1.0, -pole], input_envelope), *around])
-    return envelope - columns @ np.linalg.lstsq(columns, envelope, rcond=1e-9)[0]
+@numba.njit(cache=True, error_model="numpy")
+def _responses(envelope: NDArray[np.complex128], poles: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Responses z of poles, one column each."""
+    responses = np.zeros((len(envelope), len(poles)), np.complex128)
+    for k in range(1, len(envelope)):
+        for i in range(len(poles)):
+            responses[k, i] = poles[i] * responses[k - 1, i] + envelope[k - 1]
+    return responses
 
 
 def _refined(position: NDArray[np.float64], frequency: float, resolution: float, rate: float) -> float:
