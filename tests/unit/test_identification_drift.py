@@ -95,7 +95,7 @@ def test_an_unknown_option_is_refused(bearing) -> None:
 
 
 def test_a_pole_whose_interval_holds_1_is_reported() -> None:
-    """Two integrators under feedback: stable, integrating or unstable cannot be told apart."""
+    """Two integrators under feedback: the data do not decide between stable, integrating and unstable."""
     random, steps = np.random.default_rng(5), 3_000
     inputs, outputs, state = np.empty((steps, 2)), np.empty((steps, 2)), np.zeros(2)
     for step in range(steps):

@@ -1,4 +1,4 @@
-"""Dead time from the growth of the impulse response: what cannot be told from a slow amplifier is not called dead time.
+"""Dead time from the growth of the impulse response: what may be a slow amplifier is not called dead time.
 
 A sampled plant responds after one sample, but little: without dead time the step response of a force on a mass behind
 an amplifier of time constant tau grows as t^2 / 2 - tau t + tau^2 (1 - exp(-t / tau)), as t^3 / (6 tau) at first. Its

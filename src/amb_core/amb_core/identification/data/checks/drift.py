@@ -29,5 +29,5 @@ def check_drift(data: IdentificationData) -> Finding:
         f"slow drift by about {', '.join(drifting.values())}, up to {drift.power.max():.2g} times the power of the "
         "noise; a model may explain it by a pole near 1 and have an unstable loop",
         ", ".join(drifting),
-        "identify removes it (drift = auto) unless told otherwise (none); elsewhere use cure_drift(data)",
+        "identify removes it with drift = auto, not with none; elsewhere use cure_drift(data)",
     )
