@@ -1,4 +1,4 @@
-"""Dead time is distinguished from the slow start of a mass behind an amplifier, with any excitation, in a noisy closed loop."""
+"""Dead time is distinguished from the slow start of a mass behind an amplifier, in noisy closed-loop data."""
 
 from __future__ import annotations
 
