@@ -14,30 +14,16 @@ from amb_core.regions import Region
 from amb_core.regions.region_map import Boundary, MapSweep, RegionMap
 from amb_core.regions.region_map.dwell_run import Dwell, DwellTask
 from amb_core.tasks import pool
+from tests.waiting_pool import WaitingPool
 
 STEEL = "H,B\n0,0\n100,0.8\n1000,1.4\n20000,1.9\n"
 
 
-class Pool:
+class Pool(WaitingPool):
     """Answers at once: sweeps fall at 400 Hz, those of another duration at 300 Hz, fixed sines at 900 Hz."""
 
-    def __class_getitem__(cls, result):
-        return cls
-
-    def __init__(self, scheduler, workers):
-        self._waiting = []
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *problem):
-        pass
-
-    def submit(self, task, key, folder, priority):
-        self._waiting.append((key, task))
-
     def next_finished(self, timeout):
-        key, task = self._waiting.pop(0)
+        key, task = self._waiting.popleft()
         if isinstance(task, DwellTask):
             return key, Dwell(task.frequency, Region.D if task.frequency >= 900.0 else Region.A, True, 0.0, 1000)
         frequency = 400.0 if task.sweep.duration == 20.0 else 300.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections import deque
 
 import pytest
 
@@ -15,6 +14,7 @@ from amb_core.plant import PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, build_grid, build_map
 from amb_core.tasks import cluster, pool
+from tests.waiting_pool import WaitingPool
 
 SHORT = MapSettings(
     amplitude_low=20e-6,
@@ -29,28 +29,10 @@ SHORT = MapSettings(
 LOOP = (PlantParameters(), ControllerParameters())
 
 
-class Pool:
+class Pool(WaitingPool):
     """Answers at once, last sweep first, with a boundary that jumps at 50 um."""
 
     ran: list[float]
-
-    def __class_getitem__(cls, result):
-        return cls
-
-    def __init__(self, scheduler, workers):
-        self._waiting = deque()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *problem):
-        pass
-
-    def submit(self, task, key, folder, priority):
-        self._waiting.append((key, task))
-
-    def cancel(self, key):
-        self._waiting = deque(entry for entry in self._waiting if entry[0] != key)
 
     def next_finished(self, timeout):
         key, task = self._waiting.pop()

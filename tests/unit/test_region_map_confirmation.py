@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections import deque
 from pathlib import Path
 
 import pytest
@@ -33,13 +32,14 @@ from amb_core.regions.region_map import (
 )
 from amb_core.regions.region_map.dwell_run import Dwell, DwellTask
 from amb_core.tasks import pool
+from tests.waiting_pool import WaitingPool
 
 LOOP = (PlantParameters(), ControllerParameters())
 PAPER_MAP = Path(__file__).parent / "data" / "paper_map.json"
 SETTINGS = MapSettings(initial_sweeps=3, max_sweeps=3, duration=20.0)
 
 
-class Bearing:
+class Bearing(WaitingPool):
     """Answers tasks at once, last first: boundaries in closed form, with hysteresis and a dependence on the rate.
 
     B begins at 6 mHz m / a under fixed sines, and 10 % higher in sweeps of 20 s. D: sweeps fall at 800 Hz; fixed sines
@@ -47,24 +47,6 @@ class Bearing:
     """
 
     ran: list[object]
-
-    def __class_getitem__(cls, result):
-        return cls
-
-    def __init__(self, scheduler, workers):
-        self._waiting = deque()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *problem):
-        pass
-
-    def submit(self, task, key, folder, priority):
-        self._waiting.append((key, task))
-
-    def cancel(self, key):
-        self._waiting = deque(entry for entry in self._waiting if entry[0] != key)
 
     def next_finished(self, timeout):
         key, task = self._waiting.pop()
