@@ -13,19 +13,18 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_core.errors import BagError, RegionError
 from amb_core.loop.control import ControllerParameters
-from amb_core.loop.records import LoopRecord
 from amb_core.parameters import choice, load_parameters, part_of, quantity
 from amb_core.plant import PlantParameters
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.region_map import fill_region_map, map_settings_from_message
 from amb_core.recording.messages.region_state import fill_region_state
 from amb_core.regions import AxisState, Region, RegionParameters, RegionState
+from amb_core.regions.rehearsal import rehearse
 from amb_ident_node.monitoring import RegionWatch
 from amb_ident_node.recorded_topics import REGION_MESSAGES
 from amb_msgs.action import BuildMap
@@ -71,7 +70,7 @@ class RegionMonitorNode(Node):
         )
         self._settings = declare(self, RegionMonitorParameters)
         self._regions = part_of(RegionParameters, self._settings.model_dump())
-        _compile(self._regions)
+        rehearse()  # nothing is compiled once telemetry arrives
         self._watch = RegionWatch(self._regions, self._settings.publish_period)
         self._malformed = 0
         self._sequence = 0  # of the last message on region
@@ -291,12 +290,6 @@ def _new_file(path: str) -> Path | None:
     if not fits:
         raise RegionError(f"path = {path!r} is not allowed; allowed: a file in a folder that exists")
     return file
-
-
-def _compile(parameters: RegionParameters) -> None:
-    """Classify one second of zeros, so that the first telemetry need not wait for the compiler."""
-    silence = np.zeros((10_000, 2))
-    RegionWatch(parameters, 0.1).add_block(0, LoopRecord(0, 1e-4, silence, silence, silence))
 
 
 def main(args: list[str] | None = None) -> int:
