@@ -93,7 +93,9 @@ build() {
     say "building the ROS packages"
     rm -f "$build_stamp"
     # PYTHONWARNINGS: `colcon build --symlink-install` relies on what setuptools warns about.
+    # MAKEFLAGS: without a number of jobs, colcon lets ninja wait until the load of the machine falls, maybe for ever.
     if ! PATH=$venv/bin:$PATH AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv PYTHONWARNINGS=ignore \
+        MAKEFLAGS=-j"$(nproc)" \
         colcon --log-level error build --symlink-install --executor parallel \
         --event-handlers console_direct- console_cohesion- status- console_stderr- summary- \
         --cmake-args -G Ninja -DPython3_EXECUTABLE="$venv/bin/python" -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF; then
