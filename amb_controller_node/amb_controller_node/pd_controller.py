@@ -25,6 +25,7 @@ from amb_ros.qos import HISTORY, STREAM
 from amb_ros.sample_messages import pack_current, unpack_position
 
 SIGNALS = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
+AXES = 2
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
 LARGEST_POSITION = 1.0  # m; far above every clearance, and far below values that would overflow in the control law
 
@@ -36,9 +37,11 @@ class PdControllerNode(Node):
         super().__init__(
             "pd_controller", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True
         )
-        self._settings = declare(self, PdControllerParameters, self._on_parameters)
-        self._controller = PdController(self._settings)
-        self._controller.update(0.0, 0.0, 0.0, 0.0)  # compile before the first position arrives
+        self._settings = declare(
+            self, PdControllerParameters, self._on_parameters, check=lambda values: values.require_axes(AXES)
+        )
+        self._controller = PdController(self._settings, AXES)
+        self._controller.update((0.0, 0.0), (0.0, 0.0))  # compile before the first position arrives
         self._run = 0
         self._step = -1  # last step answered
         self._gaps = 0
@@ -87,15 +90,12 @@ class PdControllerNode(Node):
                 return
             self._start_afresh(run, step)
         self._step = step
-        settings = self._settings
-        reference_x, reference_y = self._excitation.reference(
-            run, step, settings.nominal_reference_x, settings.nominal_reference_y
-        )
-        i_x, i_y = self._controller.update(x, y, reference_x, reference_y)
+        reference_x, reference_y = self._excitation.reference(run, step, *self._controller.nominal_reference.tolist())
+        i_x, i_y = self._controller.update((x, y), (reference_x, reference_y)).tolist()
         self._answer = pack_current(run, step, i_x, i_y)
         self._current_publisher.publish(self._answer)
         self._telemetry.add(step, reference_x, reference_y, x, y, i_x, i_y)
-        if len(self._telemetry) >= settings.telemetry_block:
+        if len(self._telemetry) >= self._settings.telemetry_block:
             self._flush()
         if step == 1:
             self._check_sample_rate(time)

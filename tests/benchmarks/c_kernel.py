@@ -117,7 +117,7 @@ def _closed_loop(plant: Plant, advance: Advance) -> NDArray[Any]:
     for sample in range(SAMPLES):
         target = 100e-6 if (sample // 50) % 2 == 0 else -100e-6
         x, y = bearings["position"][0]
-        references = np.array(controller.update(x, y, target, 0.0))
+        references = np.array(controller.update((x, y), (target, 0.0)))
         status = advance(references, plant.parameters.steps_per_sample)
         if status != records.OK:
             raise RuntimeError(f"kernel ended with status {status} at sample {sample}; expected: {records.OK}")
@@ -130,7 +130,7 @@ def _nanoseconds_per_step(plant: Plant, *kernels: Advance) -> list[float]:
     plant.reset()
     controller = PdController(ControllerParameters())
     for _ in range(2_000):
-        current = controller.update(*plant.position, 0.0, 0.0)
+        current = controller.update(plant.position, (0.0, 0.0))
         plant.advance(*current)
     references, arrays = np.array(current), plant._arrays
     levitated = arrays.state.copy(), arrays.bearings.copy()

@@ -35,7 +35,7 @@ def _sample_duration(parameters: PlantParameters) -> float:
     plant, controller = Plant(parameters), PdController(ControllerParameters())
     durations = []
     for _ in range(SAMPLES):
-        current = controller.update(*plant.position, 0.0, 0.0)
+        current = controller.update(plant.position, (0.0, 0.0))
         started = time.perf_counter()
         plant.advance(*current)
         durations.append(time.perf_counter() - started)

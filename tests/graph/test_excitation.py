@@ -312,7 +312,7 @@ def test_a_controller_that_joins_an_excited_run_waits_for_the_samples(graph, loo
     assert [(answer.accepted, answer.first_step, answer.steps) for answer in answers] == [(True, 100, 6_000_000)]
     first, samples = Playback(sweep, RATE).window(599_900)
     law = PdController(ControllerParameters())
-    expected = law.update(0.0, 0.0, float(samples[599_900 - first, 0]), 0.0)
+    expected = law.update((0.0, 0.0), (float(samples[599_900 - first, 0]), 0.0))
     assert (loop.answered[0].step, loop.answered[0].i_x, loop.answered[0].i_y) == (600_000, *expected)
     assert expected[0] != 0.0
 

@@ -57,7 +57,7 @@ def linear_loop(steps: int, seed: int = 1) -> LoopRecord:
     state = np.zeros((2, 2))
     for step in range(steps):
         position[step] = state[0] + noise[step]
-        current[step] = controller.update(*position[step], *reference[step])
+        current[step] = controller.update(position[step], reference[step])
         state = a @ state + np.outer(b, current[step])
     return LoopRecord(0, SAMPLE_TIME, reference, position, current)
 

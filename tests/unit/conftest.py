@@ -101,7 +101,7 @@ class LinearBearing:
         position, current = np.empty_like(reference), np.empty_like(reference)
         for step, target in enumerate(reference):
             position[step] = model.c @ state + errors[step]
-            current[step] = law.update(*position[step], *target)
+            current[step] = law.update(position[step], target)
             state = model.a @ state + model.b @ (current[step] - model.input_offset) + disturbed @ forces[step]
         return LoopRecord(0, self.sample_time, reference, position, current)
 

@@ -48,7 +48,7 @@ def closed_loop(
     position, current = np.empty_like(reference), np.zeros((STEPS + delay, 2))
     for step, wanted in enumerate(reference):
         position[step] = (c @ state)[0] + errors[step]
-        current[step + delay] = law.update(*position[step], *wanted)
+        current[step + delay] = law.update(position[step], wanted)
         state = a @ state + b * current[step]
     current = current[delay:]
     return IdentificationData.from_arrays(current, position, 1.0 / RATE, reference=reference)

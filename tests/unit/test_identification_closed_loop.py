@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from amb_core.errors import IdentificationError
 from amb_core.identification import closed_loop_poles, nrmse_fit, simulate_closed_loop
@@ -61,6 +62,30 @@ def test_closed_loop_poles_are_the_modes_of_the_loop(bearing: LinearBearing, con
         residual = np.convolve(free[:, axis], characteristic, mode="valid")
         # The first sample has no backward difference, so the recursion holds from the second sample on.
         assert np.max(np.abs(residual[1:])) < 1e-9 * np.max(np.abs(free[:, axis]))
+
+
+def test_two_bearings_side_by_side_are_one_loop_of_four_axes(bearing: LinearBearing) -> None:
+    record = bearing.experiment(noise=0.0, duration=0.1, controller=CONTROLLERS[1])
+    one = bearing.model
+    both = replace(
+        one,
+        **{name: block_diag(getattr(one, name), getattr(one, name)) for name in ("a", "b", "c", "d", "k")},
+        **{name: np.tile(getattr(one, name), 2) for name in ("input_offset", "output_offset", "initial_state")},
+        innovation_covariance=block_diag(one.innovation_covariance, one.innovation_covariance),
+        input_names=("i_x_a", "i_y_a", "i_x_b", "i_y_b"),
+        output_names=("x_a", "y_a", "x_b", "y_b"),
+        input_units=("A",) * 4,
+        output_units=("m",) * 4,
+    )
+    per_axis = CONTROLLERS[1].model_copy(
+        update={"proportional_gains": (20_000.0,) * 4, "derivative_gains": (38.0,) * 4}
+    )
+    simulated = simulate_closed_loop(both, per_axis, np.hstack([record.reference, record.reference]))
+    for part in (slice(0, 2), slice(2, 4)):
+        assert np.max(np.abs(simulated.position[:, part] - record.position)) < 1e-14
+        assert np.max(np.abs(simulated.current[:, part] - record.current)) < 1e-8
+    poles = closed_loop_poles(both, per_axis)
+    np.testing.assert_allclose(np.abs(poles), np.repeat(np.abs(closed_loop_poles(one, CONTROLLERS[1])), 2), atol=1e-9)
 
 
 def test_the_dominant_closed_loop_poles_are_those_of_the_paper(bearing: LinearBearing) -> None:

@@ -141,10 +141,10 @@ def run(samples: int = 40, **values) -> tuple[EnergyAccount, float]:
     """Energies of a levitated bearing after it has settled, and the time over which they were summed (s)."""
     plant, controller = Plant(parameters_with(**values)), PdController(ControllerParameters())
     for _ in range(60):
-        plant.advance(*controller.update(*plant.position, 0.0, 0.0))
+        plant.advance(*controller.update(plant.position, (0.0, 0.0)))
     account = EnergyAccount(plant)
     for _ in range(samples):
-        account.add(plant.trace(*controller.update(*plant.position, 0.0, 0.0)))
+        account.add(plant.trace(*controller.update(plant.position, (0.0, 0.0))))
     return account, samples * plant.sample_time
 
 
@@ -197,7 +197,7 @@ def test_position_hardly_notices_the_choice():
     for values in ({}, DIFFUSION):
         plant, controller = Plant(parameters_with(**values)), PdController(ControllerParameters())
         for sample in range(300):
-            plant.advance(*controller.update(*plant.position, 0.0, 10e-6 if sample < 150 else -10e-6))
+            plant.advance(*controller.update(plant.position, (0.0, 10e-6 if sample < 150 else -10e-6)))
         positions.append(plant.position[1])
     assert positions[0] != positions[1]
     assert positions[1] == pytest.approx(positions[0], abs=20e-9)

@@ -113,7 +113,7 @@ def small_signal_error(parameters: PlantParameters, axis: int, samples: int = 40
     """Response of the running plant to a step of 1 mA over that of the discrete model, minus one."""
     controller, plant = PdController(ControllerParameters()), Plant(parameters)
     for _ in range(1_500):
-        held = controller.update(*plant.position, 0.0, 0.0)
+        held = controller.update(plant.position, (0.0, 0.0))
         plant.advance(*held)
     # The loop is open from here; the drift without the step of 1 mA is subtracted.
     other, step = copy.deepcopy(plant), 1e-3 * np.eye(2)[axis]

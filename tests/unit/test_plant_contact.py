@@ -83,7 +83,7 @@ def test_levitated_rotor_comes_back_from_its_backup_bearing():
         )
     )
     controller = PdController(ControllerParameters())
-    traces = [plant.trace(*controller.update(*plant.position, 0.0, 0.0)) for _ in range(1_000)]
+    traces = [plant.trace(*controller.update(plant.position, (0.0, 0.0))) for _ in range(1_000)]
     contact = np.array([np.abs(trace.contact_force).max() > 0.0 for trace in traces])
     assert contact.any()
     assert not contact.all()

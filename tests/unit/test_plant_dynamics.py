@@ -34,7 +34,7 @@ def shaken(plant: Plant, samples: int = 200) -> dict[str, np.ndarray]:
     traces = []
     for step in range(samples):
         reference = 10e-6 if (step // 40) % 2 == 0 else -10e-6
-        traces.append(plant.trace(*controller.update(*plant.position, reference, reference)))
+        traces.append(plant.trace(*controller.update(plant.position, (reference, reference))))
     return joined(traces)
 
 
@@ -48,7 +48,7 @@ def test_energy_of_the_amplifiers_is_lost_stored_or_done_as_work_on_the_rotor():
     account = EnergyAccount(plant)
     for step in range(200):
         reference = 10e-6 if (step // 40) % 2 == 0 else -10e-6
-        account.add(plant.trace(*controller.update(*plant.position, reference, reference)))
+        account.add(plant.trace(*controller.update(plant.position, (reference, reference))))
     assert min(account.electrical, account.copper, account.eddy) > 0
     balance = account.copper + account.eddy + account.stored + account.mechanical
     assert account.electrical == pytest.approx(balance, rel=1e-3)

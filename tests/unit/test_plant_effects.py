@@ -36,7 +36,7 @@ SATURATING = IronParameters(saturation=True)
 
 def levitate(plant: Plant, samples: int) -> list[Trace]:
     controller = PdController(ControllerParameters())
-    return [plant.trace(*controller.update(*plant.position, 0.0, 0.0)) for _ in range(samples)]
+    return [plant.trace(*controller.update(plant.position, (0.0, 0.0))) for _ in range(samples)]
 
 
 def joined(traces: list[Trace], name: str) -> np.ndarray:

@@ -57,7 +57,7 @@ def flexible(tmp_path_factory) -> tuple[Plant, EnergyAccount, list[Trace]]:
     traces = []
     for sample in range(2_500):
         kick = 1e-6 if sample == 1_000 else 0.0
-        traces.append(plant.trace(*controller.update(*plant.position, kick, 0.0)))
+        traces.append(plant.trace(*controller.update(plant.position, (kick, 0.0))))
         account.add(traces[-1])
     return plant, account, traces
 

@@ -34,7 +34,7 @@ def test_sampled_law_is_what_the_controller_does() -> None:
 
     law = PdController(ControllerParameters(current_limit=100.0, derivative_filter=1e-4))
     reference = 1e-6 * np.sin(2.0 * np.pi * 700.0 * np.arange(4_000) / 10_000.0)
-    current = np.array([law.update(0.0, 0.0, 0.0, r)[1] for r in reference])[1_000:]
+    current = np.array([law.update((0.0, 0.0), (0.0, r))[1] for r in reference])[1_000:]
     gain = lines.command_gain(700.0, law.parameters)
     assert math.sqrt(2.0) * current.std() / 1e-6 == pytest.approx(float(gain), rel=1e-3)
 

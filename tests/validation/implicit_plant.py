@@ -116,7 +116,7 @@ class ImplicitPlant:
         references = np.array([current_x, current_y])
         if self._bearings == 2:
             x, y = self.measured()[2:]
-            references = np.concatenate([references, self._controller_b.update(float(x), float(y), 0.0, 0.0)])
+            references = np.concatenate([references, self._controller_b.update((float(x), float(y)), (0.0, 0.0))])
         references = _on_grid(references, self._parameters.converters.current_resolution)
         begin, rate = self.time, self._parameters.integration.sample_rate
         delayed = begin + self._parameters.converters.computation_delay / rate

@@ -90,8 +90,8 @@ def switching_losses(parameters: PlantParameters, samples: int = 200) -> tuple[f
     """Loss by the switching (W): closed form, and eddy currents of a levitated bearing at rest."""
     plant, controller = Plant(parameters), PdController(ControllerParameters())
     for _ in range(samples):
-        plant.advance(*controller.update(*plant.position, 0.0, 0.0))
+        plant.advance(*controller.update(plant.position, (0.0, 0.0)))
     account = EnergyAccount(plant)
     for _ in range(samples):
-        account.add(plant.trace(*controller.update(*plant.position, 0.0, 0.0)))
+        account.add(plant.trace(*controller.update(plant.position, (0.0, 0.0))))
     return switching_loss(parameters), (account.eddy + account.diffusion) / (samples * plant.sample_time)

@@ -10,9 +10,9 @@ import difflib
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, Literal, TypeVar, cast, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from amb_core.errors import ParameterError
 from amb_core.files.parameter_files import NODES, ParameterFile, full_name
@@ -25,6 +25,20 @@ class Parameters(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _numbers_in_range(cls, value: Any, info: ValidationInfo) -> Any:
+        """Check the numbers of a list that `quantities` declares, and take any kind of array for it."""
+        extra = cls.model_fields[str(info.field_name)].json_schema_extra
+        if not (isinstance(extra, dict) and "each" in extra):
+            return value
+        value = value.tolist() if hasattr(value, "tolist") else value
+        if isinstance(value, list | tuple) and all(type(item) in (float, int) for item in value):
+            minimum, maximum = cast(tuple[float, float], extra["each"])
+            if all(minimum <= item <= maximum for item in value):  # not NaN
+                return tuple(float(item) for item in value)
+        raise ValueError("not such a list")
+
 
 P = TypeVar("P", bound=Parameters)
 
@@ -35,6 +49,15 @@ def quantity(
     """Declare a number with unit (`-` for none) and closed range. `runtime`: may be changed while a node runs."""
     return Field(
         default, ge=minimum, le=maximum, description=description, json_schema_extra={"unit": unit, "runtime": runtime}
+    )
+
+
+def quantities(unit: str, description: str, minimum: float, maximum: float, *, runtime: bool = False) -> Any:
+    """Declare a list of numbers, by default empty, with the unit and the closed range of each."""
+    return Field(
+        (),
+        description=description,
+        json_schema_extra={"unit": unit, "runtime": runtime, "each": cast(Any, (minimum, maximum))},
     )
 
 
@@ -74,7 +97,8 @@ class Declaration:
             return "one of " + ", ".join(self.choices)
         if self.minimum is not None and self.maximum is not None:
             unit = "" if self.unit == "-" else f" {self.unit}"
-            return f"{self.minimum:g} to {self.maximum:g}{unit}"
+            numbers = f"{self.minimum:g} to {self.maximum:g}{unit}"
+            return f"a list of numbers from {numbers}" if self.type is tuple else numbers
         return {bool: "true or false", str: "text"}.get(self.type, self.type.__name__)
 
 
@@ -89,9 +113,11 @@ def declarations(model: type[Parameters], prefix: str = "") -> Iterator[Declarat
             continue
         choices = get_args(annotation) if get_origin(annotation) is Literal else ()
         bounds = {key: getattr(item, key) for item in field.metadata for key in ("ge", "le") if hasattr(item, key)}
+        if "each" in extra:
+            bounds = dict(zip(("ge", "le"), cast(tuple[float, float], extra["each"]), strict=True))
         yield Declaration(
             name=prefix + name,
-            type=str if choices else annotation,  # type: ignore[arg-type]
+            type=str if choices else get_origin(annotation) or annotation,  # type: ignore[arg-type]
             default=field.get_default(call_default_factory=True),
             unit=str(extra.get("unit", "-")),
             description=field.description or "",

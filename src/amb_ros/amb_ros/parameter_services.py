@@ -7,6 +7,7 @@ wrong, and end the node if a value has a type that does not exist.
 from __future__ import annotations
 
 import reprlib
+from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -74,6 +75,8 @@ def _parameter(node: Node, message: ParameterMessage, declared: Mapping[str, Dec
     declaration = declared[message.name]
     if declaration.type is float and type(value) is int:
         value = float(value)
+    if declaration.type is tuple and isinstance(value, list) and all(type(item) in (int, float) for item in value):
+        return Parameter(message.name, value=array("d", value))
     if type(value) is not declaration.type:
         raise ParameterError(
             f"parameter '{message.name}' = {reprlib.repr(value)} is not allowed; allowed: {declaration.allowed}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar, cast
 
@@ -17,7 +18,12 @@ from amb_ros.parameter_services import guard_parameter_services
 P = TypeVar("P", bound=Parameters)
 
 
-def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | None = None) -> P:
+def declare(
+    node: Node,
+    parameters: type[P],
+    on_change: Callable[[P], None] | None = None,
+    check: Callable[[P], None] | None = None,
+) -> P:
     """Declare all parameters of a set on a node and return the set with the values the node was started with.
 
     The node must be made with `automatically_declare_parameters_from_overrides=True`. Otherwise an unknown name in a
@@ -31,6 +37,8 @@ def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | No
         The set; those not marked `runtime` become read-only.
     on_change : callable, optional
         Called with the new set after a runtime parameter was changed; without it every parameter is read-only.
+    check : callable, optional
+        Called with a set before it is used, at the start and after a change; raises ParameterError to refuse it.
 
     Raises
     ------
@@ -41,7 +49,7 @@ def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | No
     known = cast(Mapping[str, Parameter], node.get_parameters_by_prefix(""))
     given = {name: parameter.value for name, parameter in known.items() if not of_rclpy(name)}
     try:
-        values = validate(parameters, given)
+        values = _checked(parameters, given, check)
     except ParameterError as problem:
         raise ParameterError(f"{node.get_fully_qualified_name()}: {problem}") from None
     for name in given:
@@ -51,13 +59,13 @@ def declare(node: Node, parameters: type[P], on_change: Callable[[P], None] | No
         writable = declaration.runtime and on_change is not None
         node.declare_parameter(
             declaration.name,
-            current[declaration.name],
+            _ros_value(current[declaration.name]),
             _descriptor(declaration, read_only=not writable),
             ignore_override=True,
         )
     guard_parameter_services(node, declarations(parameters))
     if on_change is not None:
-        node.add_on_set_parameters_callback(_guard(node, parameters, current))
+        node.add_on_set_parameters_callback(_guard(node, parameters, current, check))
         node.add_post_set_parameters_callback(_notify(parameters, current, on_change))
     return values
 
@@ -74,9 +82,9 @@ def replace(node: Node, values: Parameters) -> None:
         If rclpy or a callback of the node refuses; then no parameter has changed.
     """
     changes = [
-        Parameter(name, value=value)
+        Parameter(name, value=_ros_value(value))
         for name, value in flatten(values.model_dump()).items()
-        if value != node.get_parameter(name).value
+        if _ros_value(value) != node.get_parameter(name).value
     ]
     if not changes:
         return
@@ -93,6 +101,18 @@ def replace(node: Node, values: Parameters) -> None:
         raise ParameterError(f"{node.get_fully_qualified_name()}: {result.reason}")
 
 
+def _checked(parameters: type[P], given: Mapping[str, object], check: Callable[[P], None] | None) -> P:
+    values = validate(parameters, given)
+    if check is not None:
+        check(values)
+    return values
+
+
+def _ros_value(value: object) -> object:
+    """A value as rclpy takes it: from an empty list it could not conclude the type of the numbers."""
+    return array("d", value) if isinstance(value, tuple) else value
+
+
 def _descriptor(declaration: Declaration, read_only: bool) -> ParameterDescriptor:
     unit = "" if declaration.unit == "-" else f" [{declaration.unit}]"
     descriptor = ParameterDescriptor(
@@ -100,7 +120,9 @@ def _descriptor(declaration: Declaration, read_only: bool) -> ParameterDescripto
         additional_constraints=declaration.allowed if declaration.choices else "",
         read_only=read_only,
     )
-    if declaration.minimum is not None and declaration.maximum is not None:
+    if declaration.type is tuple:  # ROS has ranges for single numbers only
+        descriptor.additional_constraints = declaration.allowed
+    elif declaration.minimum is not None and declaration.maximum is not None:
         if declaration.type is int:
             descriptor.integer_range = [
                 IntegerRange(from_value=int(declaration.minimum), to_value=int(declaration.maximum), step=1)
@@ -117,16 +139,16 @@ def _changed(current: dict[str, object], changes: Sequence[Parameter]) -> dict[s
 
 
 def _guard(
-    node: Node, parameters: type[P], current: dict[str, object]
+    node: Node, parameters: type[P], current: dict[str, object], check: Callable[[P], None] | None
 ) -> Callable[[list[Parameter]], SetParametersResult]:
-    def check(changes: list[Parameter]) -> SetParametersResult:
+    def answer(changes: list[Parameter]) -> SetParametersResult:
         try:
-            validate(parameters, _changed(current, changes))
+            _checked(parameters, _changed(current, changes), check)
         except ParameterError as problem:
             return SetParametersResult(successful=False, reason=f"{node.get_fully_qualified_name()}: {problem}")
         return SetParametersResult(successful=True)
 
-    return check
+    return answer
 
 
 def _notify(

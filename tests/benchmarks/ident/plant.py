@@ -124,6 +124,6 @@ def record(experiment: Experiment, seed: int) -> LoopRecord:
     position, current = np.empty_like(target), np.empty_like(target)
     for step, wanted in enumerate(target):
         position[step] = c @ state + errors[step]
-        current[step] = law.update(*position[step], *wanted)
+        current[step] = law.update(position[step], wanted)
         state = a @ state + b @ current[step] + force @ pushes[step]
     return LoopRecord(0, SAMPLE_TIME, target, position, current)

@@ -80,7 +80,7 @@ def record(case: Case) -> LoopRecord:
     position, current = np.empty_like(reference), np.zeros((len(reference) + case.delay, 2))
     for step, wanted in enumerate(reference):
         position[step] = plant.position + errors[step]
-        current[step + case.delay] = law.update(*position[step], *wanted)
+        current[step + case.delay] = law.update(position[step], wanted)
         plant.advance(*current[step])
     parts = reference, position, current[case.delay :]
     return LoopRecord(0, plant.sample_time, *(part[WARM_UP:] for part in parts))

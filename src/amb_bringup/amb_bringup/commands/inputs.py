@@ -59,7 +59,9 @@ def _part(part: type[P], whole: type[Parameters], path: Path, node: str) -> P:
 
 
 def typed_value(word: str) -> Any:
-    """A number if the word is one (YAML does not accept 1e-3 as one), else a switch or a word."""
+    """A number if the word is one (YAML does not accept 1e-3 as one), a list of them in [], else a switch or a word."""
+    if word.startswith("[") and word.endswith("]"):
+        return [typed_value(item.strip()) for item in word[1:-1].split(",") if item.strip()]
     try:
         return float(word)
     except ValueError:

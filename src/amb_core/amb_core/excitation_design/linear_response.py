@@ -84,9 +84,13 @@ class LinearLoop:
         """The control law without its limit, zero before the first sample."""
         from scipy.signal import lfilter  # takes a second to import
 
-        proportional, derivative, keep, weight, on_error, _ = pack_gains(self._controller)
-        slope = lfilter([weight, -weight], [1.0, -keep], on_error * reference - position, axis=0)
-        return np.asarray(proportional * (reference - position) + derivative * slope)
+        current = np.empty_like(position)
+        for axis, gains in enumerate(pack_gains(self._controller, position.shape[1])):
+            proportional, derivative, keep, weight, on_error, _ = gains
+            moved, wanted = position[:, axis], reference[:, axis]
+            slope = lfilter([weight, -weight], [1.0, -keep], on_error * wanted - moved)
+            current[:, axis] = proportional * (wanted - moved) + derivative * slope
+        return current
 
 
 def effective_current_limit(plant: PlantParameters, controller: ControllerParameters) -> float:

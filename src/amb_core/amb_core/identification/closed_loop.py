@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.estimate.small_matrices import add_product, set_product
-from amb_core.loop.control import STATE_SIZE, ControllerParameters, pack_gains, pd_update
+from amb_core.loop.control import ControllerParameters, initial_state, pack_gains, pd_update
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
@@ -38,11 +38,11 @@ def simulate_closed_loop(
         Model without direct feedthrough; starts in its initial state.
     controller : ControllerParameters
         Parameters of the controller.
-    reference : ndarray, shape (steps, 2)
+    reference : ndarray, shape (steps, axes)
         Reference position (m).
     first_step : int
         Controller step of the first sample.
-    first_current : ndarray, shape (2,), optional
+    first_current : ndarray, shape (axes,), optional
         Control current references at the first sample (A), for data that start within a run: they replace the
         controller's unknown past. By default the controller starts with the first sample.
 
@@ -53,13 +53,13 @@ def simulate_closed_loop(
     DivergenceError
         If the position leaves the range of 10 mm; the message gives the step.
     """
-    _check(model, controller)
+    axes = _axes(model, controller)
     reference = np.ascontiguousarray(reference, dtype=np.float64)
     position, current = np.zeros_like(reference), np.zeros_like(reference)
-    gains, state = pack_gains(controller), np.zeros(STATE_SIZE)
+    gains, state = pack_gains(controller, axes), initial_state(axes)
     if first_current is not None and len(reference):
         output = model.c @ model.initial_state + model.output_offset
-        recall(state, gains, controller, output, reference[0], first_current)
+        recall(state, gains, output, reference[0], first_current)
     stopped = _simulate(
         model.a, model.b, model.c, model.input_offset, model.output_offset, model.initial_state.copy(),
         np.empty(model.order), gains, state, reference, position, current,
@@ -73,7 +73,7 @@ def simulate_closed_loop(
 
 
 def closed_loop_poles(model: StateSpaceModel, controller: ControllerParameters) -> NDArray[np.complex128]:
-    """Poles in the z plane of the model under the control law without its limit, shape (n + 4,), largest first.
+    """Poles in the z plane of the model under the control law without its limit, shape (n + 2 axes,), largest first.
 
     The states are those of the model and, per axis, the filtered derivative and the previous position of the
     backward difference.
@@ -83,21 +83,25 @@ def closed_loop_poles(model: StateSpaceModel, controller: ControllerParameters) 
     IdentificationError
         If model and controller do not fit together.
     """
-    _check(model, controller)
-    proportional, derivative, keep, weight, _, _ = pack_gains(controller)
+    axes = _axes(model, controller)
+    proportional, derivative, keep, weight = (np.diag(gain) for gain in pack_gains(controller, axes)[:, :4].T)
     n = model.order
     # Controller: d+ = keep d + weight (h - y), h+ = y, u = -proportional y + derivative d+, with h the previous y.
-    derived = np.hstack([-weight * model.c, keep * np.eye(2), weight * np.eye(2)])
-    output = np.hstack([model.c, np.zeros((2, 4))])
-    feedback = derivative * derived - proportional * output
-    plant = np.hstack([model.a, np.zeros((n, 4))]) + model.b @ feedback
+    derived = np.hstack([-weight @ model.c, keep, weight])
+    output = np.hstack([model.c, np.zeros((axes, 2 * axes))])
+    feedback = derivative @ derived - proportional @ output
+    plant = np.hstack([model.a, np.zeros((n, 2 * axes))]) + model.b @ feedback
     poles = np.linalg.eigvals(np.vstack([plant, derived, output])).astype(np.complex128)
     return poles[np.argsort(-np.abs(poles), kind="stable")]
 
 
-def _check(model: StateSpaceModel, controller: ControllerParameters) -> None:
-    if model.b.shape[1] != 2 or model.c.shape[0] != 2:
-        raise IdentificationError("the model must have two inputs and two outputs, as the controller has")
+def _axes(model: StateSpaceModel, controller: ControllerParameters) -> int:
+    """Number of axes of the loop."""
+    inputs, outputs = model.b.shape[1], model.c.shape[0]
+    if inputs != outputs:
+        raise IdentificationError(
+            f"the model has {inputs} inputs and {outputs} outputs; a controller of axes needs as many of both"
+        )
     if np.any(model.d):
         raise IdentificationError("the model must have no direct feedthrough (D = 0) to be put in closed loop")
     if abs(model.sample_time * controller.sample_rate - 1.0) > 1e-9:
@@ -105,12 +109,12 @@ def _check(model: StateSpaceModel, controller: ControllerParameters) -> None:
             f"model and controller must have one sample time: {model.sample_time:g} s "
             f"and {1.0 / controller.sample_rate:g} s"
         )
+    return inputs
 
 
 def recall(
     state: NDArray[np.float64],
     gains: NDArray[np.float64],
-    controller: ControllerParameters,
     output: NDArray[np.float64],
     reference: NDArray[np.float64],
     current: NDArray[np.float64],
@@ -120,14 +124,16 @@ def recall(
     At the current limit the derivative is only known to be large, but then it has hardly any influence on the following
     samples: without a filter it is lost after one sample.
     """
-    proportional, derivative, keep, weight, on_error, _ = gains
-    if derivative == 0.0:
+    proportional, derivative, keep, weight, on_error, _ = gains.T
+    if not derivative.any():
         return
-    derived = (current - proportional * (reference - output)) / derivative
+    axes = len(gains)
+    # On an axis without derivative the state has no effect.
+    derived = (current - proportional * (reference - output)) / np.where(derivative == 0.0, 1.0, derivative)
     # Of the two states that lead to `derived`, the filtered derivative is taken to be stationary.
-    state[0:2] = derived
-    state[2:4] = on_error * reference - output - (1.0 - keep) * derived / weight
-    state[4] = 1.0
+    state[:axes] = derived
+    state[axes : 2 * axes] = on_error * reference - output - (1.0 - keep) * derived / weight
+    state[2 * axes] = 1.0
 
 
 @numba.njit(cache=True)
@@ -149,15 +155,16 @@ def _simulate(
 
     `advanced` is work space of the shape of `state`.
     """
-    deviation = np.empty(2)
+    axes = len(output_offset)
+    deviation = np.empty(axes)
     for step in range(len(reference)):
         set_product(c, state, position[step])
-        x = position[step, 0] = position[step, 0] + output_offset[0]
-        y = position[step, 1] = position[step, 1] + output_offset[1]
-        if not (abs(x) < DIVERGED and abs(y) < DIVERGED):  # catches NaN too
-            return step
-        pd_update(controller_state, gains, x, y, reference[step, 0], reference[step, 1], current[step])
-        for axis in range(2):
+        for axis in range(axes):
+            position[step, axis] += output_offset[axis]
+            if not abs(position[step, axis]) < DIVERGED:  # catches NaN too
+                return step
+        pd_update(controller_state, gains, position[step], reference[step], current[step])
+        for axis in range(axes):
             deviation[axis] = current[step, axis] - input_offset[axis]
         set_product(a, state, advanced)
         add_product(b, deviation, advanced)

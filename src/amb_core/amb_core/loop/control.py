@@ -1,6 +1,7 @@
 """The decoupled PD position controller: one control law for the node, the ROS-free loop and model validation.
 
-Per axis, with position error e = r - y, sample time T and derivative filter time constant tau_f,
+It acts on each axis by itself. Per axis, with position error e = r - y, sample time T and derivative filter time
+constant tau_f,
 
     d[k] = (tau_f d[k-1] + e[k] - e[k-1]) / (tau_f + T)      (filtered backward difference)
     i[k] = clip(K_P e[k] + K_D d[k], -i_limit, i_limit)
@@ -14,14 +15,14 @@ from typing import Literal
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import ParameterError
-from amb_core.parameters import Parameters, choice, quantity
+from amb_core.parameters import Parameters, choice, quantities, quantity
 
 
 class ControllerParameters(Parameters):
-    """Parameters of the PD controller, the same on both axes (paper, table 1)."""
+    """Parameters of the PD controller: the same gains on all axes (paper, table 1), or others on each."""
 
     sample_rate: float = quantity(10_000.0, "Hz", "controller sample rate f_s", 1_000.0, 100_000.0)
     proportional_gain: float = quantity(20_000.0, "A/m", "proportional gain K_P", 0.0, 1e6, runtime=True)
@@ -35,47 +36,73 @@ class ControllerParameters(Parameters):
     current_limit: float = quantity(
         3.0, "A", "limit on the magnitude of the control current references", 0.0, 100.0, runtime=True
     )
-    nominal_reference_x: float = quantity(0.0, "m", "nominal reference position, x axis", -1e-3, 1e-3, runtime=True)
-    nominal_reference_y: float = quantity(0.0, "m", "nominal reference position, y axis", -1e-3, 1e-3, runtime=True)
+    proportional_gains: tuple[float, ...] = quantities(
+        "A/m", "K_P of each axis, in the order of the axes; empty: proportional_gain on all", 0.0, 1e6, runtime=True
+    )
+    derivative_gains: tuple[float, ...] = quantities(
+        "A s/m", "K_D of each axis, in the order of the axes; empty: derivative_gain on all", 0.0, 1e4, runtime=True
+    )
+    nominal_reference: tuple[float, ...] = quantities(
+        "m", "nominal reference position of each axis, in their order; empty: 0 on all", -1e-3, 1e-3, runtime=True
+    )
 
+    def references(self, axes: int) -> NDArray[np.float64]:
+        """Nominal reference position of each axis (m), shape (axes,).
 
-STATE_SIZE = 5  # derivative x, y; previous differentiated signal x, y; 1.0 once the previous signal is known
+        Raises
+        ------
+        ParameterError
+            If `nominal_reference` is given for another number of axes.
+        """
+        return _each("nominal_reference", self.nominal_reference, 0.0, axes)
+
+    def require_axes(self, axes: int) -> None:
+        """Raise ParameterError if a list is given for another number of axes."""
+        pack_gains(self, axes)
+        self.references(axes)
 
 
 @numba.njit(cache=True)
 def pd_update(
     state: NDArray[np.float64],
     gains: NDArray[np.float64],
-    x: float,
-    y: float,
-    reference_x: float,
-    reference_y: float,
+    position: NDArray[np.float64],
+    reference: NDArray[np.float64],
     current: NDArray[np.float64],
 ) -> None:
     """Advance the control law by one sample.
 
     Parameters
     ----------
-    state : ndarray, shape (5,)
-        State of the law, changed in place; all zero before the first sample.
-    gains : ndarray, shape (6,)
+    state : ndarray, shape (2 * axes + 1,)
+        State of the law, changed in place, see `initial_state`.
+    gains : ndarray, shape (axes, 6)
         From `pack_gains`.
-    x, y, reference_x, reference_y : float
+    position, reference : ndarray, shape (axes,)
         Measured position and reference position (m).
-    current : ndarray, shape (2,)
+    current : ndarray, shape (axes,)
         Receives the control current references (A).
     """
-    proportional, derivative, keep, weight, on_error, limit = gains
-    for axis in range(2):
-        measured = x if axis == 0 else y
-        reference = reference_x if axis == 0 else reference_y
-        differentiated = on_error * reference - measured
-        if state[4] == 0.0:
-            state[2 + axis] = differentiated
-        state[axis] = keep * state[axis] + weight * (differentiated - state[2 + axis])
-        state[2 + axis] = differentiated
-        current[axis] = min(max(proportional * (reference - measured) + derivative * state[axis], -limit), limit)
-    state[4] = 1.0
+    axes = len(position)
+    for axis in range(axes):
+        proportional, derivative, keep = gains[axis, 0], gains[axis, 1], gains[axis, 2]
+        weight, on_error, limit = gains[axis, 3], gains[axis, 4], gains[axis, 5]
+        differentiated = on_error * reference[axis] - position[axis]
+        if state[2 * axes] == 0.0:
+            state[axes + axis] = differentiated
+        state[axis] = keep * state[axis] + weight * (differentiated - state[axes + axis])
+        state[axes + axis] = differentiated
+        error = reference[axis] - position[axis]
+        current[axis] = min(max(proportional * error + derivative * state[axis], -limit), limit)
+    state[2 * axes] = 1.0
+
+
+def initial_state(axes: int) -> NDArray[np.float64]:
+    """State of `pd_update` before the first sample, shape (2 * axes + 1,).
+
+    It holds the filtered derivative of each axis, the previous differentiated signal of each, and 1 once there is one.
+    """
+    return np.zeros(2 * axes + 1)
 
 
 def require_one_rate(parameters: ControllerParameters, sample_rate: float) -> None:
@@ -87,40 +114,72 @@ def require_one_rate(parameters: ControllerParameters, sample_rate: float) -> No
         )
 
 
-def pack_gains(parameters: ControllerParameters) -> NDArray[np.float64]:
-    """Coefficients of `pd_update`: K_P, K_D, filter pole, difference weight, 1 for derivative on error, limit."""
+def pack_gains(parameters: ControllerParameters, axes: int) -> NDArray[np.float64]:
+    """Coefficients of `pd_update`, shape (axes, 6).
+
+    They are K_P, K_D, filter pole, difference weight, 1 for derivative on error, limit.
+
+    Raises
+    ------
+    ParameterError
+        If gains are given for another number of axes.
+    """
     sample_time = 1.0 / parameters.sample_rate
     span = parameters.derivative_filter + sample_time
-    return np.array(
-        [
-            parameters.proportional_gain,
-            parameters.derivative_gain,
-            parameters.derivative_filter / span,
-            1.0 / span,
-            1.0 if parameters.derivative_on == "error" else 0.0,
-            parameters.current_limit,
-        ]
-    )
+    gains = np.empty((axes, 6))
+    gains[:, 0] = _each("proportional_gains", parameters.proportional_gains, parameters.proportional_gain, axes)
+    gains[:, 1] = _each("derivative_gains", parameters.derivative_gains, parameters.derivative_gain, axes)
+    gains[:, 2] = parameters.derivative_filter / span
+    gains[:, 3] = 1.0 / span
+    gains[:, 4] = 1.0 if parameters.derivative_on == "error" else 0.0
+    gains[:, 5] = parameters.current_limit
+    return gains
+
+
+def _each(name: str, values: tuple[float, ...], default: float, axes: int) -> NDArray[np.float64]:
+    """One value per axis; the default on all where no values are given."""
+    if values and len(values) != axes:
+        raise ParameterError(f"{name} has {len(values)} values; the machine has {axes} axes; allowed: {axes}, or none")
+    return np.array(values) if values else np.full(axes, default)
 
 
 class PdController:
-    """The control law with its state: one call of `update` per controller sample."""
+    """The control law of a number of axes with its state: one call of `update` per controller sample.
 
-    def __init__(self, parameters: ControllerParameters) -> None:
-        self._state = np.zeros(STATE_SIZE)
-        self._current = np.zeros(2)
+    Raises
+    ------
+    ParameterError
+        If parameters are given for another number of axes.
+    """
+
+    def __init__(self, parameters: ControllerParameters, axes: int = 2) -> None:
+        self._state = initial_state(axes)
+        self._position, self._reference, self._current = np.zeros((3, axes))
         self.configure(parameters)
 
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return len(self._current)
+
     def configure(self, parameters: ControllerParameters) -> None:
-        """Use new gains from the next sample onwards; the state is kept."""
-        self.parameters = parameters
-        self._gains = pack_gains(parameters)
+        """Use new parameters from the next sample onwards; the state is kept.
+
+        Raises
+        ------
+        ParameterError
+            If parameters are given for another number of axes; nothing changes.
+        """
+        gains, nominal = pack_gains(parameters, self.axes), parameters.references(self.axes)
+        self.parameters, self._gains, self.nominal_reference = parameters, gains, nominal
 
     def reset(self) -> None:
         """Forget the past: the next sample is the first."""
         self._state[:] = 0.0
 
-    def update(self, x: float, y: float, reference_x: float, reference_y: float) -> tuple[float, float]:
-        """Control current references (A) for a measured position and a reference position (m)."""
-        pd_update(self._state, self._gains, x, y, reference_x, reference_y, self._current)
-        return float(self._current[0]), float(self._current[1])
+    def update(self, position: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
+        """Control current references (A), shape (axes,), for a measured and a reference position (m) of each axis."""
+        self._position[:] = position
+        self._reference[:] = reference
+        pd_update(self._state, self._gains, self._position, self._reference, self._current)
+        return self._current.copy()

@@ -18,10 +18,10 @@ class LoopRecord:
         Controller step of the first sample.
     sample_time : float
         Controller sample time 1 / f_s (s).
-    reference, position : ndarray, shape (steps, 2)
-        Reference position and measured rotor position, axes x and y (m).
-    current : ndarray, shape (steps, 2)
-        Control current references after the controller's limit, axes x and y (A).
+    reference, position : ndarray, shape (steps, axes)
+        Reference position and measured rotor position (m), a column per axis: x and y of a single bearing.
+    current : ndarray, shape (steps, axes)
+        Control current references after the controller's limit (A).
     """
 
     first_step: int
@@ -32,8 +32,13 @@ class LoopRecord:
 
     def __post_init__(self) -> None:
         shapes = {self.reference.shape, self.position.shape, self.current.shape}
-        if len(shapes) != 1 or self.position.ndim != 2 or self.position.shape[1] != 2:
-            raise ValueError(f"reference, position and current must all have shape (steps, 2), not {shapes}")
+        if len(shapes) != 1 or self.position.ndim != 2 or not self.axes:
+            raise ValueError(f"reference, position and current must all have shape (steps, axes), not {shapes}")
+
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return self.position.shape[1]
 
     @property
     def steps(self) -> int:

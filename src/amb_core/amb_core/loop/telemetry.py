@@ -153,8 +153,8 @@ def merge_blocks(
 
 def _join(ordered: Sequence[LoopRecord], first_step: int, stop: int, error: type[AmbError]) -> LoopRecord:
     """Copy blocks without gaps into one record."""
-    sample_time = ordered[0].sample_time
-    signals = np.empty((3, stop - first_step, 2))
+    sample_time, axes = ordered[0].sample_time, ordered[0].axes
+    signals = np.empty((3, stop - first_step, axes))
     end = first_step
     for block in ordered:
         start, block_stop = max(block.first_step, first_step), min(block.first_step + block.steps, stop)
@@ -162,6 +162,8 @@ def _join(ordered: Sequence[LoopRecord], first_step: int, stop: int, error: type
             continue
         if block.sample_time != sample_time:
             raise error(f"telemetry: the sample time changes from {sample_time} s to {block.sample_time} s")
+        if block.axes != axes:
+            raise error(f"telemetry: the number of axes changes from {axes} to {block.axes} at step {start}")
         part = block.window(start, block_stop - start)
         values = np.stack([part.reference, part.position, part.current])
         known = max(0, min(end, block_stop) - start)

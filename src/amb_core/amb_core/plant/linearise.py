@@ -185,7 +185,7 @@ def close_loop(
     import control
 
     axes = plant.ninputs
-    gains = np.repeat([pack_gains(controller) for controller in controllers], axes // len(controllers), axis=0)
+    gains = np.vstack([pack_gains(controller, axes // len(controllers)) for controller in controllers])
     proportional, derivative, pole, weight, on_error = (np.diag(column) for column in gains[:, :5].T)
     order = plant.nstates
     direct = proportional + derivative @ weight  # from -y to i

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant.averaged import AveragedPlant, coil_references
 from amb_core.plant.plant import Plant
 
@@ -51,8 +51,8 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
     """
     averaged = AveragedPlant(plant)
     controllers = [controller, plant.parameters.controller_b][: plant.bearings]
-    reference = np.array([n for one in controllers for n in (one.nominal_reference_x, one.nominal_reference_y)])
-    gains = np.repeat([one.proportional_gain for one in controllers], 2)
+    reference = np.concatenate([one.references(2) for one in controllers])
+    gains = np.concatenate([pack_gains(one, 2)[:, 0] for one in controllers])
     sensors = averaged.sensors()[:, averaged.coordinates]
     start = _coordinates(plant, reference)
     # Coordinates in units in which a gap's displacement of a journal is about one

@@ -248,11 +248,7 @@ class Plant:
         before, now = self._reference, self._next_reference
         now[0], now[1] = current_x, current_y
         if self.bearings == 2:
-            nominal = self.parameters.controller_b
-            now[2:] = self._controller_b.update(
-                float(self._measured[2]), float(self._measured[3]),
-                nominal.nominal_reference_x, nominal.nominal_reference_y,
-            )  # fmt: skip
+            now[2:] = self._controller_b.update(self._measured[2:], self._controller_b.nominal_reference)
         if self._current_resolution > 0.0:
             now[:] = quantise(now, self._current_resolution)
         late = self._late_steps

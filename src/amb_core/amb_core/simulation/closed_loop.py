@@ -5,7 +5,7 @@ Step k: the controller responds to the position of step k; the plant holds this 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,21 +58,19 @@ def simulate(
         _check_excitation(excitation, excitation_step, steps)
     plant.reset()
     controller.reset()
-    nominal = controller.parameters
-    reference = np.empty((steps, 2))
-    reference[:] = nominal.nominal_reference_x, nominal.nominal_reference_y
+    reference = np.tile(controller.nominal_reference, (steps, 1))
     if excitation is not None:
         last = min(steps, excitation_step + len(excitation))
         reference[excitation_step:last] += excitation[: max(last - excitation_step, 0)]
     position = np.empty((steps, 2))
     current = np.empty((steps, 2))
-    x, y = plant.position
+    now: Sequence[float] = plant.position
     done = steps
     for step in range(steps):
-        i_x, i_y = controller.update(x, y, reference[step, 0], reference[step, 1])
-        position[step] = x, y
-        current[step] = i_x, i_y
-        x, y = plant.advance(i_x, i_y)
+        answer = controller.update(now, reference[step])
+        position[step] = now
+        current[step] = answer
+        now = plant.advance(*answer)
         if plant.delevitated:
             done = step + 1
             break

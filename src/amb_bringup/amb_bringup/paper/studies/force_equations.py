@@ -110,7 +110,7 @@ def traced_sweep() -> tuple[Plant, list[Piece]]:
     traced: dict[int, list[Trace]] = {start: [] for start in starts}
     for step in range(steps):
         position[step] = plant.position
-        current[step] = controller.update(*plant.position, *reference[step])
+        current[step] = controller.update(plant.position, reference[step])
         start = next((start for start in starts if start <= step < start + TRACED), None)
         if start is None:
             plant.advance(*current[step])

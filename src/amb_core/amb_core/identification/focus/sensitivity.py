@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from amb_core.identification.closed_loop import recall
 from amb_core.identification.estimate.small_matrices import add_product, set_product
-from amb_core.loop.control import STATE_SIZE, ControllerParameters, pack_gains, pd_update
+from amb_core.loop.control import ControllerParameters, initial_state, pack_gains, pd_update
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
@@ -77,25 +77,27 @@ def sensitivity_factor(
         Columns: derivatives by the initial state, along the directions, and the errors, measured minus simulated.
     """
     n, columns = model.order, model.order + directions.count
-    gains, linear = pack_gains(controller), pack_gains(controller.model_copy(update={"current_limit": np.inf}))
+    axes = len(model.c)
+    unlimited = controller.model_copy(update={"current_limit": np.inf})
+    gains, linear = pack_gains(controller, axes), pack_gains(unlimited, axes)
     change = np.zeros((n, columns))  # of the state
     change[:, :n] = np.eye(n)
     by_state = np.ascontiguousarray(np.concatenate([directions.of_a, directions.of_b], axis=1))
-    law, law_change = np.zeros(STATE_SIZE), np.zeros((columns, STATE_SIZE))
-    offset_change = np.zeros((2, columns))
+    law, law_change = initial_state(axes), np.tile(initial_state(axes), (columns, 1))
+    offset_change = np.zeros((axes, columns))
     offset_change[:, n : n + directions.of_offset.shape[1]] = directions.of_offset
     state = model.initial_state.copy()
     if first_current is not None:
         output = model.c @ state + model.output_offset
-        recall(law, gains, controller, output, record.reference[0], first_current)
+        recall(law, gains, output, record.reference[0], first_current)
         first = model.c @ change + offset_change
         first[:, columns - directions.of_c.shape[2] :] += np.einsum("pnq,n->pq", directions.of_c, state)
         for column in range(columns):  # the law is linear, so it recalls changes from changes
-            recall(law_change[column], linear, controller, first[:, column], np.zeros(2), np.zeros(2))
+            recall(law_change[column], linear, first[:, column], np.zeros(axes), np.zeros(axes))
     factor = np.zeros((0, columns + 1))
     for start in range(0, record.steps, _BLOCK):
         part = slice(start, min(start + _BLOCK, record.steps))
-        rows = np.empty((part.stop - start, 2, columns + 1))
+        rows = np.empty((part.stop - start, axes, columns + 1))
         _advance(
             model.a, model.b, model.c, model.input_offset, model.output_offset, by_state,
             np.ascontiguousarray(directions.of_c), offset_change, gains, linear, record.reference[part],
@@ -126,17 +128,18 @@ def _advance(
     law_change: Arrays,
     rows: Arrays,
 ) -> None:
-    """Fill in `rows` (steps, 2, columns + 1) with derivatives and errors; advance states and changes in place."""
+    """Fill in `rows` (steps, axes, columns + 1) with derivatives and errors; advance states and changes in place."""
     n, columns = change.shape
+    axes = len(output_offset)
     first = columns - of_c.shape[2]  # of the directions of A, B, C
-    limit = gains[5]
-    output, current, answer = np.empty(2), np.empty(2), np.empty(2)
-    known = np.empty(n + 2)  # state and input
-    input_change = np.empty((2, columns))
+    output, current, answer = np.empty(axes), np.empty(axes), np.empty(axes)
+    moved, at_rest = np.empty(axes), np.zeros(axes)
+    known = np.empty(n + axes)  # state and input
+    input_change = np.empty((axes, columns))
     advanced, advanced_change = np.empty(n), np.empty((n, columns))
     for step in range(len(reference)):
         set_product(c, state, output)
-        for axis in range(2):
+        for axis in range(axes):
             output[axis] += output_offset[axis]
             rows[step, axis, columns] = position[step, axis] - output[axis]
             row = rows[step, axis]
@@ -149,12 +152,14 @@ def _advance(
                 value, direction, part = state[index], of_c[axis, index], row[first:columns]
                 for column in range(columns - first):
                     part[column] += value * direction[column]
-        pd_update(law, gains, output[0], output[1], reference[step, 0], reference[step, 1], current)
-        free_x, free_y = abs(current[0]) < limit, abs(current[1]) < limit
+        pd_update(law, gains, output, reference[step], current)
         for column in range(columns):
-            pd_update(law_change[column], linear, rows[step, 0, column], rows[step, 1, column], 0.0, 0.0, answer)
-            input_change[0, column] = answer[0] if free_x else 0.0
-            input_change[1, column] = answer[1] if free_y else 0.0
+            for axis in range(axes):
+                moved[axis] = rows[step, axis, column]
+            pd_update(law_change[column], linear, moved, at_rest, answer)
+            for axis in range(axes):
+                free = abs(current[axis]) < gains[axis, 5]
+                input_change[axis, column] = answer[axis] if free else 0.0
         known[:n] = state
         known[n:] = current - input_offset
         for index in range(n):
@@ -164,12 +169,12 @@ def _advance(
                 factor, along = a[index, inner], change[inner]
                 for column in range(columns):
                     row[column] += factor * along[column]
-            for inner in range(2):
+            for inner in range(axes):
                 factor, along = b[index, inner], input_change[inner]
                 for column in range(columns):
                     row[column] += factor * along[column]
             part = row[first:]
-            for inner in range(n + 2):
+            for inner in range(n + axes):
                 value, direction = known[inner], by_state[index, inner]
                 for column in range(columns - first):
                     part[column] += value * direction[column]
