@@ -62,8 +62,8 @@ class PointTask(Task[SurfacePoint]):
         """Parameters, files they name, version of the code."""
         return {
             "test": self.test.model_dump(),
-            "plant": self.plant.model_dump(),
-            "controller": self.controller.model_dump(),
+            "plant": self.plant.model_dump(mode="json"),
+            "controller": self.controller.model_dump(mode="json"),
             "files": file_checksums(self.plant),
             "code": code_version(),
         }

@@ -13,7 +13,7 @@ from rosbags.typesys.store import Typestore
 
 PARAMETER_EVENT = "rcl_interfaces/msg/ParameterEvent"
 
-ParameterValue = bool | int | float | str | list[Any] | None
+ParameterValue = bool | int | float | str | list[Any] | tuple[float, ...] | None
 
 # Fields of rcl_interfaces/ParameterValue; its type counts them from 1, see ParameterType there.
 _FIELDS = (
@@ -77,7 +77,10 @@ def _fields_of(value: ParameterValue) -> dict[str, Any]:
         "double_array_value": np.zeros(0),
         "string_array_value": [],
     }
-    if isinstance(value, list):
+    if isinstance(value, tuple):  # numbers, also if there are none
+        fields["type"] = _ARRAYS[float]
+        fields["double_array_value"] = np.array(value, dtype=np.float64)
+    elif isinstance(value, list):
         fields["type"] = _ARRAYS[type(value[0]) if value else str]
         fields[_FIELDS[fields["type"] - 1]] = _array(value)
     elif value is not None:

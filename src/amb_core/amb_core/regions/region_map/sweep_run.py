@@ -54,8 +54,8 @@ class SweepTask(Task[MapSweep]):
         return {
             "sweep": self.sweep.model_dump(),
             "rest": self.rest,
-            "plant": self.plant.model_dump(),
-            "controller": self.controller.model_dump(),
+            "plant": self.plant.model_dump(mode="json"),
+            "controller": self.controller.model_dump(mode="json"),
             "regions": self.regions.model_dump(),
             "files": file_checksums(self.plant),
             "code": code_version(),
