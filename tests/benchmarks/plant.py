@@ -11,10 +11,12 @@ from amb_core.plant import IronParameters, Plant, PlantParameters, RotorParamete
 SAMPLES = 10_000
 WARM_UP = 200
 
-# Suffixes of ns_per_step, and what differs from the paper's plant: linear iron and a point mass in one bearing.
+# Suffixes of ns_per_step, and what differs from the paper's plant: linear iron, laminations taken as thin, a point mass
+# in one bearing.
 VARIANTS = {
     "": PlantParameters(),
     "_iron": PlantParameters(iron=IronParameters(saturation=True, hysteresis=True)),
+    "_diffusion": PlantParameters(iron=IronParameters(laminations="diffusion")),
     "_solid_journal": PlantParameters(iron=IronParameters(solid_journal=True)),
     "_rigid": PlantParameters(rotor=RotorParameters(model="rigid")),  # in two bearings
 }
