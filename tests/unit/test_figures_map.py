@@ -167,6 +167,13 @@ def test_the_sines_of_an_excitation_lie_on_the_map(region_map) -> None:
     assert len(overlay_chart(check, region_map).page().layout.annotations) == 2
 
 
+@pytest.mark.parametrize(("kind", "name"), [("square", "Square"), ("white_noise", "White noise"), ("prbs", "PRBS")])
+def test_the_title_names_the_excitation_as_the_field_does(region_map, kind: str, name: str) -> None:
+    shares = {region: float(region == Region.A) for region in Region}
+    check = ExcitationCheck(kind, (axis_check("x"),), shares, Region.A, True, 0.5, "region A", (), 3.0, 3.0, 2e4)
+    assert overlay_chart(check, region_map).title == f"{name} on the region map"
+
+
 @pytest.fixture(scope="module")
 def spectrum():
     settings = SubharmonicSettings(agreeing_blocks=2, longest_run=2.0, rest=0.0, fade_in=0.0)

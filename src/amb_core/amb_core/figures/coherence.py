@@ -7,7 +7,7 @@ import numpy as np
 from amb_core.distortion import Coherence
 from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Curve, Panel, Table
-from amb_core.figures.style import PLANT
+from amb_core.figures.style import PLANT, sentence
 
 
 def coherence_chart(coherence: Coherence, title: str = "Coherence of position and reference") -> Chart:
@@ -32,6 +32,5 @@ def coherence_chart(coherence: Coherence, title: str = "Coherence of position an
         panels.append(Panel(across, Axis(f"coherence of {name} (-)", limits=(0.0, 1.05)), (curve,), heading))
         rows.append((name, f"{coherence.overall[axis]:.4f}", f"{np.min(values):.4f}", f"{ratio:.3g}"))
     table = Table(("axis", "coherence", "lowest of a band", "noise and distortion (%)"), tuple(rows))
-    return Chart(
-        title, f"{coherence.summary.capitalize()}.", tuple(panels), shared_x=True, size=(8.0, 6.0), table=table
-    )
+    alt = f"{sentence(coherence.summary)}."
+    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 6.0), table=table)

@@ -7,7 +7,7 @@ import numpy as np
 from amb_core.distortion import Distortion
 from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Item, Panel, Points, Table, Values
-from amb_core.figures.style import BLUE, GREEN, ORANGE, REFERENCE, VERMILION, Marker
+from amb_core.figures.style import BLUE, GREEN, ORANGE, REFERENCE, VERMILION, Marker, sentence
 from amb_core.units import UM
 
 FLOOR = 1e-6  # um, below is nothing to see
@@ -57,6 +57,6 @@ def distortion_chart(distortion: Distortion, title: str = "Linear response and n
             if np.isfinite(ratio[axis])
         ]
     highest = float(UM * np.max(distortion.linear))
-    alt = f"Lines of the position: the linear response reaches {highest:.3g} µm. {distortion.summary.capitalize()}."
+    alt = f"Lines of the position: the linear response reaches {highest:.3g} µm. {sentence(distortion.summary)}."
     table = Table(("axis", "part", "share of the linear response (%)"), tuple(rows))
     return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 7.0), table=table)

@@ -9,7 +9,7 @@ import numpy as np
 from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Curve, Item, Panel, Points, Table
 from amb_core.figures.region_map import AMPLITUDE, FREQUENCY, map_axes, region_items
-from amb_core.figures.style import BLUE, Stroke, region_label
+from amb_core.figures.style import BLUE, Stroke, region_label, sentence
 from amb_core.regions import Region
 from amb_core.units import UM
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 HEARD = 1e-4  # share of the power below which a point is not drawn
 REACH = 20.0  # factor by which the figure may go below the smallest amplitude of the map
 FORMS = {"instantaneous": "the sweep", "lines": "its sines", "bands": "its thirds of an octave"}
+ABBREVIATIONS = {"prbs": "PRBS"}
 
 
 def overlay_chart(check: ExcitationCheck, region_map: RegionMap, title: str = "") -> Chart:
@@ -45,7 +46,8 @@ def overlay_chart(check: ExcitationCheck, region_map: RegionMap, title: str = ""
         f"Verdict: {check.verdict}."
     )
     columns = len(panels)
-    heading = title or f"{check.kind.replace('_', ' ').capitalize()} on the region map"
+    kind = ABBREVIATIONS.get(check.kind, check.kind.replace("_", " "))
+    heading = title or f"{sentence(kind)} on the region map"
     size = (8.0, 6.0) if columns == 1 else (11.5, 6.0)
     table = Table(("axis", "region", "share of the power"), tuple(rows))
     return Chart(heading, alt, tuple(panels), columns, size=size, table=table)

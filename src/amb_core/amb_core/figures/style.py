@@ -66,6 +66,11 @@ REGIONS: dict[Region, RegionLook] = {
 }
 
 
+def sentence(text: str) -> str:
+    """The text with its first letter in upper case and the others as they are: `str.capitalize` makes dB db."""
+    return f"{text[:1].upper()}{text[1:]}"
+
+
 def region_label(region: Region) -> str:
     """A region as legends name it, such as `B drifting bias`."""
     return f"{region.name} {REGIONS[region].meaning}"

@@ -14,7 +14,7 @@ from amb_core.errors import AmbError
 from amb_core.figures.coherence import coherence_chart
 from amb_core.figures.distortion import distortion_chart
 from amb_core.figures.loop import orbit_chart
-from amb_core.figures.style import region_label
+from amb_core.figures.style import region_label, sentence
 from amb_core.figures.sweep import onset_text, rises, sweep_chart
 from amb_core.loop.telemetry import describe_gaps
 from amb_core.regions.stretches import shares, stretches
@@ -148,7 +148,7 @@ def _distortion(evidence: Evidence) -> Section:
             "can follow is another question:"
         )
     ]
-    blocks += [Prose(f"{text[:1].upper()}{text[1:]}.") for text in evidence.lines]
+    blocks += [Prose(f"{sentence(text)}.") for text in evidence.lines]
     if evidence.distortion is not None:
         blocks.append(FigureBlock(distortion_chart(evidence.distortion).page(), "Lines of the position"))
     if evidence.coherence is not None:
