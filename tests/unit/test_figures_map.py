@@ -111,6 +111,23 @@ def test_a_confirmed_map_shows_the_band_from_sweep_to_fixed_sine(region_map) -> 
     assert points["B, fixed sine"].y == pytest.approx([402.0], rel=1e-3)
     assert chart.table is not None
     assert chart.table.rows[1][-3:] == ("402", "", "none")
+    assert chart.title == "Region map by sweeps and by fixed sines"
+    assert points["B, sweep"].y.tolist() == [1000.0, 500.0], "fixed sines are simulated too"
+    assert {bands[f"{letter}, sweep to fixed sine"].hatch for letter in "BD"} == {"\\"}, "unlike the regions"
+
+
+def test_a_band_ends_where_the_rotor_falls_in_the_sweep() -> None:
+    """A region that only fixed sines show may begin in the sweep above the fall, of which the sweep shows nothing."""
+    settings = MapSettings(amplitude_low=30e-6, amplitude_high=60e-6)
+    fall = {region: Boundary(frequency, False) for region, frequency in ((Region.C, 500.0), (Region.D, 800.0))}
+    sweeps = (
+        MapSweep(30e-6, fall, (), 800.0, 1000),
+        MapSweep(60e-6, {Region.D: Boundary(350.0, False)}, (), 350.0, 1000),
+    )
+    dwells = tuple(DwellBoundary(size, Region.C, "below", 280.0, 280.0) for size in (30e-6, 60e-6))
+    chart = map_chart(RegionMap(settings, sweeps, confirmation=Confirmation(ConfirmationSettings(), dwells, (), True)))
+    band = {item.label: item for item in items(chart, Band)}["C, sweep to fixed sine"]
+    assert (band.low[-1], band.high[-1]) == (pytest.approx(280.0), pytest.approx(350.0))
 
 
 def test_axes_are_logarithmic_with_plain_numbers(region_map) -> None:

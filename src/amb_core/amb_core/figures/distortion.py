@@ -43,9 +43,8 @@ def distortion_chart(distortion: Distortion, title: str = "Linear response and n
         heading = f"{name}: distortion {100.0 * distortion.ratio[axis]:.2g} % of the linear response"
         if np.isnan(distortion.ratio[axis]):
             heading = f"{name}: not excited"
-        panels.append(
-            Panel(Axis("frequency (Hz)", log=True, limits=ends), Axis(f"{name} (µm)", log=True), tuple(items), heading)
-        )
+        across, up = Axis("frequency (Hz)", log=True, limits=ends), Axis(f"amplitude of {name} (µm)", log=True)
+        panels.append(Panel(across, up, tuple(items), heading))
         rows += [
             (name, label, f"{100.0 * ratio[axis]:.3g}")
             for label, ratio in (

@@ -29,7 +29,7 @@ LINES = (Stroke(BLUE, "dash", 1.6), Stroke(GREEN, "dot", 2.2), Stroke(GREY, "das
 BEATS = Stroke(GREY, width=3.0)
 
 
-def map_chart(region_map: RegionMap, lines: Sequence[AnalyticLine] = (), title: str = "Region map") -> Chart:
+def map_chart(region_map: RegionMap, lines: Sequence[AnalyticLine] = (), title: str = "") -> Chart:
     """Regions over amplitude and frequency: simulated onsets, boundaries between them, and analytic lines.
 
     Parameters
@@ -38,9 +38,10 @@ def map_chart(region_map: RegionMap, lines: Sequence[AnalyticLine] = (), title: 
         The map.
     lines : sequence of AnalyticLine, optional
         From `amb_core.regions.region_map.analytic_lines`; shown within the map's amplitudes and frequencies.
-    title : str
-        Title of the figure.
+    title : str, optional
+        Title of the figure; by default what the map shows.
     """
+    title = title or ("Region map by sweeps and by fixed sines" if region_map.confirmation else "Region map")
     drawn = [
         Curve(UM * line.amplitude, line.frequency, line.name, LINES[number % len(LINES)])
         for number, line in enumerate(lines)
@@ -128,15 +129,14 @@ def _lower_edges(
 
 def dwell_items(region_map: RegionMap) -> list[Item]:
     """Boundaries under fixed sines, and the bands between them and the boundaries of the sweeps."""
-    top = region_map.settings.frequency_end
     items: list[Item] = []
     for band in sweep_and_dwell(region_map):
         look, name = REGIONS[band.region], band.region.name
         x = UM * band.amplitude
-        swept, dwelt = np.nan_to_num(band.first, nan=top), np.nan_to_num(band.second, nan=top)
-        items.append(
-            Band(x, np.minimum(swept, dwelt), np.maximum(swept, dwelt), f"{name}, sweep to fixed sine", look.colour)
-        )
+        ends = np.array([_ends(region_map, amplitude) for amplitude in band.amplitude]).T
+        swept, dwelt = np.where(np.isnan([band.first, band.second]), ends, [band.first, band.second])
+        label = f"{name}, sweep to fixed sine"
+        items.append(Band(x, np.minimum(swept, dwelt), np.maximum(swept, dwelt), label, look.colour, "\\"))
         begins = np.isfinite(band.second)
         hover = tuple(
             f"{a:.3g} µm, {f:.0f} Hz: {region_label(band.region)} begins under a fixed sine"
@@ -146,9 +146,18 @@ def dwell_items(region_map: RegionMap) -> list[Item]:
     return items
 
 
+def _ends(region_map: RegionMap, amplitude: float) -> tuple[float, float]:
+    """Frequencies at which the sweep and the fixed sines of an amplitude end: where the rotor falls, else the map's."""
+    swept = next(sweep.highest_frequency for sweep in region_map.sweeps if sweep.amplitude == amplitude)
+    fallen = region_map.confirmation and region_map.confirmation.frequency(Region.D, amplitude)
+    top = region_map.settings.frequency_end
+    return min(swept, top), min(fallen or math.inf, top)
+
+
 def _simulated(region_map: RegionMap) -> list[Item]:
     """Onsets in the sweeps, those by ordinary resonance hollow, and the beats."""
     items: list[Item] = []
+    plain = "simulated" if region_map.confirmation is None else "sweep"
     for region in BOUNDARIES:
         for resonance in (False, True):
             found = [
@@ -157,7 +166,7 @@ def _simulated(region_map: RegionMap) -> list[Item]:
                 if region in sweep.boundaries and sweep.boundaries[region].resonance == resonance
             ]
             if found:
-                how = f"{region.name}, by resonance" if resonance else f"{region.name}, simulated"
+                how = f"{region.name}, by resonance" if resonance else f"{region.name}, {plain}"
                 hover = tuple(
                     f"{amplitude:.3g} µm, {frequency:.0f} Hz: {region_label(region)} begins"
                     + (" (ordinary resonance)" if resonance else "")
