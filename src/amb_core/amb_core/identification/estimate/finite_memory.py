@@ -23,6 +23,7 @@ from amb_core.identification.estimate.filter_bank import Fit, Modes, best_gains,
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
 
+_LONGEST = 200  # steps of the memory; longer ones cost time
 _ADDED_NOISE = 1e-13  # variance, relative to the signals'
 _SEGMENT = 4_000  # steps that go alternately to the two halves of the data
 
@@ -62,6 +63,20 @@ class FiniteMemory:
         lagged = factor[:, :-outputs].reshape(len(factor), memory, q).transpose(0, 2, 1)
         return cls(np.ascontiguousarray(lagged), factor[:, -outputs:], steps)
 
+    @classmethod
+    def whole(cls, data: ScaledData) -> FiniteMemory:
+        """From all samples.
+
+        Raises
+        ------
+        LinAlgError
+            If there are too few.
+        """
+        first, second, first_steps, second_steps = halves(data, memory_of(data))
+        if not first_steps + second_steps:
+            raise linalg.LinAlgError(f"{data.lengths} samples are too few for a memory of {memory_of(data)}")
+        return cls.of(first + second, first_steps + second_steps, data.outputs.shape[1])
+
     def best(self, modes: Modes, weight: NDArray[np.float64]) -> Fit:
         """The best predictor with given modes, as `fit_gains` finds it from all samples."""
         rows = np.hstack([self._signals(modes).reshape(len(self.lagged), -1), self.outputs])
@@ -82,6 +97,11 @@ class FiniteMemory:
         answers = filtered(modes, impulse)[1:].reshape(memory, -1)
         signals = self.lagged.reshape(rows * q, memory) @ answers
         return signals.reshape(rows, q, len(modes.m), 4).transpose(0, 2, 3, 1)
+
+
+def memory_of(data: ScaledData) -> int:
+    """Steps that a predictor of these data looks back."""
+    return min(_LONGEST, max(data.lengths) // 4)
 
 
 def halves(data: ScaledData, memory: int) -> tuple[NDArray[np.float64], NDArray[np.float64], int, int]:

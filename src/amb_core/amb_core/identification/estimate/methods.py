@@ -38,9 +38,10 @@ def _pem(inputs: Samples, outputs: Samples, sample_time: float, order: int, watc
     (start,) = _subspace(ssarx, inputs, outputs, sample_time, order, watch)
 
     def tell(iteration: int, cost: float) -> None:
-        watch.tell("pem", iteration, MOST_ITERATIONS, cost)
+        searches = 1 if iteration <= MOST_ITERATIONS else 2
+        watch.tell("pem", iteration, searches * MOST_ITERATIONS, cost)
 
-    return [pem(inputs, outputs, start, tell, ended=watch.note_end)]
+    return [pem(inputs, outputs, start, tell, ended=watch.note_end, second_start=True)]
 
 
 def _horizons(

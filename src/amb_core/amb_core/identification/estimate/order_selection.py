@@ -29,9 +29,9 @@ from amb_core.identification.data import IdentificationData
 from amb_core.identification.data.checks import highest_excited_order
 from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
 from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
-from amb_core.identification.estimate.finite_memory import FiniteMemory, halves
+from amb_core.identification.estimate.finite_memory import FiniteMemory, halves, memory_of
 from amb_core.identification.estimate.order_progress import OrderProgress
-from amb_core.identification.estimate.pem import MOST_EXPERIMENTS, cost_of, fit_modes
+from amb_core.identification.estimate.pem import MOST_EXPERIMENTS, cost_of, fit_modes, refine
 from amb_core.identification.estimate.scaled_data import ScaledData, check_order
 from amb_core.identification.estimate.ssarx import future_map
 from amb_core.identification.estimate.state_regression import (
@@ -46,9 +46,6 @@ from amb_core.identification.progress import Cancelled, Progress, Watch
 HIGHEST = 14
 """The highest order tested by default."""
 
-_MEMORY = 200  # steps; longer ones cost time
-_LEAST_GAIN = 1e-4  # of the squared errors: far below what a state must gain for the criterion of Schwarz
-_MOST_ITERATIONS = 12
 _REACH = 2  # orders on either side that are compared with the best one: those of one mode less or more
 _RIDGES = RIDGES[::3]
 _HOPE = 2.0  # a search may lower the criterion by as many times what its next step promises
@@ -158,7 +155,7 @@ def _compare(data: ScaledData, orders: tuple[int, ...], steps: OrderProgress) ->
     maps = [future_map(regression, float(ridge)) for ridge in _RIDGES]
     p, q = triangle.p, triangle.q
     steps.advance()
-    memory = min(_MEMORY, max(data.lengths) // 4)
+    memory = memory_of(data)
     first, second, first_steps, second_steps = halves(data, memory)
     whole = FiniteMemory.of(first + second, first_steps + second_steps, p)
     training, validation = FiniteMemory.of(first, first_steps, p), FiniteMemory.of(second, second_steps, p)
@@ -171,7 +168,7 @@ def _compare(data: ScaledData, orders: tuple[int, ...], steps: OrderProgress) ->
         if fit is None:
             continue
         likelihood[number] = 2.0 * len(data.inputs) * cost_of(fit)
-        trained = _refine(fit.modes, training, p)
+        trained = refine(fit.modes, training)
         if trained is not None:
             spread = float(np.linalg.slogdet(validation.error_covariance(trained))[1])
             error[number] = math.exp(0.5 * spread / p)
@@ -260,11 +257,4 @@ def _fit(regression: PastRegression, maps: list[NDArray[np.float64]], memory: Fi
             continue
         if best is None or cost_of(fit) < cost_of(best):
             best = fit
-    return None if best is None else _refine(best.modes, memory, len(best.covariance))
-
-
-def _refine(modes: Modes, memory: FiniteMemory, outputs: int) -> Fit | None:
-    try:
-        return fit_modes(modes, memory.best, outputs, None, _MOST_ITERATIONS, _LEAST_GAIN)
-    except linalg.LinAlgError:
-        return None
+    return None if best is None else refine(best.modes, memory)

@@ -6,10 +6,16 @@ projection, with Kaufman's simplification of the derivative). Errors are weighte
 the last step, so every accepted step lowers the determinant of the covariance, which the maximum-likelihood estimate
 minimises. The model is simulated only as a predictor: its F stays stable even if A is unstable.
 
-Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 7.4 and 10.2; G. Golub and V. Pereyra,
-Separable nonlinear least squares: the variable projection method and its applications, Inverse Problems 19 (2003);
-T. McKelvey, A. Helmersson and T. Ribarits, Data driven local coordinates for multivariable linear systems and their
-application to system identification, Automatica 40 (2004).
+A search may stall above the minimum, with a mode of the predictor at the limit of stability, so that most steps are
+refused. What a further step promises shows it. At the true parameters the squared errors, relative to their variance,
+exceed the minimum by one for each parameter on average. A search that could still gain more has ended further from the
+minimum than the truth is. It is then made again from a second start: the first one, refined on predictors of finite
+memory.
+
+Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 7.4, 10.2 and 16.4; G. Golub and
+V. Pereyra, Separable nonlinear least squares: the variable projection method and its applications, Inverse Problems 19
+(2003); T. McKelvey, A. Helmersson and T. Ribarits, Data driven local coordinates for multivariable linear systems and
+their application to system identification, Automatica 40 (2004).
 """
 
 from __future__ import annotations
@@ -22,6 +28,7 @@ from scipy import linalg
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
+from amb_core.identification.estimate.finite_memory import FiniteMemory
 from amb_core.identification.estimate.levenberg_marquardt import Damping, damped_step
 from amb_core.identification.estimate.scaled_data import Samples, ScaledData
 from amb_core.identification.numerics import LARGEST_RADIUS, small_matrices
@@ -30,6 +37,8 @@ from amb_core.model.state_space import StateSpaceModel
 
 MOST_ITERATIONS = 22
 MOST_EXPERIMENTS = 10  # each has its own first state, and time grows with the square of their number
+_REFINING_GAIN = 1e-4  # likewise with finite memory: far below what a state must gain for the criterion of Schwarz
+_REFINING_ITERATIONS = 12
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; far below the noise of the data
 
 
@@ -41,6 +50,7 @@ def pem(
     most_iterations: int = MOST_ITERATIONS,
     source: str = "",
     ended: Callable[[SearchEnd], None] | None = None,
+    second_start: bool = False,
 ) -> StateSpaceModel:
     """Improve a model until its one-step prediction errors on the data are minimal.
 
@@ -61,6 +71,10 @@ def pem(
         Where the data come from, kept in the model.
     ended : callable, optional
         Called with the end of the search: steps tried, what a further step promises, whether it converged.
+    second_start : bool
+        Whether to search from a second start where the search stalls, and to keep the model with the smaller errors.
+        Iterations of the second search follow `most_iterations`, with the least cost so far; `ended` gets the end of
+        the search whose model is kept.
 
     Raises
     ------
@@ -91,7 +105,12 @@ def pem(
         def best(trial: Modes, weight: NDArray[np.float64]) -> Fit:
             return fit_gains(trial, data.inputs, data.outputs, weight, data.lengths)
 
-        fit = fit_modes(modes, best, data.outputs.shape[1], progress, most_iterations, ended=ended)
+        ends: list[SearchEnd] = []
+        fit = fit_modes(modes, best, data.outputs.shape[1], progress, most_iterations, ended=ends.append)
+        if second_start and stalled(ends[0], fit, data):
+            fit = _searched_again(modes, best, fit, data, progress, most_iterations, ends)
+        if ended is not None:
+            ended(ends[-1])
         a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
         return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source)
 
@@ -152,6 +171,50 @@ def fit_modes(
         left = damped_step(fit.sensitivity, fit.errors, damping.value)[2]
         ended(SearchEnd(iteration, left, left < least_gain))
     return fit
+
+
+def refine(modes: Modes, memory: FiniteMemory) -> Fit | None:
+    """The fit that a short search on predictors of finite memory finds; None if the data determine none."""
+    try:
+        return fit_modes(modes, memory.best, memory.outputs.shape[1], None, _REFINING_ITERATIONS, _REFINING_GAIN)
+    except linalg.LinAlgError:
+        return None
+
+
+def stalled(end: SearchEnd, fit: Fit, data: ScaledData) -> bool:
+    """Whether a search ended further above the minimum than the true parameters are on average."""
+    parameters = fit.modes.order * (data.inputs.shape[1] + 2 * data.outputs.shape[1])  # without those of coordinates
+    return end.left * data.outputs.size > parameters
+
+
+def _searched_again(
+    modes: Modes,
+    best: Callable[[Modes, NDArray[np.float64]], Fit],
+    first: Fit,
+    data: ScaledData,
+    progress: Callable[[int, float], None] | None,
+    most_iterations: int,
+    ends: list[SearchEnd],
+) -> Fit:
+    """The better of the first fit and that of a search from the second start, whose end is then added to the ends."""
+    p, least = data.outputs.shape[1], cost_of(first)
+
+    def tell(iteration: int, cost: float) -> None:
+        if progress is not None:
+            progress(most_iterations + iteration, min(cost, least))
+
+    try:
+        start = refine(modes, FiniteMemory.whole(data))
+        if start is None:
+            return first
+        found: list[SearchEnd] = []
+        second = fit_modes(start.modes, best, p, tell, most_iterations, ended=found.append, first=start)
+    except linalg.LinAlgError:  # the first fit stands
+        return first
+    if not cost_of(second) < least:
+        return first
+    ends += found
+    return second
 
 
 def _try(modes: Modes, best: Callable[[Modes, NDArray[np.float64]], Fit], weight: NDArray[np.float64]) -> Fit | None:
