@@ -133,9 +133,9 @@ def test_two_sines_add_by_their_squares() -> None:
 
 
 @pytest.mark.parametrize("kind", ["sweep", "square", "multisine", "prbs", "white_noise"])
-def test_the_margin_is_the_factor_to_the_edge_of_region_a(kind: str) -> None:
+def test_the_margin_of_the_map_is_the_factor_to_the_edge_of_region_a(kind: str) -> None:
     found = check(kind, amplitude=40e-6)
-    at_edge = check(kind, amplitude=40e-6 * found.margin)
+    at_edge = check(kind, amplitude=40e-6 * found.map_margin)
     assert max(axis.load.linear for axis in at_edge.axes) == pytest.approx(1.0, rel=0.01)
 
 
@@ -189,6 +189,33 @@ def test_a_slew_that_the_voltage_cannot_drive_is_in_the_verdict() -> None:
     assert "region A by the map, " in found.verdict
     assert "on y the control current changes faster than the voltage can drive it in " in found.verdict
     assert "may be multiplied" not in found.verdict
+
+
+# Gap 0.4 mm, 100 turns a pole, 2 A, 3 kg: the voltage drives the current at 1.75 kA/s, a tenth of the paper's bearing.
+SLOW_AMPLIFIER = {
+    "magnetic_circuit.air_gap": 0.4e-3, "magnetic_circuit.journal_outer_radius": 35.2e-3,
+    "magnetic_circuit.turns_per_pole": 100, "amplifier.supply_voltage": 150.0,
+    "amplifier.switching_frequency": 20e3, "amplifier.bias_current": 2.0, "rotor.mass": 3.0,
+    "integration.sample_rate": 20e3,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("amplitude", [1e-6, 5e-6, 19e-6])  # A, A with slew, and B by a map that suits 17 um
+def test_no_advice_leads_beyond_the_limits_of_current_and_voltage(amplitude: float) -> None:
+    plant = validate(PlantParameters, SLOW_AMPLIFIER)
+    controller = ControllerParameters(sample_rate=20e3, proportional_gain=12_430.0, derivative_gain=11.0)
+
+    def checked(amplitude: float) -> ExcitationCheck:
+        values = {"amplitude": amplitude, "frequency_end": 2_000.0, "duration": 1.0}
+        found = generate(excitation_from_request("multisine", values), 20e3)
+        return check_excitation(found, MAP, controller, plant)
+
+    found = checked(amplitude)
+    assert f"at most {found.margin:.2f} (by the voltage on" in found.verdict or found.margin > 1.0
+    followed = checked(found.margin * amplitude)
+    assert max(axis.slewed for axis in followed.axes) == pytest.approx(0.01, rel=0.05)
+    assert all(axis.limited <= 0.01 and axis.load.linear < 1.0 for axis in followed.axes)
+    assert "by the voltage on" in found.verdict
 
 
 # -- the verdict

@@ -294,6 +294,20 @@ def test_check_simulates_on_request(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "summary.json").read_text())["trial"]["region"] == "A"
 
 
+def test_a_signal_in_region_a_that_is_beyond_the_limits_of_a_design_is_told(tmp_path: Path) -> None:
+    """40 um stay in A, yet the rotor's motion deviates from the linear response by more than the 5 % of a design."""
+    code, output = run(
+        "check", "multisine", "--amplitude", "40e-6", "--duration", "1", "--simulate",
+        "--map", str(MAP_FILE), "--out", str(tmp_path),
+    )  # fmt: skip
+    assert code == 0, output
+    assert "simulation: region A" in output
+    assert "beyond the limits of a design: " in output
+    summary = json.loads((tmp_path / "summary.json").read_text())["trial"]
+    assert summary["region"] == "A"
+    assert summary["beyond_limits"] is not None
+
+
 @pytest.mark.parametrize("command", ["check", "design"])
 def test_a_missing_map_is_told_with_the_way_to_make_one(tmp_path: Path, command: str) -> None:
     code, message = run(command, "square", "--map", str(tmp_path / "map.json"))

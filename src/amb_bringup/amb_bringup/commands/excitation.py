@@ -25,6 +25,7 @@ from amb_core.excitation_design import (
     TrialBench,
     check_excitation,
     design_excitation,
+    use_of_trial,
 )
 from amb_core.excitation_design.notes import made_with
 from amb_core.excitation_design.summary import check_summary, design_summary, trial_summary
@@ -81,10 +82,14 @@ def check(
         with Stages(console, "steps") as stages:
             bench = TrialBench(loop[1], loop[0], loop[2])
             trial = bench.run(signal, lambda done, total: stages.update("simulated", done, total))
-        summary["trial"] = trial_summary(trial)
-        console.print(_trial_line(trial))
+        use = use_of_trial(trial, Limits(), bench.regions.drift_threshold)
+        beyond = use.what if use.share > 1.0 else None
+        summary["trial"] = trial_summary(trial) | {"beyond_limits": beyond}
+        console.print(_trial_line(trial, beyond is None))
         if trial.measures:
             console.print(_measures_table(trial.measures))
+        if beyond is not None:
+            console.print(f"[yellow]beyond the limits of a design: {beyond}[/yellow]", highlight=False)
     else:
         console.print("not simulated: the map knows regions, not distortion; --simulate measures it")
     _write(out, summary, found, region_map, console)
@@ -194,10 +199,10 @@ def _check_table(found: ExcitationCheck) -> Table:
     return table
 
 
-def _trial_line(trial: Trial) -> str:
+def _trial_line(trial: Trial, within: bool) -> str:
     x, y = UM * trial.bias_shift
     begins = "".join(f", {region.name} from {onset.time:.2f} s onwards" for region, onset in trial.onsets.items())
-    colour = "green" if trial.region == 0 else "yellow"
+    colour = "green" if within else "yellow"
     return f"[{colour}]simulation: region {trial.region.name}[/{colour}] (bias moved by {x:.2f} and {y:.2f} um{begins})"
 
 

@@ -4,7 +4,7 @@ from amb_core.excitation_design.certificate import Certificate
 from amb_core.excitation_design.check import check_excitation
 from amb_core.excitation_design.design import DESIGNED_KINDS, DesignedExcitation, design_excitation
 from amb_core.excitation_design.excited_order import ExcitedOrder, excited_order
-from amb_core.excitation_design.limits import Limits
+from amb_core.excitation_design.limits import Limits, use_of_trial
 from amb_core.excitation_design.load import Load
 from amb_core.excitation_design.measures import AxisMeasure
 from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
@@ -25,4 +25,5 @@ __all__ = [
     "check_excitation",
     "design_excitation",
     "excited_order",
+    "use_of_trial",
 ]

@@ -70,7 +70,7 @@ def check_excitation(
         strict=True,
     )
     predicted = max(axis.predicted for axis in axes)
-    margin = amplitude_margin(loads)
+    map_margin = amplitude_margin(loads)
     power = np.array([axis.rms**2 for axis in axes])
     shares = {
         region: float(sum(weight * axis.shares[region] for weight, axis in zip(power / power.sum(), axes, strict=True)))
@@ -82,8 +82,8 @@ def check_excitation(
         shares=shares,
         predicted=predicted,
         certain=predicted > Region.A or all(axis.load.linear < 1.0 for axis in axes),
-        margin=margin,
-        verdict=verdict(axes, margin),
+        margin=min(map_margin, *(min(axis.current_margin, axis.slew_margin) for axis in axes)),
+        verdict=verdict(axes, map_margin),
         notes=(
             *(text for axis in axes for text in saturation(axis, 0.0)),
             *notes_on(signal, axes, region_map, controller, plant),
@@ -91,11 +91,13 @@ def check_excitation(
         bias_current=plant.amplifier.bias_current,
         current_limit=current_limit,
         slew_rate=rate,
+        map_margin=map_margin,
     )
 
 
-def verdict(axes: tuple[AxisCheck, ...], margin: float) -> str:
+def verdict(axes: tuple[AxisCheck, ...], map_margin: float) -> str:
     """One line: the region on the axis with the highest load, why, and what to do."""
+    allowed = _allowed_factor(axes, map_margin)
     worst = max(axes, key=lambda axis: (axis.predicted, axis.load.linear))
     load = worst.load
     if worst.predicted > Region.A:
@@ -107,20 +109,31 @@ def verdict(axes: tuple[AxisCheck, ...], margin: float) -> str:
             where = " by all of its content together"
         return (
             f"region {worst.predicted.name} on {worst.axis}{where}: the load is {load.linear:.2f} times the limit of "
-            f"region A; multiply the amplitude by at most {margin:.2f}, or lower the frequencies"
+            f"region A; multiply the amplitude by at most {allowed}, or lower the frequencies"
         )
     if load.linear >= 1.0:
         return (
             f"region A on {worst.axis} is not certain: {load.bounded:.2f} of a load of at most {load.linear:.2f} comes "
-            f"from where the map shows no boundary; multiply the amplitude by {margin:.2f}, widen the map, or simulate"
+            f"from where the map shows no boundary; multiply the amplitude by at most {allowed}, widen the map, or "
+            "simulate"
         )
     saturated = [text for axis in axes for text in saturation(axis, SATURATED)]
     if saturated:
         return (
             f"region A by the map, where the load is {load.linear:.2f} times its limit, but {'; '.join(saturated)}: "
-            "lower the amplitude or the frequencies, and simulate"
+            f"multiply the amplitude by at most {allowed}, or lower the frequencies, and simulate"
         )
-    return f"region A: the load is {load.linear:.2f} times its limit; the amplitude may be multiplied by {margin:.2f}"
+    return f"region A: the load is {load.linear:.2f} times its limit; the amplitude may be multiplied by {allowed}"
+
+
+def _allowed_factor(axes: tuple[AxisCheck, ...], map_margin: float) -> str:
+    """The factor that the map and the limits of current and voltage allow, and what limits it if not the map."""
+    margins = [(map_margin, "")]
+    for axis in axes:
+        margins.append((axis.current_margin, f"the limit of the current on {axis.axis}"))
+        margins.append((axis.slew_margin, f"the voltage on {axis.axis}"))
+    factor, what = min(margins)
+    return f"{factor:.2f}" + (f" (by {what}; {map_margin:.2f} by the map)" if what else "")
 
 
 def saturation(axis: AxisCheck, beyond: float) -> list[str]:
@@ -169,8 +182,10 @@ def _superimpose(
         command_peak=float(np.max(np.abs(request.static + request.current))),
         slew_rms=_rms(request.slew),
         slew_peak=float(np.max(np.abs(request.slew))),
-        limited=float(np.mean(np.abs(request.static + request.current) > request.limit)),
+        limited=request.limited,
         slewed=request.slewed,
+        current_margin=request.current_margin(SATURATED),
+        slew_margin=request.slew_margin(SATURATED),
     )
     return check, axis_load
 

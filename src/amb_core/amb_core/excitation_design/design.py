@@ -174,7 +174,7 @@ def design_excitation(
     predicted = None
     start = _start(first, bench.linear, bench.current_limit)
     if region_map is not None:
-        predicted = FIRST_AMPLITUDE * check_excitation(first, region_map, controller, plant).margin
+        predicted = FIRST_AMPLITUDE * check_excitation(first, region_map, controller, plant).map_margin
         start = min(start, predicted)
     largest, beyond, exceeded = largest_within(bench.use_of_trials, start, HIGHEST_AMPLITUDE, tolerance)
     if bench.measures_distortion:

@@ -22,17 +22,36 @@ class Request:
         What the excitation adds, without any limit (A).
     slew : ndarray, shape (steps,)
         Its change over a sample (A/s).
-    slewed : float
-        Share of the samples in which it changes faster than the voltage can drive it.
     limit : float
         Limit of the control current (A).
+    slew_rate : float
+        Fastest change of the current that the voltage drives (A/s); infinite without limits.
     """
 
     static: float
     current: NDArray[np.float64]
     slew: NDArray[np.float64]
-    slewed: float
     limit: float
+    slew_rate: float
+
+    @property
+    def limited(self) -> float:
+        """Share of the samples in which the current, the static one included, is above its limit."""
+        return float(np.mean(np.abs(self.static + self.current) > self.limit))
+
+    @property
+    def slewed(self) -> float:
+        """Share of the samples in which the current changes faster than the voltage can drive it."""
+        return float(np.mean(np.abs(self.slew) > self.slew_rate))
+
+    def current_margin(self, share: float) -> float:
+        """Factor on the excitation at which that share of the samples is above the limit of the current."""
+        room = np.maximum(self.limit - np.sign(self.current) * self.static, 0.0)
+        return _quantile(room, np.abs(self.current), share)
+
+    def slew_margin(self, share: float) -> float:
+        """Factor on the excitation at which that share of the samples is beyond the slew rate."""
+        return _quantile(np.full(len(self.slew), self.slew_rate), np.abs(self.slew), share)
 
 
 def request_on(
@@ -62,5 +81,12 @@ def request_on(
         Sample time (s).
     """
     slew = np.diff(linear.current[:, axis], prepend=0.0)[slice(*span)] / sample_time
-    slewed = 0.0 if slew_rate is None else float(np.mean(np.abs(slew) > slew_rate))
-    return Request(float(static_current[axis]), linear.current[slice(*span), axis], slew, slewed, limit)
+    current = linear.current[slice(*span), axis]
+    return Request(float(static_current[axis]), current, slew, limit, np.inf if slew_rate is None else slew_rate)
+
+
+def _quantile(room: NDArray[np.float64], requested: NDArray[np.float64], share: float) -> float:
+    """Factor on requests at which a share of them exceeds its room; infinite where fewer are not zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factors = np.where(requested > 0.0, room / requested, np.inf)
+    return float(np.quantile(factors, share, method="higher"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,8 @@ class AxisCheck:
         Control current that holds the rotor at rest (A).
     slewed : float
         Share of the samples in which it changes faster than the voltage can drive it.
+    current_margin, slew_margin : float
+        Factor on the amplitude at which `limited`, or `slewed`, reaches the share that a verdict of A allows.
     """
 
     axis: str
@@ -71,6 +74,8 @@ class AxisCheck:
     limited: float
     static_current: float = 0.0
     slewed: float = 0.0
+    current_margin: float = math.inf
+    slew_margin: float = math.inf
 
     @property
     def crest_factor(self) -> float:
@@ -95,7 +100,8 @@ class ExcitationCheck:
     certain : bool
         Whether the map determines it; false if lines outside the map could lead to B or higher.
     margin : float
-        Factor by which the amplitude may be raised (above 1) or must be lowered (below 1) to stay in A for certain.
+        Factor by which the amplitude may be raised (above 1) or must be lowered (below 1): the smallest of `map_margin`
+        and of the axes' margins of current and slew.
     verdict : str
         One line: where it would run, and what to do.
     notes : tuple of str
@@ -106,6 +112,8 @@ class ExcitationCheck:
         Largest control current that the controller allows and all coils can follow (A).
     slew_rate : float or None
         Fastest change of a coil current (A/s); None where the amplifiers have no limits.
+    map_margin : float
+        Factor on the amplitude up to which the map shows region A for certain.
     """
 
     kind: str
@@ -119,3 +127,4 @@ class ExcitationCheck:
     bias_current: float
     current_limit: float
     slew_rate: float | None
+    map_margin: float = math.inf

@@ -20,6 +20,7 @@ def check_summary(check: ExcitationCheck) -> dict[str, Any]:
         "predicted": check.predicted.name,
         "certain": check.certain,
         "margin": round(check.margin, 4),
+        "map_margin": round(check.map_margin, 4),
         "shares": {region.name: round(share, 6) for region, share in check.shares.items()},
         "axes": {axis.axis: _axis(axis) for axis in check.axes},
         "bias_current_a": check.bias_current,
@@ -105,6 +106,8 @@ def _axis(axis: AxisCheck) -> dict[str, Any]:
         "slew_peak_a_per_s": round(axis.slew_peak, 1),
         "limited": round(axis.limited, 6),
         "slewed": round(axis.slewed, 6),
+        "current_margin": _finite(axis.current_margin),
+        "slew_margin": _finite(axis.slew_margin),
         "points": [
             {
                 "frequency_hz": round(frequency, 3),
@@ -119,3 +122,7 @@ def _axis(axis: AxisCheck) -> dict[str, Any]:
             )
         ],
     }  # fmt: skip
+
+
+def _finite(factor: float) -> float | None:
+    return round(factor, 4) if math.isfinite(factor) else None
