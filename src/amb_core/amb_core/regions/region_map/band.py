@@ -110,14 +110,24 @@ def two_rates(found: RegionMap) -> list[BoundaryBand]:
 
 
 def confirmation_warnings(found: RegionMap) -> list[str]:
-    """Boundaries of a confirmed map that depend on the rate of its sweeps, by more than 10 %, as sentences."""
+    """Boundaries of a confirmed map that its sweeps alone do not settle, as sentences.
+
+    They move by more than 10 % with the rate of the sweeps, from the sweeps to fixed sines (the limit of slow sweeps),
+    or with the direction from which a fixed sine comes; or they appear on one side only.
+    """
     if found.confirmation is None:
         return []
     here = sweep_rate_text(found)
     other = sweep_rate_text(found, found.confirmation.settings.rate_factor)
+    compared = (
+        (two_rates(found), f"depends on the rate of the sweeps: from {here} to {other}"),
+        (sweep_and_dwell(found), f"differs under fixed sines: from sweeps of {here} to fixed sines"),
+        (below_and_above(found), "depends on the direction: from fixed sines from below to those from above"),
+    )
     return [
-        f"{band.region.name} depends on the rate of the sweeps: from {here} to {other} it {', '.join(_movement(band))}"
-        for band in two_rates(found)
+        f"{band.region.name} {what} it {', '.join(_movement(band))}"
+        for bands, what in compared
+        for band in bands
         if band.moved
     ]
 
