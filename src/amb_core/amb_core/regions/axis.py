@@ -194,7 +194,8 @@ class AxisClassifier:
         drifting = self._trend.drifting(parameters.drift_threshold)
         if drifting is not None and self.drift is None:
             points, self._level = self._trend.beginning(drifting)
-            self.drift = self._history.onset(bias_step + self._interval // 2 - points * self._interval, self._axis)
+            began = bias_step + self._interval // 2 - round(points * self._interval)
+            self.drift = self._history.onset(began, self._axis)
         displaced = abs(features.bias - self._level) > parameters.drift_threshold
         self._drift_rest = 0 if drifting is not None or displaced else self._drift_rest + 1
         if self._drift_rest > self._hold:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 LEVELS = 6
+ABRUPT = 0.25  # squares left by a jump over those left by a kink, below which the trend begins at the jump
 
 
 @dataclass(frozen=True)
@@ -84,14 +85,15 @@ def compare_thirds(points: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def kink(points: NDArray[np.float64]) -> int:
-    """Index at which two straight lines that meet there fit points best, by least squares."""
+def kink(points: NDArray[np.float64]) -> tuple[int, float]:
+    """Index at which two straight lines that meet there fit points best, and the sum of squares they leave (m^2)."""
     samples = len(points)
     x_sum, xx_sum = 0.5 * samples * (samples - 1), (samples - 1) * samples * (2 * samples - 1) / 6.0
-    z_sum, xz_sum = 0.0, 0.0
+    z_sum, xz_sum, zz_sum = 0.0, 0.0, 0.0
     for k in range(samples):
         z_sum += points[k] - points[0]
         xz_sum += k * (points[k] - points[0])
+        zz_sum += (points[k] - points[0]) ** 2
     determinant = samples * xx_sum - x_sum * x_sum
     best, best_index = -1.0, 0
     tail_z, ramp_z = 0.0, 0.0
@@ -110,7 +112,45 @@ def kink(points: NDArray[np.float64]) -> int:
         explained = common * common / own
         if explained > best:
             best, best_index = explained, s
-    return best_index
+    line_offset = (xx_sum * z_sum - x_sum * xz_sum) / determinant
+    line_slope = (samples * xz_sum - x_sum * z_sum) / determinant
+    return best_index, zz_sum - line_offset * z_sum - line_slope * xz_sum - best
+
+
+@numba.njit(cache=True, error_model="numpy")
+def jump(points: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Jump between two constant levels that fits points best by least squares; within the middle half of the points.
+
+    In the outer quarters, a jump lets the scatter within the outer thirds hide the difference of their means. The
+    point during which the level jumps lies anywhere between the levels.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n,)
+        Bias points (m), each the mean over an interval around its index.
+
+    Returns
+    -------
+    index, height, left
+        Index at which the level jumps, with its fraction, its height (m), and the sum of squares left (m^2).
+    """
+    samples = len(points)
+    total, square = 0.0, 0.0
+    for k in range(samples):
+        total += points[k] - points[0]
+        square += (points[k] - points[0]) ** 2
+    early = 0.0
+    index, height, left = 0.0, 0.0, np.inf
+    for s in range(1, samples - 1):
+        early += points[s - 1] - points[0]
+        here = points[s] - points[0]
+        late = total - early - here
+        before, after = early / s, late / (samples - 1 - s)
+        rest = square - here * here - before * early - after * late
+        if rest < left and samples <= 4 * s <= 3 * samples:
+            passed = (after - here) / (after - before) if after != before else 0.5
+            index, height, left = s - 0.5 + min(max(passed, 0.0), 1.0), after - before, rest
+    return index, height, left
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -180,18 +220,33 @@ class TrendTest:
         return max(self._latest, key=lambda trend: trend.significance)
 
     def drifting(self, threshold: float) -> Trend | None:
-        """The shortest test that is significant and whose change reaches the threshold (m)."""
+        """The shortest test that is significant and whose change reaches the threshold (m).
+
+        If a jump explains the points better than a kink, its height is the change.
+        """
         for trend in self._latest:
             if trend.significance >= 1.0 and abs(trend.change) >= threshold:
-                return trend
+                _, height, share = self._jump(trend)
+                if share >= 1.0 or abs(height) >= threshold:
+                    return trend
         return None
 
-    def beginning(self, trend: Trend) -> tuple[int, float]:
+    def beginning(self, trend: Trend) -> tuple[float, float]:
         """How many points before the latest one a trend began, and the bias before it (m)."""
-        span = min(trend.span * 3 // 2, self._count)
-        points = self._history[-span:]
-        index = kink(points)
-        return span - 1 - index, float(np.mean(points[max(index - 10, 0) : index + 1]))
+        span = min(trend.span, self._count)
+        index, _, share = self._jump(trend)
+        last = int(index - 0.5)  # of the points before; the next one may lie on the way
+        if share >= ABRUPT:
+            span = min(trend.span * 3 // 2, self._count)
+            index = last = kink(self._history[-span:])[0]
+        before = self._history[-span:][max(last - 10, 0) : last + 1]
+        return span - 1 - index, float(np.mean(before))
+
+    def _jump(self, trend: Trend) -> tuple[float, float, float]:
+        """Best jump in the span of a trend: its index, its height (m), and the squares it leaves over those of a kink."""
+        points = self._history[-min(trend.span, self._count) :]
+        index, height, left = jump(points)
+        return index, height, left / (kink(points)[1] + 1e-30)
 
     def _test(self, level: int) -> Trend:
         difference, deviation, correlation = compare_thirds(self._levels[level])
