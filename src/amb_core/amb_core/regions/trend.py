@@ -12,6 +12,9 @@ trend does not count as noise. White noise raises a tenth to a fifth of the stat
 average but not far out in the tail. With a correlation of 0.3 from one update interval to the next there are 0.6 times
 the stated alarms at one per second, 1.6 times at one per minute, 2.8 times at six per hour.
 
+The change over a test is its slope times its span. This overstates a jump between two levels by half. Where such a jump
+explains the points better than two lines that meet in a kink, its height is the change.
+
 Source of the correction f: von Storch, Zwiers, "Statistical Analysis in Climate Research", Cambridge 1999, section 6.6.
 """
 
@@ -40,7 +43,7 @@ class Trend:
     significance : float
         Magnitude of t over its critical value.
     change : float
-        Slope times span of the test (m).
+        Slope times span of the test (m); 1.5 times the height of a jump.
     span : int
         Span of the test in bias points.
     """
@@ -119,10 +122,10 @@ def kink(points: NDArray[np.float64]) -> tuple[int, float]:
 
 @numba.njit(cache=True, error_model="numpy")
 def jump(points: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Jump between two constant levels that fits points best by least squares; within the middle half of the points.
+    """Jump between two constant levels that fits points best by least squares, within the middle half of the points.
 
-    In the outer quarters, a jump lets the scatter within the outer thirds hide the difference of their means. The
-    point during which the level jumps lies anywhere between the levels.
+    The point during which the level jumps may lie anywhere between the levels. Further out than the middle half, a jump
+    is scatter of an outer third rather than a difference of their means, and no test finds it significant.
 
     Parameters
     ----------
@@ -243,7 +246,7 @@ class TrendTest:
         return span - 1 - index, float(np.mean(before))
 
     def _jump(self, trend: Trend) -> tuple[float, float, float]:
-        """Best jump in the span of a trend: its index, its height (m), and the squares it leaves over those of a kink."""
+        """Best jump in the span of a trend: index, height (m), and squares left over those that a kink leaves."""
         points = self._history[-min(trend.span, self._count) :]
         index, height, left = jump(points)
         return index, height, left / (kink(points)[1] + 1e-30)
