@@ -121,7 +121,7 @@ def test_reset_takes_a_parameter_file_of_the_caller(amb: AmbClient, tmp_path: Pa
             lambda amb: amb.identify(bag="/nowhere"),
             "identifier/identify: bag /nowhere: there is no such file or folder",
         ),
-        (lambda amb: amb.identify(order=31), "identifier/identify: order 31 is not allowed; allowed: 1 to 30"),
+        (lambda amb: amb.identify(order=41), "identifier/identify: order 41 is not allowed; allowed: 1 to 40"),
         (lambda amb: amb.preview_excitation("sweep", amplitud=1e-6), "unknown setting 'amplitud'; allowed:"),
         (lambda amb: amb.preview_excitation("square", amplitude=1e-6, duration=1.0), "no region map received"),
         (lambda amb: amb.build_map(amplitude_low=-1.0), "'amplitude_low' = -1.0 is not allowed"),

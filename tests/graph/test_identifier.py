@@ -224,7 +224,7 @@ def test_a_parameter_file_names_the_controller(loop: Loop, record: LoopRecord, t
 @pytest.mark.parametrize(
     ("goal", "reason"),
     [
-        ({"order": 4000}, "order 4000 is not allowed; allowed: 1 to 30"),
+        ({"order": 4000}, "order 4000 is not allowed; allowed: 1 to 40"),
         ({"order": 4, "auto_order": True}, "order = 4 is not allowed with auto_order; allowed: 0"),
         ({"method": "magic"}, "unknown method 'magic'; allowed:"),
         ({"focus": "near"}, "unknown focus 'near'; allowed:"),

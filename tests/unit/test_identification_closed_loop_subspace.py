@@ -98,8 +98,8 @@ def test_short_data_are_enough_for_a_short_past(bearing: LinearBearing) -> None:
 @pytest.mark.parametrize(
     ("settings", "reason"),
     [
-        ({"order": 0}, "order 0 is not allowed; allowed: 1 to 30"),
-        ({"order": 31}, "order 31 is not allowed"),
+        ({"order": 0}, "order 0 is not allowed; allowed: 1 to 40"),
+        ({"order": 41}, "order 41 is not allowed"),
         ({"order": 10, "past": 5}, "past 5 is not allowed; allowed: at least 6 for order 10"),
         ({"order": 10, "future": 0}, "future 0 is not allowed; allowed: at least 6 for order 10"),
         ({"order": 10, "past": 5_000}, "20000 samples are too few for order 10; at least 25105 are needed"),
@@ -125,7 +125,7 @@ def test_data_that_determine_no_model_are_refused(bearing: LinearBearing) -> Non
     broken = record.position.copy()
     broken[7, 1] = np.nan
     for inputs, outputs, reason in (
-        (still, record.position, "input of axis y is constant"),
+        (still, record.position, "input 2 is constant"),
         (record.current, broken, "output is not finite at sample 7"),
         (record.current[:, [0, 0]], record.position, "not independent"),
     ):

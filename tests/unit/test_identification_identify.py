@@ -159,7 +159,7 @@ REFUSED = {
     ),
     "infinite": (lambda data: edited(data, put(0, np.inf, rows=slice(9, 10))), {}, "i_x, first at step 9"),
     "constant input": (lambda data: edited(data, put(1, 1.5)), {}, "i_y: constant; excite every input"),
-    "constant output": (lambda data: edited(data, put(0, 0.0, output=True)), {}, "output of axis x is constant"),
+    "constant output": (lambda data: edited(data, put(0, 0.0, output=True)), {}, "output 1 is constant"),
     "collinear inputs": (
         lambda data: edited(data, copy_first_input),
         {},
@@ -177,11 +177,11 @@ REFUSED = {
         {},
         "5e-05 s, but 0.0001 s is expected; decimate by 2",
     ),
-    "order 0": (lambda data: data, {"order": 0}, "order 0 is not allowed; allowed: 1 to 30"),
-    "order above the limit": (lambda data: data, {"order": 31}, "order 31 is not allowed; allowed: 1 to 30"),
+    "order 0": (lambda data: data, {"order": 0}, "order 0 is not allowed; allowed: 1 to 40"),
+    "order above the limit": (lambda data: data, {"order": 41}, "order 41 is not allowed; allowed: 1 to 40"),
     "order that is no number": (lambda data: data, {"order": "best"}, "order 'best' is not allowed; .* or 'auto'"),
     "order to try above the limit": (
-        lambda data: data, {"order": "auto", "orders": (4, 31)}, "order 31 is not allowed; allowed: 1 to 30",
+        lambda data: data, {"order": "auto", "orders": (4, 41)}, "order 41 is not allowed; allowed: 1 to 40",
     ),
     "no orders to try": (lambda data: data, {"order": "auto", "orders": ()}, "no orders to choose from"),
     "unknown method": (lambda data: data, {"method": "magic"}, "unknown method 'magic'; allowed: pem, ssarx, pbsid"),

@@ -19,7 +19,7 @@ from amb_core.identification import (
     select_order,
 )
 from amb_core.identification.estimate.filter_bank import Modes, fit_gains
-from amb_core.identification.estimate.finite_memory import FiniteMemory, halves
+from amb_core.identification.estimate.finite_memory import FiniteMemory, halves, memory_steps
 from amb_core.identification.estimate.scaled_data import ScaledData
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "ident"))
@@ -104,6 +104,12 @@ def test_orders_that_the_samples_do_not_suffice_for_are_not_tried(data: Identifi
 def test_the_choice_is_the_same_for_data_in_parts(data: IdentificationData) -> None:
     parts = IdentificationData(tuple(data.window(*span).experiments[0] for span in ((0, 2_500), (2_500, 6_000))), 1e-4)
     assert select_order(parts, (5, 6)).chosen == 6
+
+
+@pytest.mark.parametrize(("signals", "steps"), [(2, 200), (4, 200), (8, 200), (32, 62), (200, 10)])
+def test_the_matrices_of_the_memory_do_not_grow_with_the_square_of_the_signals(signals: int, steps: int) -> None:
+    """At most 2000 rows, 32 MB; 200 steps of 32 signals would take 330 MB for each of the seven matrices at a time."""
+    assert memory_steps(40_000, signals) == steps
 
 
 def test_predictors_within_the_memory_fit_as_on_all_samples() -> None:

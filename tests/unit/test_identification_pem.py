@@ -177,5 +177,5 @@ def test_a_start_that_does_not_suit_is_refused(bearing: LinearBearing) -> None:
 
 def test_data_that_determine_no_model_are_refused(bearing: LinearBearing) -> None:
     record, start = bearing.experiment(**BASE_NOISE), start_of(bearing)
-    with pytest.raises(IdentificationError, match="input of axis y is constant"):
+    with pytest.raises(IdentificationError, match="input 2 is constant"):
         pem(record.current * [1.0, 0.0], record.position, start)

@@ -11,7 +11,7 @@ import pytest
 
 from amb_core.errors import IdentificationError
 from amb_core.excitation import excitation_from_request, generate
-from amb_core.identification import METHODS, Identification, IdentificationData, Method, identify, n4sid
+from amb_core.identification import METHODS, Identification, Method, identify, n4sid
 from amb_core.identification.estimate.predictor import fit_input_matrix, innovations
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
@@ -122,7 +122,7 @@ def test_the_input_matrix_and_first_state_that_made_the_data_are_recovered() -> 
         if np.max(np.abs(state)) >= 1e3:
             inputs, outputs = inputs[:step], outputs[:step]
             break
-    found, found_first = fit_input_matrix(a, c, k, inputs, outputs)
+    found, _, found_first = fit_input_matrix(a, c, k, inputs, outputs)
     assert found == pytest.approx(b, abs=1e-9)
     assert found_first[0] == pytest.approx(first, abs=1e-9)
     assert np.max(np.abs(innovations(a, found, c, k, found_first, inputs, outputs))) < 1e-9 * np.max(np.abs(outputs))
@@ -139,9 +139,9 @@ def test_an_order_too_low_for_the_plant_gives_a_bad_fit_and_no_error(
 @pytest.mark.parametrize(
     ("order", "steps", "message"),
     [
-        (0, 20_000, "order 0 is not allowed; allowed: 1 to 30"),
-        (31, 20_000, "order 31 is not allowed; allowed: 1 to 30"),
-        (4.0, 20_000, "an order of type float is not allowed; allowed: whole numbers from 1 to 30"),
+        (0, 20_000, "order 0 is not allowed; allowed: 1 to 40"),
+        (41, 20_000, "order 41 is not allowed; allowed: 1 to 40"),
+        (4.0, 20_000, "an order of type float is not allowed; allowed: whole numbers from 1 to 40"),
         (True, 20_000, "an order of type bool is not allowed"),
         (10, 60, "60 samples are too few for order 10; at least 119 are needed"),
     ],
@@ -181,26 +181,19 @@ def test_samples_that_are_not_finite_are_refused_with_their_place(
 
 
 @pytest.mark.parametrize(("name", "kind"), [("current", "input"), ("position", "output")])
-@pytest.mark.parametrize(("axis", "letter"), [(0, "x"), (1, "y")])
-def test_a_constant_signal_is_refused_with_its_axis(
-    bearing: LinearBearing, name: str, kind: str, axis: int, letter: str
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_constant_signal_is_refused_with_its_number(
+    bearing: LinearBearing, name: str, kind: str, number: int
 ) -> None:
     samples = getattr(bearing.experiment(), name).copy()
-    samples[:, axis] = 1.5
+    samples[:, number - 1] = 1.5
     record = replace(bearing.experiment(), **{name: samples})
-    with pytest.raises(IdentificationError, match=f"{kind} of axis {letter} is constant at 1.5"):
+    with pytest.raises(IdentificationError, match=f"{kind} {number} is constant at 1.5"):
         n4sid(record.current, record.position, record.sample_time)
 
 
-@pytest.mark.parametrize("columns", [[0], [0, 1, 0]])
-def test_other_than_two_inputs_and_outputs_are_refused(bearing: LinearBearing, columns: list[int]) -> None:
+def test_arrays_that_are_not_columns_of_signals_are_refused(bearing: LinearBearing) -> None:
     record = bearing.experiment()
-    with pytest.raises(
-        IdentificationError, match=r"inputs of shape .* are not allowed; allowed: .* each of two inputs"
-    ):
-        n4sid(record.current[:, columns], record.position, record.sample_time)
-    with pytest.raises(IdentificationError, match=r"outputs of shape .* are not allowed"):
-        identify(IdentificationData.from_arrays(record.current, record.position[:, columns], record.sample_time), 4)
     with pytest.raises(IdentificationError, match="inputs of shape"):
         n4sid(record.current[:, 0], record.position[:, 0], record.sample_time)
     with pytest.raises(IdentificationError, match="inputs of shape"):
@@ -245,5 +238,5 @@ def test_degenerate_data_are_refused_in_one_line_or_give_a_finite_model(
 
 def test_inputs_that_cannot_be_told_apart_are_refused(bearing: LinearBearing) -> None:
     record = bearing.experiment()
-    with pytest.raises(IdentificationError, match=r"not independent .* excite the axes independently"):
+    with pytest.raises(IdentificationError, match=r"not independent .* excite the inputs independently"):
         n4sid(record.current[:, [0, 0]], record.position, record.sample_time, 6)

@@ -66,7 +66,7 @@ def test_warnings_are_shown_with_their_advice(bearing, tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["--order", "best"], "--order best is not allowed; it must be a number or auto"),
-        (["--order", "31"], "order 31 is not allowed; allowed: 1 to 30"),
+        (["--order", "41"], "order 41 is not allowed; allowed: 1 to 40"),
         (["--order", "auto", "--orders", "few"], "--orders few is not allowed; it must be such as 4-14 or 4,6,8"),
         (["--order", "4", "--orders", "4-6"], "--orders 4-6 is not allowed with --order 4; it is for --order auto"),
         (["--method", "magic"], "unknown method 'magic'; allowed: pem"),

@@ -221,13 +221,13 @@ def test_a_boundary_that_lies_elsewhere_under_fixed_sines_is_warned_of(confirmed
     """Sweeps of both rates fall at 800 Hz, fixed sines from below at 1000 Hz and those from rest at 2100 Hz."""
     of_d = [warning for warning in confirmation_warnings(confirmed) if warning.startswith("D ")]
     under_fixed_sines, by_direction = of_d
-    assert under_fixed_sines.startswith("D differs under fixed sines: from sweeps of 249.5 Hz/s to fixed sines it moves")
+    assert under_fixed_sines.startswith(
+        "D differs under fixed sines: from sweeps of 249.5 Hz/s to fixed sines it moves"
+    )
     assert by_direction.startswith("D depends on the direction: from fixed sines from below to those from above it")
     assert under_fixed_sines.endswith("at 5, 22.4, 100 um")
     tone = generate(
-        excitation_from_request(
-            "tones", {"frequencies": [50.0], "amplitudes": [10e-6], "axes": "y", "duration": 1.0}
-        ),
+        excitation_from_request("tones", {"frequencies": [50.0], "amplitudes": [10e-6], "axes": "y", "duration": 1.0}),
         LOOP[1].sample_rate,
     )
     assert set(of_d) <= set(check_excitation(tone, confirmed, LOOP[1], LOOP[0]).notes)

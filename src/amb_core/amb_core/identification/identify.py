@@ -116,18 +116,19 @@ def identify(
     orders: Sequence[int] | None = None,
     focus: Focus = "prediction",
     drift: DriftOption = "auto",
+    feedthrough: bool = False,
     progress: Progress | None = None,
     cancelled: Cancelled | None = None,
 ) -> Identification:
     """Identify the plant from control currents and positions, and validate it in closed loop on the same data.
 
     If a method returns several models, the function takes one with a stable closed loop: the one with the highest fit
-    of the worse of the two positions.
+    of the output that fits worst; without a closed loop, the one with the smallest one-step prediction errors.
 
     Parameters
     ----------
     data : LoopRecord or IdentificationData
-        Data of the closed loop, or of any other plant with two inputs and two outputs.
+        Data of the closed loop, or of any other plant, of any number of inputs and outputs.
     order : int or "auto"
         Number of states; "auto" for the choice of `select_order`.
     method : str
@@ -143,6 +144,9 @@ def identify(
     drift : str
         Whether slow drift and steps of the outputs are removed before the estimate (see `cure_drift`): `auto` where the
         checks find drift, `none`, or `prefilter` for any data. Data without drift are not changed by `auto`.
+    feedthrough : bool
+        Whether outputs respond within the sample: D is then estimated, otherwise it is zero. Not for a controller that
+        responds within the sample, as a bearing's does: data of such a loop cannot distinguish the two.
     progress : callable, optional
         Called with an `IdentificationProgress` at every stage and iteration.
     cancelled : callable, optional
@@ -161,10 +165,15 @@ def identify(
     controller = _controller(data, controller)
     if focus == "simulation" and controller is None:
         raise IdentificationError("simulation focus needs data of the bearing's loop: currents in A, positions in m")
+    if feedthrough and controller is not None:
+        raise IdentificationError(
+            "feedthrough is not allowed for data of the bearing's loop: its controller responds within the sample, and "
+            "the data cannot distinguish this from a plant that does"
+        )
     watch = Watch(progress, cancelled)
     watch.tell("checks", 0, 1)
     sample_time = None if controller is None else 1.0 / controller.sample_rate
-    report = check_data(data, 1 if order == "auto" else order, sample_time=sample_time)
+    report = check_data(data, 1 if order == "auto" else order, sample_time=sample_time, feedthrough=feedthrough)
     report.refuse_errors()
     found = report.finding("drift").severity is Severity.WARNING
     cure = cure_drift(data, drift) if found or drift == "prefilter" else None
@@ -172,10 +181,10 @@ def identify(
     watch.tell("checks", 1, 1)
     selection = None
     if isinstance(order, str):
-        selection = select_order(used, orders, progress, cancelled)
+        selection = select_order(used, orders, progress, cancelled, feedthrough)
         order = selection.chosen
         report = _for_order(report, data, order)
-    models = estimate(used, order, method, watch, source)
+    models = estimate(used, order, method, watch, source, feedthrough)
     if cure is not None:  # the state at the first sample of the data themselves
         models = [replace(model, initial_state=in_experiment(model, data, 0).initial_state) for model in models]
     watch.tell("validation", 0, 1)
@@ -270,7 +279,7 @@ def _fit(data: IdentificationData, simulations: list[LoopRecord | None]) -> NDAr
 
 
 def _quality(result: Identification) -> tuple[bool, float, float]:
-    """Stability, the worse fit and, among models that diverge, the size of the one-step prediction errors.
+    """Stability, the worst fit and, among models that diverge, the size of the one-step prediction errors.
 
     The data come from a bounded loop, so a model whose loop drifts away, even slowly, is worse.
     """

@@ -3,7 +3,8 @@
     y[k] = A_1 y[k-1] + ... + A_L y[k-L] + B_1 u[k-1] + ... + B_L u[k-L] + e[k]
 
 In the observer form, where state i holds the contribution of the lags i, i + 1, ..., this is an innovations form with
-K = (A_1; ...; A_L): its predictor is the regression itself, of finite memory and always stable.
+K = (A_1; ...; A_L): its predictor is the regression itself, of finite memory and always stable. With direct
+feedthrough a term B_0 u[k] is added, and D = B_0.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 4.2 and 10.1.
 """
@@ -22,19 +23,28 @@ from amb_core.model.state_space import StateSpaceModel
 _FEWEST = 2  # samples per regressor
 
 
-def arx(inputs: Samples, outputs: Samples, sample_time: float, lags: int, source: str = "") -> StateSpaceModel:
+def arx(
+    inputs: Samples,
+    outputs: Samples,
+    sample_time: float,
+    lags: int,
+    source: str = "",
+    feedthrough: bool = False,
+) -> StateSpaceModel:
     """Identify an ARX model; means are removed from the data and kept as its offsets.
 
     Parameters
     ----------
     inputs, outputs : ndarray, shapes (steps, m), (steps, p), or lists of such
-        Inputs (A) and outputs (m) of one experiment, or of each of several.
+        Inputs and outputs of one experiment, or of each of several.
     sample_time : float
         Sample time of the data (s).
     lags : int
-        Number of lags L of both, from 1 to 30; the model has p L states.
+        Number of lags L of both, from 1 to 40; the model has p L states.
     source : str
         Where the data come from, kept in the model.
+    feedthrough : bool
+        Whether outputs respond within the sample.
 
     Returns
     -------
@@ -61,14 +71,20 @@ def arx(inputs: Samples, outputs: Samples, sample_time: float, lags: int, source
             for part in parts
         ]
     )
+    if feedthrough:
+        past = np.hstack([past, np.vstack([data.inputs[part.start + lags : part.stop] for part in parts])])
     present = np.vstack([data.outputs[part.start + lags : part.stop] for part in parts])
     with threadpool_limits(limits=1, user_api="blas"):
         coefficients, _, rank, _ = linalg.lstsq(past, present)
     if rank < past.shape[1]:
         raise IdentificationError(f"the data do not determine {lags} lags; use fewer, or excite more")
+    coefficients, direct = np.split(coefficients, [lags * (p + m)])
     blocks = coefficients.T.reshape(p, lags, p + m).transpose(1, 0, 2)  # of each lag: (A_i, B_i)
     k, b = blocks[:, :, :p].reshape(lags * p, p), blocks[:, :, p:].reshape(lags * p, m)
     a, c = np.eye(lags * p, k=p), np.eye(p, lags * p)
     a[:, :p] += k
+    d = direct.T if feedthrough else None
+    if d is not None:
+        b = b + k @ d  # the regression has the input matrix of the predictor, B - K D
     start = np.zeros((len(data.lengths), lags * p))
-    return data.model(a, b, c, k, start, sample_time, "arx", source)
+    return data.model(a, b, c, k, start, sample_time, "arx", source, d)

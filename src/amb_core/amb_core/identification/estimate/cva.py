@@ -27,12 +27,15 @@ def cva(
     past: int | None = None,
     future: int | None = None,
     source: str = "",
+    feedthrough: bool = False,
 ) -> StateSpaceModel:
     """Identify a state-space model of a given order; means are removed from the data and kept as its offsets.
 
     Parameters, the defaults of the horizons and errors are those of `ssarx`.
     """
-    return identify_by_states(inputs, outputs, sample_time, order, past, future, source, "cva", _future_map)
+    return identify_by_states(
+        inputs, outputs, sample_time, order, past, future, source, "cva", _future_map, feedthrough
+    )
 
 
 def _future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:

@@ -29,10 +29,12 @@ class DataTriangle:
         Number of outputs, and of outputs and inputs.
     rows : int
         Rows of the data matrix: steps whose past and future lie within one experiment.
+    feedthrough : bool
+        Whether outputs respond to the inputs of the same sample.
     """
 
-    def __init__(self, data: ScaledData, past: int, future: int) -> None:
-        self.past, self.future = past, future
+    def __init__(self, data: ScaledData, past: int, future: int, feedthrough: bool = False) -> None:
+        self.past, self.future, self.feedthrough = past, future, feedthrough
         self.p, self.q = data.outputs.shape[1], data.outputs.shape[1] + data.inputs.shape[1]
         z = np.hstack([data.outputs, data.inputs])
         lags = np.concatenate([np.arange(-1, -past - 1, -1), np.arange(future + 1)])
@@ -58,8 +60,11 @@ class DataTriangle:
         return self._factor[:, start : start + self.q]
 
     def residual_covariance(self, steps: int) -> NDArray[np.float64]:
-        """Covariance of y[k] minus its least-squares fit by z[k-1] ... z[k-steps]."""
+        """Covariance of y[k] minus its least-squares fit by z[k-1] ... z[k-steps] and, with feedthrough, u[k]."""
         rest = self.at(0)[self.q * steps :, : self.p]
+        if self.feedthrough:
+            present = np.linalg.qr(self.at(0)[self.q * steps :, self.p :])[0]
+            rest = rest - present @ (present.T @ rest)
         return np.asarray(rest.T @ rest)
 
     def best_past(self, shortest: int) -> int:
@@ -103,3 +108,23 @@ class PastRegression(RidgeRegression):
     def __init__(self, triangle: DataTriangle, steps: int) -> None:
         super().__init__(triangle.before(steps))
         self.triangle, self.steps = triangle, steps
+        self._with_present = RidgeRegression(np.hstack([self.columns, self._present])) if triangle.feedthrough else self
+
+    def markov_parameters(self, ridge: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """The long ARX model of y[k], and its errors.
+
+        Returns
+        -------
+        markov, direct, errors : ndarray, shapes (q * steps, p), (m, p), (rows, p)
+            Coefficients of z[k-1] ... z[k-steps] and of u[k], which are zero without feedthrough.
+        """
+        now = self.triangle.at(0)[:, : self.triangle.p]
+        found = self._with_present.coefficients(now, ridge)
+        errors = now - self._with_present.columns @ found
+        markov, direct = np.split(found, [self.columns.shape[1]])
+        return markov, direct if len(direct) else np.zeros((self._present.shape[1], self.triangle.p)), errors
+
+    @property
+    def _present(self) -> NDArray[np.float64]:
+        """The columns u[k]."""
+        return self.triangle.at(0)[:, self.triangle.p :]

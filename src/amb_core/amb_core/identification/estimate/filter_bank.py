@@ -8,7 +8,8 @@ With t = tr M and d = det M the contribution of a block to the prediction is
 where w holds inputs and outputs, G the block's rows of (B, K). The derivatives by the entries of M are sums of v, z v
 and, filtered once more, s = v / (z^2 - t z + d), z s. So four signals per block and channel replace the data, for any
 number of parameters. The first state of each experiment enters as one more channel, an impulse before its first
-sample. An odd order is padded with a state that is neither controllable nor observable.
+sample. Direct feedthrough adds D u; B then stands for B - K D. An odd order is padded with a state that is neither
+controllable nor observable.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 10.3 (gradients by filtering).
 """
@@ -122,6 +123,8 @@ class Fit:
         Weighted errors, one output after the other, in the coordinates of the factor.
     sensitivity : ndarray, shape (p * rows, parameters)
         Derivatives of the weighted predictions by the entries of `modes.m`, then `modes.c`, with the gains adapted.
+    feedthrough : ndarray, shape (p, m) or (p, 0)
+        D; without columns if there is no direct feedthrough.
     """
 
     modes: Modes
@@ -129,12 +132,15 @@ class Fit:
     covariance: NDArray[np.float64]
     errors: NDArray[np.float64]
     sensitivity: NDArray[np.float64]
+    feedthrough: NDArray[np.float64]
 
     def matrices(self, inputs: int) -> tuple[NDArray[np.float64], ...]:
         """A, B, C, K of a model with that many inputs, and x[0] of each experiment, shape (experiments, n)."""
         f, c = self.modes.matrices()
         gains = np.vstack(list(self.gains))[: self.modes.order]
         b, k, initial_states = np.split(gains, [inputs, inputs + len(c)], axis=1)
+        if self.feedthrough.size:
+            b = b + k @ self.feedthrough
         return f + k @ c, b, c, k, initial_states.T
 
 
@@ -144,6 +150,7 @@ def fit_gains(
     outputs: NDArray[np.float64],
     weight: NDArray[np.float64],
     lengths: Sequence[int] | None = None,
+    feedthrough: bool = False,
 ) -> Fit:
     """Least-squares gains for given modes (variable projection), with errors and sensitivities.
 
@@ -157,15 +164,22 @@ def fit_gains(
         Errors are weighted as weight @ error; the sum of squares is taken.
     lengths : sequence of int, optional
         Steps of each experiment; one experiment by default.
+    feedthrough : bool
+        Whether outputs respond within the sample.
     """
-    return best_gains(modes, _factor(modes, inputs, outputs, experiments(len(inputs), lengths)), weight)
+    direct = inputs if feedthrough else inputs[:, :0]
+    factor = _factor(modes, inputs, direct, outputs, experiments(len(inputs), lengths))
+    return best_gains(modes, factor, weight, direct.shape[1])
 
 
-def best_gains(modes: Modes, factor: NDArray[np.float64], weight: NDArray[np.float64]) -> Fit:
-    """As `fit_gains`, from a factor of the filters' signals (block, kind, channel) and the outputs."""
+def best_gains(modes: Modes, factor: NDArray[np.float64], weight: NDArray[np.float64], direct: int = 0) -> Fit:
+    """As `fit_gains`, from a factor of the filters' signals (block, kind, channel), direct inputs and outputs."""
     p, blocks = len(weight), len(modes.m)
-    signals = factor[:, :-p].reshape(len(factor), blocks, 4, -1)
+    filtered_columns = factor.shape[1] - p - direct
+    signals = factor[:, :filtered_columns].reshape(len(factor), blocks, 4, -1)
     regressors = gain_sensitivity(modes, signals, weight)
+    if direct:
+        regressors = np.hstack([regressors, direct_sensitivity(factor[:, filtered_columns:-p], weight)])
     targets = (weight @ factor[:, -p:].T).reshape(-1)
     scale = np.linalg.norm(regressors, axis=0)
     scale[scale == 0.0] = 1.0  # padding
@@ -173,11 +187,20 @@ def best_gains(modes: Modes, factor: NDArray[np.float64], weight: NDArray[np.flo
     kept = singular > _SMALLEST_SINGULAR_VALUE * singular[0]
     left, singular, right = left[:, kept], singular[kept], right[kept]
     along = left.T @ targets
-    gains = (right.T @ (along / singular) / scale).reshape(blocks, 2, -1)
+    found = right.T @ (along / singular) / scale
+    gains, d = np.split(found, [len(found) - p * direct])
+    gains = gains.reshape(blocks, 2, -1)
     errors = targets - left @ along
     sensitivity = _sensitivity(modes, gains, signals, weight)
     unweighted = np.linalg.solve(weight, errors.reshape(p, -1))
-    return Fit(modes, gains, unweighted @ unweighted.T, errors, sensitivity - left @ (left.T @ sensitivity))
+    return Fit(
+        modes,
+        gains,
+        unweighted @ unweighted.T,
+        errors,
+        sensitivity - left @ (left.T @ sensitivity),
+        d.reshape(p, direct),
+    )
 
 
 def gain_sensitivity(modes: Modes, signals: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -185,6 +208,11 @@ def gain_sensitivity(modes: Modes, signals: NDArray[np.float64], weight: NDArray
     v, zv, c = signals[:, :, 0], signals[:, :, 1], weight @ modes.c
     by_gain = np.einsum("bia,rbj->irbaj", c, zv) - np.einsum("bia,rbj->irbaj", c @ modes.adjoint, v)
     return np.asarray(by_gain.reshape(len(weight) * len(signals), -1))
+
+
+def direct_sensitivity(inputs: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Derivatives of the weighted predictions by the entries of D, row by row, shape (p * rows, p * m)."""
+    return np.asarray(np.einsum("ia,rj->iraj", weight, inputs).reshape(len(weight) * len(inputs), -1))
 
 
 def _sensitivity(
@@ -212,12 +240,16 @@ def _sensitivity(
 
 
 def _factor(
-    modes: Modes, inputs: NDArray[np.float64], outputs: NDArray[np.float64], parts: list[slice]
+    modes: Modes,
+    inputs: NDArray[np.float64],
+    direct: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+    parts: list[slice],
 ) -> NDArray[np.float64]:
-    """Triangular factor of the filters' signals (block, kind, channel) and the outputs, over the root of the steps."""
+    """Triangular factor of filters' signals (block, kind, channel), direct inputs, outputs, over the root of steps."""
     steps, measured = len(inputs), inputs.shape[1] + outputs.shape[1]
     w = np.hstack([inputs, outputs, np.zeros((steps, len(parts)))])
-    triangle = np.zeros((0, len(modes.m) * 4 * w.shape[1] + outputs.shape[1]))
+    triangle = np.zeros((0, len(modes.m) * 4 * w.shape[1] + direct.shape[1] + outputs.shape[1]))
     for index, experiment in enumerate(parts):
         state = np.zeros((len(modes.m), 4, w.shape[1]))
         state[:, 1, measured + index] = 1.0  # z v of the impulse one step before the first sample
@@ -225,7 +257,7 @@ def _factor(
             part = slice(start, min(start + _BLOCK, experiment.stop))
             signals = np.empty((len(w[part]), *state.shape))
             _filter(modes.trace, modes.determinant, w[part], state, signals)
-            rows = np.vstack([triangle, np.hstack([signals.reshape(len(signals), -1), outputs[part]])])
+            rows = np.vstack([triangle, np.hstack([signals.reshape(len(signals), -1), direct[part], outputs[part]])])
             triangle = np.asarray(np.linalg.qr(rows, mode="r"))  # NumPy's is a third faster than SciPy's
     return triangle / math.sqrt(steps)
 

@@ -27,33 +27,42 @@ def _subspace(
     sample_time: float,
     order: int,
     watch: Watch,
+    feedthrough: bool,
 ) -> list[StateSpaceModel]:
     watch.tell("subspace", 0, 1)
-    model = method(inputs, outputs, sample_time, order)
+    model = method(inputs, outputs, sample_time, order, feedthrough=feedthrough)
     watch.tell("subspace", 1, 1)
     return [model]
 
 
-def _pem(inputs: Samples, outputs: Samples, sample_time: float, order: int, watch: Watch) -> list[StateSpaceModel]:
-    (start,) = _subspace(ssarx, inputs, outputs, sample_time, order, watch)
+def _pem(
+    inputs: Samples, outputs: Samples, sample_time: float, order: int, watch: Watch, feedthrough: bool
+) -> list[StateSpaceModel]:
+    (start,) = _subspace(ssarx, inputs, outputs, sample_time, order, watch, feedthrough)
 
     def tell(iteration: int, cost: float) -> None:
         searches = 1 if iteration <= MOST_ITERATIONS else 2
         watch.tell("pem", iteration, searches * MOST_ITERATIONS, cost)
 
-    return [pem(inputs, outputs, start, tell, ended=watch.note_end, second_start=True)]
+    return [pem(inputs, outputs, start, tell, ended=watch.note_end, second_start=True, feedthrough=feedthrough)]
 
 
 def _horizons(
-    method: Literal["n4sid", "moesp"], inputs: Any, outputs: Any, sample_time: float, order: int, watch: Watch
+    method: Literal["n4sid", "moesp"],
+    inputs: Any,
+    outputs: Any,
+    sample_time: float,
+    order: int,
+    watch: Watch,
+    feedthrough: bool,
 ) -> list[StateSpaceModel]:
     watch.tell("subspace", 0, 1)
-    models = n4sid_horizons(inputs, outputs, sample_time, order, method=method)
+    models = n4sid_horizons(inputs, outputs, sample_time, order, method=method, feedthrough=feedthrough)
     watch.tell("subspace", 1, 1)
     return models
 
 
-METHODS: dict[str, Callable[[Samples, Samples, float, int, Watch], list[StateSpaceModel]]] = {
+METHODS: dict[str, Callable[[Samples, Samples, float, int, Watch, bool], list[StateSpaceModel]]] = {
     "pem": _pem,
     "ssarx": partial(_subspace, ssarx),
     "pbsid": partial(_subspace, pbsid),
@@ -63,7 +72,9 @@ METHODS: dict[str, Callable[[Samples, Samples, float, int, Watch], list[StateSpa
 }
 
 
-def estimate(data: IdentificationData, order: int, method: str, watch: Watch, source: str) -> list[StateSpaceModel]:
+def estimate(
+    data: IdentificationData, order: int, method: str, watch: Watch, source: str, feedthrough: bool = False
+) -> list[StateSpaceModel]:
     """The model or models of a method, with the names of the data and about their operating point.
 
     Parameters
@@ -78,6 +89,8 @@ def estimate(data: IdentificationData, order: int, method: str, watch: Watch, so
         Receives the progress.
     source : str
         Where the data come from, kept in the models.
+    feedthrough : bool
+        Whether outputs respond within the sample.
 
     Raises
     ------
@@ -99,5 +112,5 @@ def estimate(data: IdentificationData, order: int, method: str, watch: Watch, so
             output_units=data.output_units,
             source=source,
         )
-        for model in METHODS[method](inputs, outputs, data.sample_time, order, watch)
+        for model in METHODS[method](inputs, outputs, data.sample_time, order, watch, feedthrough)
     ]

@@ -16,7 +16,7 @@ the dimension of a model, Annals of Statistics 6 (1978).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -103,6 +103,7 @@ def select_order(
     orders: Sequence[int] | None = None,
     progress: Progress | None = None,
     cancelled: Cancelled | None = None,
+    feedthrough: bool = False,
 ) -> OrderSelection:
     """Compare models of several orders.
 
@@ -115,6 +116,8 @@ def select_order(
         inputs excite too little are left out, unless that is all of them.
     progress, cancelled : callable, optional
         See `identify`; the stage is `order`.
+    feedthrough : bool
+        Whether outputs respond within the sample.
 
     Raises
     ------
@@ -132,7 +135,7 @@ def select_order(
     steps = OrderProgress(watch, len(tried), _REACH)
     scaled = ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
     with small_matrices(f"no order can be chosen from {data.samples} samples"):
-        return _compare(scaled, tried if orders is not None else _affordable(scaled, tried), steps)
+        return _compare(scaled, tried if orders is not None else _affordable(scaled, tried), steps, feedthrough)
 
 
 def _affordable(data: ScaledData, orders: tuple[int, ...]) -> tuple[int, ...]:
@@ -147,18 +150,20 @@ def _affordable(data: ScaledData, orders: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(order for order in orders if order <= highest)
 
 
-def _compare(data: ScaledData, orders: tuple[int, ...], steps: OrderProgress) -> OrderSelection:
+def _compare(data: ScaledData, orders: tuple[int, ...], steps: OrderProgress, feedthrough: bool) -> OrderSelection:
     past, future = horizons(data, orders[-1])
-    triangle = DataTriangle(data, past, future)
+    triangle = DataTriangle(data, past, future, feedthrough)
     steps.advance()
-    regression = PastRegression(triangle, triangle.best_past(shortest_horizon(orders[-1])))
-    maps = [future_map(regression, float(ridge)) for ridge in _RIDGES]
     p, q = triangle.p, triangle.q
+    regression = PastRegression(triangle, triangle.best_past(shortest_horizon(orders[-1], p)))
+    maps = [future_map(regression, float(ridge)) for ridge in _RIDGES]
     steps.advance()
     memory = memory_of(data)
     first, second, first_steps, second_steps = halves(data, memory)
-    whole = FiniteMemory.of(first + second, first_steps + second_steps, p)
-    training, validation = FiniteMemory.of(first, first_steps, p), FiniteMemory.of(second, second_steps, p)
+    whole = FiniteMemory.of(first + second, first_steps + second_steps, p, feedthrough)
+    training = FiniteMemory.of(first, first_steps, p, feedthrough)
+    validation = FiniteMemory.of(second, second_steps, p, feedthrough)
+    del first, second
     fits: list[Fit | None] = []
     likelihood, error = np.full(len(orders), np.inf), np.full(len(orders), np.inf)
     for number, order in enumerate(orders):
@@ -176,7 +181,9 @@ def _compare(data: ScaledData, orders: tuple[int, ...], steps: OrderProgress) ->
         raise IdentificationError(f"the data determine no model of the orders {orders[0]} to {orders[-1]}")
     parameters = np.array(orders, dtype=np.float64) * (p + q)  # of A, B, C, K minus those of the state's coordinates
     if len(data.lengths) <= MOST_EXPERIMENTS:
-        _refine_around_the_best(data, fits, orders, likelihood, math.log(whole.steps) * parameters, steps)
+        search = partial(_on_all_samples, data, feedthrough)
+        penalty = math.log(whole.steps) * parameters
+        _refine_around_the_best(search, len(data.inputs), fits, orders, likelihood, penalty, steps)
     steps.end()
     aic, bic = likelihood + 2.0 * parameters, likelihood + math.log(whole.steps) * parameters
     strengths = linalg.svdvals(regression.columns @ maps[0])
@@ -184,7 +191,8 @@ def _compare(data: ScaledData, orders: tuple[int, ...], steps: OrderProgress) ->
 
 
 def _refine_around_the_best(
-    data: ScaledData,
+    whole: Callable[[Modes, NDArray[np.float64]], Fit],
+    samples: int,
     fits: list[Fit | None],
     orders: tuple[int, ...],
     likelihood: NDArray[np.float64],
@@ -192,8 +200,7 @@ def _refine_around_the_best(
     steps: OrderProgress,
 ) -> None:
     """Enter the likelihood of the `pem` model of all samples for the best order and its neighbours, the best first."""
-    samples, refined = len(data.inputs), np.zeros(len(orders), dtype=bool)
-    whole = partial(_on_all_samples, data)
+    refined = np.zeros(len(orders), dtype=bool)
     while True:
         criterion = likelihood + penalty
         best = orders[int(np.argmin(criterion))]
@@ -217,8 +224,8 @@ def _refine_around_the_best(
         likelihood[number] = min(likelihood[number], 2.0 * samples * cost_of(found))
 
 
-def _on_all_samples(data: ScaledData, modes: Modes, weight: NDArray[np.float64]) -> Fit:
-    return fit_gains(modes, data.inputs, data.outputs, weight, data.lengths)
+def _on_all_samples(data: ScaledData, feedthrough: bool, modes: Modes, weight: NDArray[np.float64]) -> Fit:
+    return fit_gains(modes, data.inputs, data.outputs, weight, data.lengths, feedthrough)
 
 
 @dataclass(frozen=True)
@@ -248,7 +255,7 @@ def _fit(regression: PastRegression, maps: list[NDArray[np.float64]], memory: Fi
     best: Fit | None = None
     for future in maps:
         try:
-            a, _, c, k = predictor_matrices(regression, future, order)
+            a, _, c, _, k = predictor_matrices(regression, future, order)
             modes = Modes.of(a - k @ c, c)
             if not modes.radius < LARGEST_RADIUS:
                 continue

@@ -29,20 +29,21 @@ def pbsid(
     past: int | None = None,
     future: int | None = None,
     source: str = "",
+    feedthrough: bool = False,
 ) -> StateSpaceModel:
     """Identify a state-space model of a given order; means are removed from the data and kept as its offsets.
 
     Parameters, the defaults of the horizons and errors are those of `ssarx`.
     """
-    return identify_by_states(inputs, outputs, sample_time, order, past, future, source, "pbsid", _future_map)
+    return identify_by_states(
+        inputs, outputs, sample_time, order, past, future, source, "pbsid", _future_map, feedthrough
+    )
 
 
 def _future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:
     """Shifted Markov parameters: z[k-lag] contributes to the output at k + ahead with the parameter lag + ahead."""
     triangle = regression.triangle
-    now = triangle.at(0)[:, : triangle.p]
-    markov = regression.coefficients(now, ridge)
-    errors = now - regression.columns @ markov
+    markov, _, errors = regression.markov_parameters(ridge)
     # In units of the innovations all outputs count alike.
     markov = linalg.solve_triangular(linalg.cholesky(errors.T @ errors, lower=True), markov.T, lower=True).T
     shifted = np.zeros((len(markov), triangle.p * min(triangle.future, regression.steps)))

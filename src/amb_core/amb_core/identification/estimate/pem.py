@@ -51,16 +51,17 @@ def pem(
     source: str = "",
     ended: Callable[[SearchEnd], None] | None = None,
     second_start: bool = False,
+    feedthrough: bool = False,
 ) -> StateSpaceModel:
     """Improve a model until its one-step prediction errors on the data are minimal.
 
     Parameters
     ----------
-    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2), or lists of such
-        Control current references (A) and positions (m) of one experiment, or of each of several. Several experiments
-        take more time. Means over all are removed and kept as the model's offsets.
+    inputs, outputs : ndarray, shapes (steps, m), (steps, p), or lists of such
+        Inputs and outputs of one experiment, or of each of several. Several experiments take more time. Means over all
+        are removed and kept as the model's offsets.
     start : StateSpaceModel
-        Where to start: gives order, sample time, A, C and K. B and the initial state are estimated anew.
+        Where to start: gives order, sample time, A, C and K. B, D and the initial state are estimated anew.
     progress : callable, optional
         Called as progress(iteration, cost) with the start as iteration 0 and after every step that lowers the cost,
         half the logarithm of the determinant of the covariance of the errors, scaled by the data's variances.
@@ -75,6 +76,8 @@ def pem(
         Whether to search from a second start where the search stalls, and to keep the model with the smaller errors.
         Iterations of the second search follow `most_iterations`, with the least cost so far; `ended` gets the end of
         the search whose model is kept.
+    feedthrough : bool
+        Whether outputs respond within the sample; D is then estimated, and zero otherwise.
 
     Raises
     ------
@@ -84,13 +87,15 @@ def pem(
     data = ScaledData.of(inputs, outputs)
     if start.b.shape[1] != data.inputs.shape[1] or len(start.c) != data.outputs.shape[1]:
         raise IdentificationError(
-            f"the start has {start.b.shape[1]} inputs and {len(start.c)} outputs, not those of the data"
+            f"the start has {start.b.shape[1]} inputs and {len(start.c)} outputs, "
+            f"the data {data.inputs.shape[1]} and {data.outputs.shape[1]}"
         )
     if len(data.lengths) > MOST_EXPERIMENTS:
         raise IdentificationError(
             f"{len(data.lengths)} experiments are not allowed; allowed: up to {MOST_EXPERIMENTS}, use the longest"
         )
     unknowns = start.order * (len(data.lengths) + 2 * data.outputs.shape[1] + data.inputs.shape[1])
+    unknowns += start.d.size if feedthrough else 0
     if data.outputs.size <= unknowns:
         raise IdentificationError(
             f"{len(data.outputs)} samples are too few for the {unknowns} unknowns of order {start.order}"
@@ -103,16 +108,17 @@ def pem(
         modes = Modes.of(start.a - start.k @ start.c, start.c / data.output_scale[:, np.newaxis])
 
         def best(trial: Modes, weight: NDArray[np.float64]) -> Fit:
-            return fit_gains(trial, data.inputs, data.outputs, weight, data.lengths)
+            return fit_gains(trial, data.inputs, data.outputs, weight, data.lengths, feedthrough)
 
         ends: list[SearchEnd] = []
         fit = fit_modes(modes, best, data.outputs.shape[1], progress, most_iterations, ended=ends.append)
         if second_start and stalled(ends[0], fit, data):
-            fit = _searched_again(modes, best, fit, data, progress, most_iterations, ends)
+            fit = _searched_again(modes, best, fit, data, progress, most_iterations, ends, feedthrough)
         if ended is not None:
             ended(ends[-1])
         a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
-        return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source)
+        d = fit.feedthrough if feedthrough else None
+        return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source, d)
 
 
 def fit_modes(
@@ -195,6 +201,7 @@ def _searched_again(
     progress: Callable[[int, float], None] | None,
     most_iterations: int,
     ends: list[SearchEnd],
+    feedthrough: bool,
 ) -> Fit:
     """The better of the first fit and that of a search from the second start, whose end is then added to the ends."""
     p, least = data.outputs.shape[1], cost_of(first)
@@ -204,7 +211,7 @@ def _searched_again(
             progress(most_iterations + iteration, min(cost, least))
 
     try:
-        start = refine(modes, FiniteMemory.whole(data))
+        start = refine(modes, FiniteMemory.whole(data, feedthrough))
         if start is None:
             return first
         found: list[SearchEnd] = []

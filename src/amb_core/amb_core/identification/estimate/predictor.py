@@ -1,12 +1,12 @@
 """The one-step predictor of a model in innovations form, and the input matrix that fits it best.
 
-With F = A - K C the predictor of a model without direct feedthrough is
+With F = A - K C the predictor is
 
-    x[k+1] = F x[k] + B u[k] + K y[k],    yhat[k] = C x[k].
+    x[k+1] = F x[k] + (B - K D) u[k] + K y[k],    yhat[k] = C x[k] + D u[k].
 
 F is stable even if A is not, so unstable plants are predicted without an open-loop simulation. For given A, C and K
-the prediction is linear in B and x[0], which makes their best values a linear least-squares problem. Data of several
-experiments are one after the other; each experiment has its own x[0].
+the prediction is linear in B - K D, D and x[0], which makes their best values a linear least-squares problem. Without
+direct feedthrough D is zero. Data of several experiments are one after the other; each experiment has its own x[0].
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 4.3 and 10.6.
 """
@@ -24,7 +24,8 @@ from scipy import linalg
 from amb_core.errors import IdentificationError
 from amb_core.identification.estimate.small_matrices import add_product, set_matrix_product, set_product
 
-_BLOCK = 10_000  # samples whose regressors are held at once
+_BLOCK = 10_000  # samples whose regressors are held at once, fewer if these are many
+_ENTRIES = 2_420_000  # of the regressors held at once: 20 MB
 _SMALLEST_SINGULAR_VALUE = 1e-9  # of the regressors, relative to the largest; good data stay above 1e-6
 
 
@@ -35,8 +36,9 @@ def fit_input_matrix(
     inputs: NDArray[np.float64],
     outputs: NDArray[np.float64],
     lengths: Sequence[int] | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """B and each x[0] with the least sum of squared one-step prediction errors, for D = 0.
+    feedthrough: bool = False,
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64]]:
+    """B, D and each x[0] with the least sum of squared one-step prediction errors.
 
     Parameters
     ----------
@@ -46,27 +48,36 @@ def fit_input_matrix(
         Data without offsets, each column scaled to the order of 1.
     lengths : sequence of int, optional
         Steps of each experiment; one experiment by default.
+    feedthrough : bool
+        Whether outputs respond within the sample.
 
     Returns
     -------
-    b, initial_states : ndarray, shapes (n, m), (experiments, n)
+    b, d, initial_states : ndarray, shapes (n, m), (p, m), (experiments, n)
+        d is None without feedthrough.
 
     Raises
     ------
     IdentificationError
-        If the data do not determine B.
+        If the data do not determine them.
     """
-    n, m = len(a), inputs.shape[1]
+    n, m, p = len(a), inputs.shape[1], len(c)
     f, c = np.ascontiguousarray(a - k @ c), np.ascontiguousarray(c)
     unexplained = innovations(a, np.zeros((n, m)), c, k, np.zeros(n), inputs, outputs, lengths)
-    factors = [experiment_factor(f, c, inputs[part], unexplained[part]) for part in experiments(len(inputs), lengths)]
-    # The first rows of a factor determine an experiment's x[0] for any B. The other rows depend on B alone.
+    factors = [
+        experiment_factor(f, c, inputs[part], unexplained[part], feedthrough)
+        for part in experiments(len(inputs), lengths)
+    ]
+    # The first rows of a factor determine an experiment's x[0] for any B, D. The other rows depend on these alone.
     rows = np.vstack([factor[n:, n:] for factor in factors])
     solution, _, _, singular_values = linalg.lstsq(rows[:, :-1], rows[:, -1])
     if singular_values[-1] < _SMALLEST_SINGULAR_VALUE * singular_values[0]:
-        raise IdentificationError("the effects of the inputs cannot be separated; excite the axes independently")
+        raise IdentificationError("the effects of the inputs cannot be separated; excite them independently")
     first_states = [linalg.lstsq(factor[:n, :n], factor[:n, -1] - factor[:n, n:-1] @ solution)[0] for factor in factors]
-    return solution.reshape(m, n).T, np.array(first_states)
+    if not feedthrough:
+        return solution.reshape(m, n).T, None, np.array(first_states)
+    d = solution[n * m :].reshape(p, m)
+    return solution[: n * m].reshape(m, n).T + k @ d, d, np.array(first_states)
 
 
 def experiments(steps: int, lengths: Sequence[int] | None) -> list[slice]:
@@ -76,17 +87,25 @@ def experiments(steps: int, lengths: Sequence[int] | None) -> list[slice]:
 
 
 def experiment_factor(
-    f: NDArray[np.float64], c: NDArray[np.float64], inputs: NDArray[np.float64], unexplained: NDArray[np.float64]
+    f: NDArray[np.float64],
+    c: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+    unexplained: NDArray[np.float64],
+    feedthrough: bool = False,
 ) -> NDArray[np.float64]:
-    """Triangular factor of the derivatives of yhat by x[0] and vec(B), and of their target."""
-    n, m = len(f), inputs.shape[1]
+    """Triangular factor of the derivatives of yhat by x[0], vec(B) and, row by row, D, and of their target."""
+    n, m, p = len(f), inputs.shape[1], len(c)
+    present = inputs if feedthrough else inputs[:, :0]
+    columns = n + n * m + p * present.shape[1] + 1
     sensitivity = np.hstack([np.eye(n), np.zeros((n, n * m))])  # of the predictor's state
-    factor = np.zeros((0, n + n * m + 1))
-    for start in range(0, len(inputs), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        regressors = np.empty((len(inputs[part]), len(c), n + n * m))
+    factor = np.zeros((0, columns))
+    block = min(_BLOCK, _ENTRIES // (p * columns) + 1)
+    for start in range(0, len(inputs), block):
+        part = slice(start, start + block)
+        regressors = np.empty((len(inputs[part]), p, n + n * m))
         sensitivity = _regress(f, c, inputs[part], sensitivity, np.empty_like(sensitivity), regressors)
-        rows = np.dstack([regressors, unexplained[part, :, np.newaxis]]).reshape(-1, n + n * m + 1)
+        by_d = np.einsum("ri,kj->krij", np.eye(p), present[part]).reshape(len(regressors), p, -1)
+        rows = np.dstack([regressors, by_d, unexplained[part, :, np.newaxis]]).reshape(-1, columns)
         factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))
     return factor
 
@@ -117,7 +136,7 @@ def kalman_gain(
         variance = linalg.solve_discrete_are(a.T, c.T, q, r, s=s)
     except (linalg.LinAlgError, ValueError):
         raise IdentificationError(
-            f"the Kalman gain of order {n} does not exist; lower the order or excite both axes more"
+            f"the Kalman gain of order {n} does not exist; lower the order or excite all inputs more"
         ) from None
     k = np.linalg.solve(c @ variance @ c.T + r, (a @ variance @ c.T + s).T).T
     radius = float(np.max(np.abs(np.linalg.eigvals(a - k @ c))))
@@ -135,12 +154,15 @@ def innovations(
     inputs: NDArray[np.float64],
     outputs: NDArray[np.float64],
     lengths: Sequence[int] | None = None,
+    d: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """One-step prediction errors, shape (steps, p), of data without offsets.
 
     `initial_states` has shape (experiments, n), or (n,) if all experiments have the same one; for `lengths` see
-    `fit_input_matrix`.
+    `fit_input_matrix`. Without `d` there is no direct feedthrough.
     """
+    if d is not None:
+        outputs = outputs - inputs @ d.T  # (B - K D) u + K y = B u + K (y - D u)
     predictions = np.empty_like(outputs)
     parts = experiments(len(inputs), lengths)
     f, b, c, k = (np.ascontiguousarray(matrix) for matrix in (a - k @ c, b, c, k))

@@ -1,9 +1,10 @@
-"""Data of the closed loop prepared for estimation: checked, without means, each signal scaled to unit variance."""
+"""Data prepared for estimation: checked, without means, each signal scaled to unit variance."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,7 @@ from amb_core.errors import IdentificationError
 from amb_core.identification.estimate.predictor import innovations
 from amb_core.model.state_space import StateSpaceModel
 
-HIGHEST_ORDER = 30
-_CHANNELS = 2  # inputs, and outputs: two axes
+HIGHEST_ORDER = 40
 _SMALLEST_MAGNITUDE = 1e-30  # far from the limits of floating point, so that variances are neither zero nor infinite
 _SMALLEST_EIGENVALUE = 1e-12  # of the correlation matrix of all signals
 
@@ -22,16 +22,18 @@ Samples = NDArray[np.float64] | Sequence[NDArray[np.float64]]  # of one experime
 
 @dataclass(frozen=True)
 class ScaledData:
-    """Inputs and outputs with mean 0 and variance 1, and the offsets and scales of the original units.
+    """m inputs and p outputs with mean 0 and variance 1, and the offsets and scales of the original units.
 
     Attributes
     ----------
-    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2)
+    inputs, outputs : ndarray, shapes (steps, m), (steps, p)
         The scaled signals, experiments one after the other.
     lengths : tuple of int
         Steps of each experiment.
-    input_offset, output_offset, input_scale, output_scale : ndarray, shape (2,)
-        Means and standard deviations of the originals (A, m).
+    input_offset, input_scale : ndarray, shape (m,)
+        Means and standard deviations of the original inputs.
+    output_offset, output_scale : ndarray, shape (p,)
+        The same of the original outputs.
     """
 
     inputs: NDArray[np.float64]
@@ -44,15 +46,15 @@ class ScaledData:
 
     @classmethod
     def of(cls, inputs: Samples, outputs: Samples) -> ScaledData:
-        """Check and scale control current references (A) and positions (m), both of shape (steps, 2).
+        """Check and scale inputs and outputs of shapes (steps, m), (steps, p).
 
         Of several experiments, given as two lists of such arrays, the mean over all is removed.
 
         Raises
         ------
         IdentificationError
-            If a signal is not finite, constant, absurdly large or small, or follows from the others, or if inputs and
-            outputs differ in length or are not two each.
+            If a signal is not finite, constant, absurdly large or small, or follows from the others, or if the shapes
+            do not fit together.
         """
         inputs, input_lengths = _joined("input", inputs)
         outputs, lengths = _joined("output", outputs)
@@ -78,17 +80,19 @@ class ScaledData:
         sample_time: float,
         method: str,
         source: str,
+        d: NDArray[np.float64] | None = None,
     ) -> StateSpaceModel:
         """A model of the scaled signals in the original units, with the covariance of its innovations on these data.
 
-        Its initial state is that of the first experiment.
+        Its initial state is that of the first experiment. Without `d` it has no direct feedthrough.
         """
-        errors = innovations(a, b, c, k, initial_states, self.inputs, self.outputs, self.lengths)
+        errors = innovations(a, b, c, k, initial_states, self.inputs, self.outputs, self.lengths, d)
+        d = np.zeros((len(c), b.shape[1])) if d is None else d
         return StateSpaceModel(
             a=a,
             b=b / self.input_scale,
             c=c * self.output_scale[:, np.newaxis],
-            d=np.zeros((len(c), b.shape[1])),
+            d=d * self.output_scale[:, np.newaxis] / self.input_scale,
             k=k / self.output_scale,
             innovation_covariance=errors.T @ errors / len(errors) * np.outer(self.output_scale, self.output_scale),
             input_offset=self.input_offset,
@@ -98,6 +102,7 @@ class ScaledData:
             method=method,
             source=source,
             samples=len(errors),
+            **_labels(*d.shape),
         )
 
 
@@ -117,14 +122,31 @@ def check_order(order: int) -> None:
         raise IdentificationError(f"order {order} is not allowed; allowed: 1 to {HIGHEST_ORDER}")
 
 
+def _labels(outputs: int, inputs: int) -> dict[str, Any]:
+    """Numbered names without units, but for two inputs and two outputs, which are those of a bearing by default."""
+    if (inputs, outputs) == (2, 2):
+        return {}
+    return {
+        "input_names": [f"u{number + 1}" for number in range(inputs)],
+        "output_names": [f"y{number + 1}" for number in range(outputs)],
+        "input_units": ("",) * inputs,
+        "output_units": ("",) * outputs,
+    }
+
+
 def _joined(kind: str, samples: Samples) -> tuple[NDArray[np.float64], tuple[int, ...]]:
     """All experiments in one array, and the steps of each."""
     parts = [samples] if isinstance(samples, np.ndarray) else [np.asarray(part) for part in samples]
     for part in parts:
-        if part.ndim != 2 or part.shape[1] != _CHANNELS or not len(part):
+        if part.ndim != 2 or 0 in part.shape:
             raise IdentificationError(
-                f"{kind}s of shape {part.shape} are not allowed; allowed: (steps, {_CHANNELS}), one column for each of "
-                f"two {kind}s, with one step or more"
+                f"{kind}s of shape {part.shape} are not allowed; allowed: (steps, signals), one column for each "
+                f"{kind}, with one step or more"
+            )
+        if part.shape[1] != parts[0].shape[1]:
+            raise IdentificationError(
+                f"experiments with {parts[0].shape[1]} and {part.shape[1]} {kind}s cannot be joined; "
+                f"all need the same {kind}s"
             )
     if not parts:
         raise IdentificationError(f"there are no {kind}s; at least one experiment is needed")
@@ -136,15 +158,15 @@ def _check_samples(kind: str, samples: NDArray[np.float64]) -> None:
     if not finite.all():
         step = int(np.argmin(finite))
         raise IdentificationError(f"{kind} is not finite at sample {step}: {samples[step].tolist()}")
-    for axis, name in enumerate("xy"):
-        if np.ptp(samples[:, axis]) == 0.0:
+    for column, signal in enumerate(samples.T):
+        if np.ptp(signal) == 0.0:
             raise IdentificationError(
-                f"{kind} of axis {name} is constant at {samples[0, axis]:g}; both axes must move to be identified"
+                f"{kind} {column + 1} is constant at {signal[0]:g}; all signals must move to be identified"
             )
-        largest = float(np.max(np.abs(samples[:, axis])))
+        largest = float(np.max(np.abs(signal)))
         if not _SMALLEST_MAGNITUDE < largest < 1.0 / _SMALLEST_MAGNITUDE:
             raise IdentificationError(
-                f"{kind} of axis {name} has a largest magnitude of {largest:g} (A or m); "
+                f"{kind} {column + 1} has a largest magnitude of {largest:g}; "
                 f"allowed: {_SMALLEST_MAGNITUDE:g} to {1.0 / _SMALLEST_MAGNITUDE:g}"
             )
 
@@ -154,6 +176,6 @@ def _check_independence(signals: NDArray[np.float64]) -> None:
     eigenvalues = np.linalg.eigvalsh(signals.T @ signals / len(signals))
     if eigenvalues[0] < _SMALLEST_EIGENVALUE:
         raise IdentificationError(
-            "inputs and outputs of the two axes are not independent (one is a sum of multiples of the others); "
-            "excite the axes independently"
+            "inputs and outputs are not independent (one is a sum of multiples of the others); "
+            "excite the inputs independently"
         )

@@ -27,29 +27,34 @@ def ssarx(
     past: int | None = None,
     future: int | None = None,
     source: str = "",
+    feedthrough: bool = False,
 ) -> StateSpaceModel:
     """Identify a state-space model of a given order; means are removed from the data and kept as its offsets.
 
     Parameters
     ----------
-    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2), or lists of such
-        Control current references (A) and positions (m) of one experiment, or of each of several.
+    inputs, outputs : ndarray, shapes (steps, m), (steps, p), or lists of such
+        Inputs and outputs of one experiment, or of each of several.
     sample_time : float
         Sample time of the data (s).
     order : int
         Number of states n.
     past, future : int, optional
-        Horizons (steps), each at least half the order, so that n states can be distinguished. By default the past is
-        that of the ARX model with the best Akaike criterion, the future twice the order.
+        Horizons (steps), each more than the order over the number of outputs, so that n states can be distinguished.
+        By default the past is that of the ARX model with the best Akaike criterion, the future twice the order.
     source : str
         Where the data come from, kept in the model.
+    feedthrough : bool
+        Whether outputs respond within the sample; D is then estimated, and zero otherwise.
 
     Raises
     ------
     IdentificationError
         If order or horizons do not suit the data or the data determine no model; one line with the reason.
     """
-    return identify_by_states(inputs, outputs, sample_time, order, past, future, source, "ssarx", future_map)
+    return identify_by_states(
+        inputs, outputs, sample_time, order, past, future, source, "ssarx", future_map, feedthrough
+    )
 
 
 def future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:
@@ -57,7 +62,11 @@ def future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:
     triangle = regression.triangle
     p, q = triangle.p, triangle.q
     outputs = np.hstack([triangle.at(ahead)[:, :p] for ahead in range(triangle.future)])
-    markov = regression.coefficients(outputs[:, :p], ridge).T  # columns for z[k-1], z[k-2], ...
+    markov, direct, _ = regression.markov_parameters(ridge)
+    markov = markov.T  # columns for z[k-1], z[k-2], ...
+    if triangle.feedthrough:
+        for ahead in range(triangle.future):
+            outputs[:, ahead * p : (ahead + 1) * p] -= triangle.at(ahead)[:, p:] @ direct
     for ahead in range(1, triangle.future):
         lags = min(ahead, regression.steps)
         known = np.hstack([triangle.at(ahead - lag) for lag in range(1, lags + 1)])

@@ -1,7 +1,7 @@
 """What the subspace methods SSARX, PBSID and CVA share: horizons, choice of the ridge, and the last regressions.
 
 Each method gives a map from the past of inputs and outputs to the state; least squares on the state then give the
-predictor. The feedthrough is always zero, because the position responds after the current reference.
+predictor. Direct feedthrough is zero unless asked for: a bearing's position responds after the current reference.
 
 The length of the past is that of the autoregressive model with the best Akaike criterion. Without a ridge, band-limited
 data leave the map undetermined. The chosen ridge gives the state-space model with the smallest one-step prediction
@@ -44,6 +44,7 @@ def identify_by_states(
     source: str,
     method: str,
     future_map: FutureMap,
+    feedthrough: bool = False,
 ) -> StateSpaceModel:
     """The model of a method, which is defined by its map from the past to the weighted future.
 
@@ -51,19 +52,19 @@ def identify_by_states(
     """
     check_order(order)
     data = ScaledData.of(inputs, outputs)
-    steps, shortest = len(data.inputs), shortest_horizon(order)
+    steps, shortest = len(data.inputs), shortest_horizon(order, data.outputs.shape[1])
     longest, future = horizons(data, order, past, future)
     with small_matrices(f"no model of order {order} from {steps} samples"):
-        triangle = DataTriangle(data, longest, future)
+        triangle = DataTriangle(data, longest, future, feedthrough)
         used = triangle.best_past(shortest) if past is None else past
         a, c, k = best_predictor(data, PastRegression(triangle, used), order, future_map)
-        b, initial_states = fit_input_matrix(a, c, k, data.inputs, data.outputs, data.lengths)
-        return data.model(a, b, c, k, initial_states, sample_time, method, source)
+        b, d, initial_states = fit_input_matrix(a, c, k, data.inputs, data.outputs, data.lengths, feedthrough)
+        return data.model(a, b, c, k, initial_states, sample_time, method, source, d)
 
 
-def shortest_horizon(order: int) -> int:
-    """Fewest steps of past and of future that distinguish that many states."""
-    return math.ceil(order / 2) + 1
+def shortest_horizon(order: int, outputs: int) -> int:
+    """Fewest steps of past and of future in which that many outputs distinguish that many states."""
+    return math.ceil(order / outputs) + 1
 
 
 def horizons(data: ScaledData, order: int, past: int | None = None, future: int | None = None) -> tuple[int, int]:
@@ -75,7 +76,7 @@ def horizons(data: ScaledData, order: int, past: int | None = None, future: int 
         If a horizon is too short for the order, or the samples are too few.
     """
     steps = len(data.inputs)
-    shortest = shortest_horizon(order)
+    shortest = shortest_horizon(order, data.outputs.shape[1])
     longest = max(shortest, min(_LONGEST_PAST, steps // _SAMPLES_PER_STEP)) if past is None else past
     future = max(shortest, 2 * order) if future is None else future
     for name, horizon in (("past", longest), ("future", future)):
@@ -99,11 +100,12 @@ def best_predictor(
     best, least, reason = None, math.inf, IdentificationError(f"no ridge gives a predictor of order {order}")
     for ridge in RIDGES:
         try:
-            a, b, c, k = predictor_matrices(regression, future_map(regression, float(ridge)), order)
+            a, b, c, d, k = predictor_matrices(regression, future_map(regression, float(ridge)), order)
         except IdentificationError as problem:
             reason = problem
             continue
-        errors = innovations(a, b, c, k, np.zeros(order), data.inputs, data.outputs, data.lengths)
+        direct = d if regression.triangle.feedthrough else None
+        errors = innovations(a, b, c, k, np.zeros(order), data.inputs, data.outputs, data.lengths, direct)
         errors = np.vstack([errors[part][regression.steps :] for part in experiments(len(errors), data.lengths)])
         size = float(np.linalg.slogdet(errors.T @ errors)[1])
         if size < least:
@@ -116,7 +118,7 @@ def best_predictor(
 def predictor_matrices(
     regression: PastRegression, future_map: NDArray[np.float64], order: int
 ) -> tuple[NDArray[np.float64], ...]:
-    """A, B, C and the Kalman gain K from the result of a `FutureMap`.
+    """A, B, C, D and the Kalman gain K from the result of a `FutureMap`.
 
     Raises
     ------
@@ -130,8 +132,10 @@ def predictor_matrices(
     strengths = strengths[:order]
     to_state = future_map @ directions[:, :order] / strengths  # states of variance 1
     z_now, state, advanced = triangle.at(0), regression.columns @ to_state, triangle.before(steps, lead=1) @ to_state
-    c = linalg.lstsq(state, z_now[:, : triangle.p])[0].T
-    errors = z_now[:, : triangle.p] - state @ c.T
+    seen = np.hstack([state, z_now[:, triangle.p :]]) if triangle.feedthrough else state
+    by_seen = linalg.lstsq(seen, z_now[:, : triangle.p])[0]
+    errors = z_now[:, : triangle.p] - seen @ by_seen
+    c, d = by_seen[:order].T, by_seen[order:].T  # the latter without columns if there is no feedthrough
     # The controller responds within the sample, so the errors correlate with the inputs and must be regressors too.
     regressors = np.hstack([state, errors, z_now[:, triangle.p :]])
     transition = linalg.lstsq(regressors, advanced)[0]
@@ -143,4 +147,4 @@ def predictor_matrices(
     ratio = np.divide.outer(strengths, strengths)
     a, b, c, k = a * ratio, b * strengths[:, np.newaxis], c / strengths, k * strengths[:, np.newaxis]
     q = residuals.T @ residuals * np.outer(strengths, strengths) + k @ r @ k.T
-    return a, b, c, kalman_gain(a, c, q, r, k @ r)
+    return a, b, c, d, kalman_gain(a, c, q, r, k @ r)

@@ -1,9 +1,9 @@
-"""Classic subspace identification (N4SID, MOESP) of a plant that may be unstable, from data of the closed loop.
+"""Classic subspace identification (N4SID, MOESP) of a plant that may be unstable.
 
 SLICOT's IB01AD and IB01BD estimate the order-n state space and the noise covariances; the Kalman gain comes from
-scipy's Riccati solver, because IB01BD's own (jobck 'K') writes outside its workspace from order 8 on. IB01BD returns a
-feedthrough D that the plant does not have (the position responds after the current reference), so B, x[0] are estimated
-again with D = 0, by least squares on the one-step prediction error (see `predictor`).
+scipy's Riccati solver, because IB01BD's own (jobck 'K') writes outside its workspace from order 8 on. IB01BD always
+returns a feedthrough D, which a bearing does not have (the position responds after the current reference), so B, x[0]
+and, where wanted, D are estimated again by least squares on the one-step prediction error (see `predictor`).
 
 Known limit: projections that assume inputs independent of past noise are biased on closed-loop data. The bias
 falls with the ratio of noise to excitation; below 0.1 um of noise at 50 um of excitation it does not matter.
@@ -42,13 +42,14 @@ def n4sid(
     block_rows: int | None = None,
     source: str = "",
     method: Literal["n4sid", "moesp"] = "n4sid",
+    feedthrough: bool = False,
 ) -> StateSpaceModel:
     """Identify a state-space model of a given order; means are removed from the data and kept as its offsets.
 
     Parameters
     ----------
-    inputs, outputs : ndarray, shapes (steps, 2), (steps, 2)
-        Control current references (A) and positions (m).
+    inputs, outputs : ndarray, shapes (steps, m), (steps, p)
+        Inputs and outputs.
     sample_time : float
         Sample time of the data (s).
     order : int
@@ -59,6 +60,8 @@ def n4sid(
         Where the data come from, kept in the model.
     method : str
         Algorithm of SLICOT.
+    feedthrough : bool
+        Whether outputs respond within the sample; D is then estimated, and zero otherwise.
 
     Raises
     ------
@@ -70,12 +73,12 @@ def n4sid(
     data = ScaledData.of(inputs, outputs)
     if len(data.lengths) > 1:
         raise IdentificationError(f"{method} takes one experiment; ssarx, pbsid, cva and pem take several")
-    _check_size(order, block_rows, len(data.inputs))
+    _check_size(order, block_rows, data)
     u, y = data.inputs, data.outputs
     with small_matrices(f"no model of order {order} from {len(inputs)} samples"):
         a, c, k = _predictor_matrices(u, y, order, block_rows, method)
-        b, initial_states = fit_input_matrix(a, c, k, u, y)
-        return data.model(a, b, c, k, initial_states, sample_time, method, source)
+        b, d, initial_states = fit_input_matrix(a, c, k, u, y, feedthrough=feedthrough)
+        return data.model(a, b, c, k, initial_states, sample_time, method, source, d)
 
 
 def n4sid_horizons(
@@ -85,6 +88,7 @@ def n4sid_horizons(
     order: int = 10,
     source: str = "",
     method: Literal["n4sid", "moesp"] = "n4sid",
+    feedthrough: bool = False,
 ) -> list[StateSpaceModel]:
     """Models of one order from horizons of different length, at least one; arguments and errors are those of `n4sid`.
 
@@ -94,10 +98,12 @@ def n4sid_horizons(
     models: list[StateSpaceModel] = []
     reasons: list[IdentificationError] = []
     shortest, *longer = sorted({_horizon(order, ratio) for ratio in HORIZONS})
-    affordable = [block_rows for block_rows in longer if 8 * block_rows * len(inputs) <= _MOST_ELEMENTS]
+    data = ScaledData.of(inputs, outputs)
+    size = 2 * (data.inputs.size + data.outputs.size)
+    affordable = [block_rows for block_rows in longer if size * block_rows <= _MOST_ELEMENTS]
     for block_rows in [shortest, *affordable]:
         try:
-            models.append(n4sid(inputs, outputs, sample_time, order, block_rows, source, method))
+            models.append(n4sid(inputs, outputs, sample_time, order, block_rows, source, method, feedthrough))
         except IdentificationError as reason:
             reasons.append(reason)
     if not models:
@@ -105,25 +111,24 @@ def n4sid_horizons(
     return models
 
 
-def samples_needed(block_rows: int) -> int:
-    """Fewest samples for which the Hankel matrices of two inputs and two outputs have as many columns as rows."""
-    return 10 * block_rows - 1
+def samples_needed(block_rows: int, signals: int) -> int:
+    """Fewest samples that SLICOT takes, for that many inputs and outputs together."""
+    return 2 * (signals + 1) * block_rows - 1
 
 
 def _horizon(order: int, ratio: float) -> int:
     return max(_LEAST_BLOCK_ROWS, round(ratio * order))
 
 
-def _check_size(order: int, block_rows: int, samples: int) -> None:
+def _check_size(order: int, block_rows: int, data: ScaledData) -> None:
     check_order(order)
+    samples, needed = len(data.inputs), samples_needed(block_rows, data.inputs.shape[1] + data.outputs.shape[1])
     if not order < block_rows <= _MOST_BLOCK_ROWS:
         raise IdentificationError(
             f"block_rows {block_rows} is not allowed; allowed: {order + 1} to {_MOST_BLOCK_ROWS} for order {order}"
         )
-    if samples < samples_needed(block_rows):
-        raise IdentificationError(
-            f"{samples} samples are too few for order {order}; at least {samples_needed(block_rows)} are needed"
-        )
+    if samples < needed:
+        raise IdentificationError(f"{samples} samples are too few for order {order}; at least {needed} are needed")
 
 
 def _predictor_matrices(

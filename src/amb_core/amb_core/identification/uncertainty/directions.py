@@ -16,12 +16,15 @@ class Directions:
     ----------
     a, b, c, k : ndarray, shapes (q, n, n), (q, n, m), (q, p, n), (q, n, p)
         Changes of A, B, C and K along each.
+    d : ndarray, shape (q, p, m), or None
+        Changes of D; None for models without direct feedthrough.
     """
 
     a: NDArray[np.float64]
     b: NDArray[np.float64]
     c: NDArray[np.float64]
     k: NDArray[np.float64]
+    d: NDArray[np.float64] | None = None
 
     @property
     def count(self) -> int:
@@ -30,8 +33,9 @@ class Directions:
 
     @property
     def rows(self) -> NDArray[np.float64]:
-        """Each direction as a row: the entries of A, B, C and K, row by row."""
-        return np.hstack([change.reshape(self.count, -1) for change in (self.a, self.b, self.c, self.k)])
+        """Each direction as a row: the entries of A, B, C, K and, with feedthrough, D, row by row."""
+        changes = (self.a, self.b, self.c, self.k) if self.d is None else (self.a, self.b, self.c, self.k, self.d)
+        return np.hstack([change.reshape(self.count, -1) for change in changes])
 
 
 def response_changes(
@@ -40,15 +44,16 @@ def response_changes(
     of_a: NDArray[np.float64],
     of_b: NDArray[np.float64],
     of_c: NDArray[np.float64],
+    of_d: NDArray[np.float64] | None = None,
 ) -> NDArray[np.complex128]:
-    """Change of C R B, R = (z I - A)^-1, along each of q directions: C R dA R B + C R dB + dC R B.
+    """Change of C R B + D, R = (z I - A)^-1, along each of q directions: C R dA R B + C R dB + dC R B + dD.
 
     Parameters
     ----------
     by_state, by_input : ndarray, shapes (f, p, n), (f, n, m)
         C R and R B.
-    of_a, of_b, of_c : ndarray, shapes (q, n, n), (q, n, m), (q, p, n)
-        Changes of A, B and C.
+    of_a, of_b, of_c, of_d : ndarray, shapes (q, n, n), (q, n, m), (q, p, n), (q, p, m)
+        Changes of A, B, C and, if it changes, D.
 
     Returns
     -------
@@ -58,4 +63,5 @@ def response_changes(
         np.einsum("fin,qnk,fkj->fijq", by_state, of_a, by_input, optimize=True)
         + np.einsum("fin,qnj->fijq", by_state, of_b, optimize=True)
         + np.einsum("qik,fkj->fijq", of_c, by_input, optimize=True)
+        + (0.0 if of_d is None else of_d.transpose(1, 2, 0))
     )

@@ -50,7 +50,7 @@ def estimate_uncertainty(model: StateSpaceModel, data: IdentificationData, *, ro
     Parameters
     ----------
     model : StateSpaceModel
-        Model without direct feedthrough and with a stable predictor; it may be unstable.
+        Model with a stable predictor; it may be unstable. If its D is not zero, D is taken as estimated too.
     data : IdentificationData
         The data that it was identified from; means over all experiments are removed.
     robust : bool
@@ -79,7 +79,7 @@ def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUn
     if robust:
         normal = normal @ _root(covariance)
     # The errors are smaller than the innovations, because the unknowns use some degrees of freedom.
-    unknowns = directions.count + model.order * len(found)
+    unknowns = directions.count + model.order * len(found)  # parameters and initial states
     return ModelUncertainty(
         model=model,
         root=directions.rows.T @ normal / math.sqrt(1.0 - unknowns / data.outputs.size),
@@ -96,6 +96,7 @@ def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions
         model,
         b=model.b * u,
         c=model.c / y[:, np.newaxis],
+        d=model.d * u / y[:, np.newaxis],
         k=model.k * y,
         innovation_covariance=model.innovation_covariance / np.outer(y, y),
     )
@@ -115,14 +116,18 @@ def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions
             local,
             data.inputs[part],
             state @ back.T,
-            data.outputs[part] - state @ of_scaled.c.T,
+            _errors(of_scaled, state, data.inputs[part], data.outputs[part]),
             weight,
             batch,
         )
         for part, state in zip(parts, states, strict=True)
     ]
     of_model = Directions(
-        basis @ local.a @ back, basis @ local.b / u, local.c @ back * y[:, np.newaxis], basis @ local.k / y
+        basis @ local.a @ back,
+        basis @ local.b / u,
+        local.c @ back * y[:, np.newaxis],
+        basis @ local.k / y,
+        None if local.d is None else local.d * y[:, np.newaxis] / u,
     )
     return of_model, found
 
@@ -137,14 +142,11 @@ def _check(model: StateSpaceModel, data: IdentificationData) -> None:
         raise IdentificationError(
             f"the model has the sample time {model.sample_time:g} s, the data {data.sample_time:g} s"
         )
-    if np.any(model.d):
-        raise IdentificationError(
-            "the model has direct feedthrough, for which there is no uncertainty; `pem` gives none"
-        )
     radius = float(np.max(np.abs(np.linalg.eigvals(model.a - model.k @ model.c))))
     if not radius < 1.0:
         raise IdentificationError(f"the model must have a stable predictor; its spectral radius is {radius:.6g}")
     unknowns = model.order * (len(data.experiments) + 2 * len(model.output_names) + len(model.input_names))
+    unknowns += model.d.size if np.any(model.d) else 0
     if data.samples * len(model.output_names) <= unknowns:
         raise IdentificationError(
             f"{data.samples} samples are too few for the {unknowns} unknowns of order {model.order}"
@@ -154,6 +156,12 @@ def _check(model: StateSpaceModel, data: IdentificationData) -> None:
 def _states(model: StateSpaceModel, inputs: Arrays, outputs: Arrays) -> Arrays:
     """States of the predictor from the initial state that predicts best, shape (steps, n)."""
     return predicted_states(model, inputs, outputs, first_state(model, inputs, outputs))
+
+
+def _errors(model: StateSpaceModel, states: Arrays, inputs: Arrays, outputs: Arrays) -> Arrays:
+    """One-step prediction errors, shape (steps, p)."""
+    errors = outputs - states @ model.c.T
+    return errors - inputs @ model.d.T if np.any(model.d) else errors
 
 
 def _balanced(model: StateSpaceModel, states: Arrays) -> Arrays:
@@ -174,11 +182,16 @@ def _balanced(model: StateSpaceModel, states: Arrays) -> Arrays:
 
 
 def _directions(model: StateSpaceModel) -> Directions:
-    """Changes of A, B and C that do more than change the coordinates of the state, and all those of K."""
-    n, p = model.k.shape
+    """Changes of A, B and C that do more than change the coordinates of the state, all those of K and, if any, D."""
+    (n, p), m = model.k.shape, model.b.shape[1]
     local = [change.transpose(2, 0, 1) for change in local_directions(model.a, model.b, model.c)]
-    a, b, c = (np.concatenate([change, np.zeros((n * p, *change.shape[1:]))]) for change in local)
-    return Directions(a, b, c, np.concatenate([np.zeros((len(local[0]), n, p)), np.eye(n * p).reshape(n * p, n, p)]))
+    free = n * p + (p * m if np.any(model.d) else 0)
+    a, b, c = (np.concatenate([change, np.zeros((free, *change.shape[1:]))]) for change in local)
+    k = np.concatenate([np.zeros((len(local[0]), n * p)), np.eye(free, n * p)]).reshape(-1, n, p)
+    if free == n * p:
+        return Directions(a, b, c, k)
+    d = np.concatenate([np.zeros((len(local[0]) + n * p, p * m)), np.eye(p * m)]).reshape(-1, p, m)
+    return Directions(a, b, c, k, d)
 
 
 def _normal_coordinates(factor: Arrays, order: int) -> Arrays:

@@ -2,7 +2,7 @@
 
 All results are by linearisation about the model (Gauss' approximation formula). Derivatives: with R = (z I - A)^-1,
 
-    dG(z) = dC R B + C R dA R B + C R dB,    d pole = w' dA v / (w' v)
+    dG(z) = dC R B + C R dA R B + C R dB + dD,    d pole = w' dA v / (w' v)
 
 for the pole's left and right eigenvectors w and v.
 
@@ -33,13 +33,14 @@ class ModelUncertainty:
 
     The parameters are the entries of A, B, C and K, row by row, in the model's units and state coordinates. The n^2
     directions that only change the coordinates of the state are left out, so their covariance is singular, of rank
-    n (2 p + m). Quantities that do not depend on the coordinates, such as poles and responses, have the true deviation.
+    n (2 p + m). With direct feedthrough the m p entries of D come after those of K. Quantities that do not depend on
+    the coordinates, such as poles and responses, have the true deviation.
 
     Attributes
     ----------
     model : StateSpaceModel
         The model.
-    root : ndarray, shape (n (n + m + 2 p), n (2 p + m))
+    root : ndarray, shape (n (n + m + 2 p), n (2 p + m)), each m p more with direct feedthrough
         Root of the covariance: each column is a change of the parameters, and with independent standard normal factors
         their sum is the difference between estimate and truth.
     inflation : float
@@ -104,16 +105,17 @@ class ModelUncertainty:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Covariance of the parameters, n (n + m + 2 p) square; products of the units of the entries."""
+        """Covariance of the parameters, as many as `root` has rows; products of the units of the entries."""
         return self.root @ self.root.T
 
     @property
     def deviations(self) -> Directions:
-        """The columns of the root as changes of A, B, C and K."""
-        matrices = (self.model.a, self.model.b, self.model.c, self.model.k)
+        """The columns of the root as changes of A, B, C, K and, with direct feedthrough, D."""
+        matrices = [self.model.a, self.model.b, self.model.c, self.model.k]
+        if len(self.root) > sum(matrix.size for matrix in matrices):
+            matrices.append(self.model.d)
         rows = np.split(self.root, np.cumsum([matrix.size for matrix in matrices])[:-1])
-        a, b, c, k = (row.T.reshape(-1, *matrix.shape) for row, matrix in zip(rows, matrices, strict=True))
-        return Directions(a, b, c, k)
+        return Directions(*(row.T.reshape(-1, *matrix.shape) for row, matrix in zip(rows, matrices, strict=True)))
 
     @property
     def pole_covariance(self) -> NDArray[np.float64]:
@@ -151,8 +153,9 @@ class ModelUncertainty:
         response = response_of(self.model, frequencies, label)
         magnitude, phase = np.empty(response.response.shape), np.empty(response.response.shape)
         deviations = self.deviations
+        of_matrices = (deviations.a, deviations.b, deviations.c, deviations.d)
         for part, by_state, by_input in transfers(self.model, response.frequency, self.model.b):
-            change = response_changes(by_state, by_input, deviations.a, deviations.b, deviations.c)
+            change = response_changes(by_state, by_input, *of_matrices)
             found = response.response[part]
             size = np.maximum(np.abs(found), np.finfo(float).tiny)
             turned = change * (found.conj() / size)[..., np.newaxis]  # real part: along the response; imaginary: across

@@ -1,10 +1,10 @@
 """Models drawn from the distribution of an estimate.
 
 Far from the estimate a model is not linear in its matrices: poles that the data determine badly, such as fast ones,
-would spoil gains that they determine well. So only A and C are drawn. B and K are fitted: they bring the responses to
-inputs and innovations, C R B and C R K with R = (z I - A)^-1, closest to the linearised responses of the draw, over
-frequencies and relative to their deviations. The prediction errors of the models then grow like those of a normal
-distribution.
+would spoil gains that they determine well. So only A and C are drawn, and D if there is direct feedthrough. B and K are
+fitted: they bring the responses to inputs and innovations, C R B and C R K with R = (z I - A)^-1, closest to the
+linearised responses of the draw, over frequencies and relative to their deviations. The prediction errors of the models
+then grow like those of a normal distribution.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Sampler:
     deviations : Directions
         Independent changes of it, each by one standard deviation.
     response : ndarray of complex, shape (f, p, m + p)
-        Its response to inputs and innovations.
+        Its response to inputs and innovations, without D.
     changes : ndarray of complex, shape (f, p, m + p, q)
         Change of this by each of the deviations.
     """
@@ -80,6 +80,8 @@ class Sampler:
             c=self.model.c + np.tensordot(factors, self.deviations.c, axes=1),
             fit=np.empty(0),
         )
+        if self.deviations.d is not None:
+            moved = replace(moved, d=moved.d + np.tensordot(factors, self.deviations.d, axes=1))
         by_state = np.concatenate([part for _, part, _ in transfers(moved, _frequency(moved), moved.b)])
         wanted = self.response + self.changes @ factors
         weight = 1.0 / np.maximum(np.linalg.norm(self.changes, axis=-1), np.finfo(float).tiny)

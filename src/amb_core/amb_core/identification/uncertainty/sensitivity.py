@@ -1,8 +1,8 @@
 """How the one-step predictions of a model respond to small changes of its matrices.
 
-With F = A - K C, the predictor's state x, inputs u and innovations e = y - C x,
+With F = A - K C, the predictor's state x, inputs u and innovations e = y - C x - D u,
 
-    dx[k+1] = F dx[k] + (dA - K dC) x[k] + dB u[k] + dK e[k],    dyhat[k] = C dx[k] + dC x[k].
+    dx[k+1] = F dx[k] + (dA - K dC) x[k] + (dB - K dD) u[k] + dK e[k],    dyhat[k] = C dx[k] + dC x[k] + dD u[k].
 
 F is stable even if A is not, so unstable plants need no special treatment.
 
@@ -68,11 +68,15 @@ def sensitivity(
     n, p, q = model.order, len(model.c), directions.count
     columns = n + q  # initial states come first, so that the factor's first rows are theirs
     f = np.ascontiguousarray(model.a - model.k @ model.c)
-    forcing = np.concatenate([directions.a - model.k @ directions.c, directions.b, directions.k], axis=2)
+    by_input = directions.b if directions.d is None else directions.b - model.k @ directions.d
+    forcing = np.concatenate([directions.a - model.k @ directions.c, by_input, directions.k], axis=2)
     by_signal = np.zeros((forcing.shape[2], n, columns))
     by_signal[:, :, n:] = forcing.transpose(2, 1, 0)
-    by_state = np.zeros((n, p, columns))
-    by_state[:, :, n:] = directions.c.transpose(2, 1, 0)
+    seen, by_seen = states, directions.c
+    if directions.d is not None:
+        seen, by_seen = np.hstack([states, inputs]), np.concatenate([directions.c, directions.d], axis=2)
+    by_state = np.zeros((seen.shape[1], p, columns))
+    by_state[:, :, n:] = by_seen.transpose(2, 1, 0)
     signals = np.hstack([states, inputs, errors])
     change = np.hstack([np.eye(n), np.zeros((n, q))])
     triangle, scores = np.zeros((0, columns)), []
@@ -81,7 +85,7 @@ def sensitivity(
         part = slice(start, start + batch * batches)
         changes = np.tensordot(signals[part], by_signal, axes=1)
         _propagate(f, change, changes)
-        derivatives = weight @ (model.c @ changes + np.tensordot(states[part], by_state, axes=1))
+        derivatives = weight @ (model.c @ changes + np.tensordot(seen[part], by_state, axes=1))
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, derivatives.reshape(-1, columns)]), mode="r"))
         weighted = errors[part] @ weight.T
         scores += [

@@ -61,8 +61,14 @@ def predict(model: StateSpaceModel, data: IdentificationData, horizons: Iterable
     Raises
     ------
     IdentificationError
-        If the predictor is unstable, a horizon is not positive, or the data are too short for it or do not move.
+        If the predictor is unstable, a horizon is not positive, the data are too short for it or do not move, or have
+        other numbers of signals than the model.
     """
+    here, there = (len(data.input_names), len(data.output_names)), model.d.shape[::-1]
+    if here != there:
+        raise IdentificationError(
+            f"the data have {here[0]} inputs and {here[1]} outputs, the model {there[0]} and {there[1]}"
+        )
     wanted = sorted({1, *horizons})
     shortest = min(item.steps for item in data.experiments)
     if wanted[0] < 1 or 2 * wanted[-1] > shortest:

@@ -14,8 +14,9 @@ of the same and earlier samples. Residuals of a true model are still independent
 tested. S has its distribution only for white residuals. Means of the residuals are not tested: they are removed.
 
 A model estimated from N_i samples has uncertain parameters, which other data show. That adds at most
-(N / N_i) chi^2(d) to either statistic, d = n (2 p + m) being the number of parameters that data determine; the limits
-include it. On the data of the identification itself the tests are less strict than 99 %.
+(N / N_i) chi^2(d) to either statistic, d being the number of parameters that data determine, n (2 p + m) and, with
+direct feedthrough, m p more; the limits include it. On the data of the identification itself the tests are less strict
+than 99 %.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 16.6; T. Soderstrom and P. Stoica,
 System Identification, Prentice Hall, 1989, section 11.2; J. R. M. Hosking, The multivariate portmanteau statistic,

@@ -169,7 +169,7 @@ def validate(
             prediction.residuals,
             [item.inputs for item in data.experiments],
             lags,
-            model.order * (2 * len(model.c) + model.b.shape[1]),
+            model.order * (2 * len(model.c) + model.b.shape[1]) + (model.d.size if np.any(model.d) else 0),
             model.samples,
         )
         closed_loop, loop_notes = _closed_loop(model, data, controller, prediction)

@@ -35,6 +35,7 @@ def check_data(
     sample_time: float | None = None,
     limits: Mapping[str, float] | None = None,
     regions: RegionParameters | None = None,
+    feedthrough: bool = False,
 ) -> DataReport:
     """Check whether data can determine a model of an order, and what makes it less accurate; bad data raise no error.
 
@@ -50,6 +51,8 @@ def check_data(
         Known limits on the magnitude of signals by name, such as the controller's current limit for i_x and i_y.
     regions : RegionParameters, optional
         Thresholds of the classifier of regions.
+    feedthrough : bool
+        Whether the model is to have direct feedthrough.
 
     Raises
     ------
@@ -76,7 +79,7 @@ def check_data(
         ]
         feedback = check_feedback(data)
         controlled = bool(feedback.where) or all(item.reference is not None for item in data.experiments)
-        findings += [feedback, check_delay(data, feedback=controlled), check_region(data, regions)]
+        findings += [feedback, check_delay(data, controlled, feedthrough), check_region(data, regions)]
         findings.append(check_distortion(data))
     return DataReport(_title(data), tuple(findings))
 

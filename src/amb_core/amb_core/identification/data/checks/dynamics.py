@@ -60,7 +60,7 @@ def check_feedback(data: IdentificationData) -> Finding:
     )
 
 
-def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
+def check_delay(data: IdentificationData, feedback: bool = True, feedthrough: bool = False) -> Finding:
     """Dead time of each input and direct feedthrough; samples after which a response is significant.
 
     A response is significant from the largest d for which the coefficients of all inputs less than d samples old can be
@@ -90,14 +90,16 @@ def check_delay(data: IdentificationData, feedback: bool = True) -> Finding:
             ", ".join(silent),
             "excite it more, or leave it out with select",
         )
+    if 0 in nearest and feedthrough:
+        return Finding("delay", Severity.INFO, f"{what}; the model has direct feedthrough")
     if 0 in nearest:
         advance = [-1 if delay == 0 else 0 for delay in nearest]
         return Finding(
             "delay",
             Severity.WARNING,
             what,
-            advice="models have no direct feedthrough (D = 0): unless a controller responds within the sample, use "
-            f"advance_inputs(data, {advance})",
+            advice="models have no direct feedthrough (D = 0) by default: unless a controller responds within the "
+            f"sample, identify with feedthrough, or use advance_inputs(data, {advance})",
         )
     return _dead_time(data, what)
 
