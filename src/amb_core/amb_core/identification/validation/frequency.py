@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError, ParameterError, PlantError
+from amb_core.identification.controller_choice import needs_controller
 from amb_core.identification.data import IdentificationData
+from amb_core.identification.data.checks import check_feedback
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, response_of
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response
 from amb_core.loop.control import ControllerParameters
@@ -104,7 +106,7 @@ def compare_responses(
     notes = []
     measured = None
     try:
-        measured = estimate_response(data)
+        measured = estimate_response(data, open_loop=_in_open_loop(data))
         notes += [f"frequency response: {note}" for note in measured.notes]
     except IdentificationError as problem:
         notes.append(f"frequency response without a model: left out: {problem}")
@@ -121,6 +123,13 @@ def compare_responses(
             notes.append(f"frequency response of the plant: left out: {problem}")
     bands = tuple(_bands(of_model, measured, linearised))
     return FrequencyComparison(of_model, measured, linearised, bands), notes
+
+
+def _in_open_loop(data: IdentificationData) -> bool:
+    """Whether nothing speaks for a controller: no reference, not the bearing's signals, no feedback in the data."""
+    if needs_controller(data) or any(item.reference is not None for item in data.experiments):
+        return False
+    return not check_feedback(data).where
 
 
 def response_of_plant(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 WIDTH = 100
 _NOTABLE = 10.0  # percent, median difference of frequency responses in a band
+_OUTPUTS_ABREAST = 3  # in a table of one column for each output
 
 
 def summary_line(validation: Validation) -> str:
@@ -169,10 +171,12 @@ def _closed_loop(validation: Validation) -> list[str]:
     return [
         f"CLOSED LOOP  {_word(loop.stable, 'stable', 'UNSTABLE')}, largest pole {np.abs(loop.poles[0]):.5f}; "
         "from the reference alone, with the known controller",
-        _row("", validation.model.output_names),
-        _row("fit, deviations alone (%)", [f"{value:.2f}" for value in loop.fit_without_means]),
-        _row("fit, means added (%)", [f"{value:.2f}" for value in loop.fit]),
-        _row("measured minus simulated mean (um)", [f"{1e6 * value:.3g}" for value in loop.offset]),
+        *_table(
+            ("", validation.model.output_names),
+            ("fit, deviations alone (%)", [f"{value:.2f}" for value in loop.fit_without_means]),
+            ("fit, means added (%)", [f"{value:.2f}" for value in loop.fit]),
+            ("measured minus simulated mean (um)", [f"{1e6 * value:.3g}" for value in loop.offset]),
+        ),
     ]
 
 
@@ -183,26 +187,26 @@ def _distortion(validation: Validation) -> list[str]:
 
 def _prediction(validation: Validation) -> list[str]:
     names = validation.model.output_names
-    rows = ["PREDICTION   fit in percent from the filtered state, so many steps ahead", _row("", names)]
+    rows: list[tuple[str, Sequence[str]]] = [("", names)]
     for horizon in validation.horizons:
         time = 1e3 * horizon * validation.model.sample_time
         fit = validation.prediction.fit_at(horizon)
-        rows.append(_row(f"{horizon} steps ({time:g} ms)", [f"{value:.2f}" for value in fit]))
-    return rows
+        rows.append((f"{horizon} steps ({time:g} ms)", [f"{value:.2f}" for value in fit]))
+    return ["PREDICTION   fit in percent from the filtered state, so many steps ahead", *_table(*rows)]
 
 
 def _residuals(validation: Validation) -> list[str]:
     tests, names = validation.residuals, validation.model.output_names
-    rows = [f"RESIDUALS    {tests.samples} one-step errors, chi-square tests at 99 % over {tests.lags} lags"]
-    rows.append(_row("", names))
     units = ", ".join(dict.fromkeys(unit for unit in validation.model.output_units if unit))
     label = f"standard deviation ({units})" if units else "standard deviation"
-    rows.append(_row(label, [f"{value:.3g}" for value in tests.deviation]))
+    rows = [f"RESIDUALS    {tests.samples} one-step errors, chi-square tests at 99 % over {tests.lags} lags"]
+    rows += _table(("", names), (label, [f"{value:.3g}" for value in tests.deviation]))
     for name, joint, alone in (
         ("white", tests.whiteness, tests.whiteness_by_output),
         ("independent of past inputs", tests.independence, tests.independence_by_output),
     ):
-        rows.append(_row(name, [_verdict(test) for test in alone]))
+        again = [("", names)] if len(names) > _OUTPUTS_ABREAST else []
+        rows += _table(*again, (name, [_verdict(test) for test in alone]))
         rows.append(
             f"    {'together: ' + _verdict(joint):<34}statistic {joint.statistic:.4g}, limit {joint.limit:.4g}; "
             f"explains {100 * joint.unexplained:.3g} % of the variance"
@@ -213,8 +217,9 @@ def _residuals(validation: Validation) -> list[str]:
 def _frequency(validation: Validation) -> list[str]:
     comparison = validation.frequency
     source = "not estimated" if comparison.measured is None else comparison.measured.response.label
+    open_loop = comparison.measured is not None and comparison.measured.open_loop
     rows = [
-        f"FREQUENCY    from the reference, without a model: {source}",
+        f"FREQUENCY    from the {'inputs' if open_loop else 'reference'}, without a model: {source}",
         "    differences of the model in percent",
         f"    {'band (Hz)':<18}{'lines':>6}{'median':>10}{'largest':>10}{'deviation':>12}{'within 99 %':>13}"
         f"{'linearised plant':>18}",
@@ -232,8 +237,14 @@ def _percent(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.2f}" if value < 10.0 else f"{value:.1f}"
 
 
-def _row(label: str, values: Any) -> str:
-    return f"    {label:<34}" + "".join(f"{value:>20}" for value in values)
+def _table(*rows: tuple[str, Sequence[str]]) -> list[str]:
+    """Rows of a label and a value for each output; the values of many outputs below one another."""
+    count = len(rows[0][1])
+    return [
+        f"    {label:<34}" + "".join(f"{value:>20}" for value in values[first : first + _OUTPUTS_ABREAST])
+        for first in range(0, count, _OUTPUTS_ABREAST)
+        for label, values in rows
+    ]
 
 
 def _item(text: str) -> list[str]:
