@@ -12,11 +12,19 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from amb_bringup.commands.columns import (
+    InputsOption,
+    OutputsOption,
+    SampleTimeOption,
+    VariableOption,
+    columns_of,
+)
 from amb_bringup.commands.inputs import model_order
 from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, make_place, names_file, write_json
 from amb_bringup.commands.validate import ControllerOption, load_recorded
 from amb_core import figures, identification
+from amb_core.analysis import RecordedLoop
 from amb_core.errors import IdentificationError
 from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress, response_of
 from amb_core.identification.controller_choice import PAPER, needs_controller
@@ -33,7 +41,7 @@ MODEL_ENDINGS = (".json", ".npz", ".mat")
 def identify(
     bag: Annotated[
         list[Path],
-        typer.Argument(help="Bags, or .csv, .npz or .mat files of write_data; several are taken as experiments."),
+        typer.Argument(help="Bags, or .csv, .npz or .mat files; several are taken as experiments."),
     ],
     order: Annotated[str, typer.Option(help="Number of states of the model, or auto.")] = "10",
     orders: Annotated[str, typer.Option(help="Orders that auto tests, such as 4-14 or 4,6,8; by default 1-14.")] = "",
@@ -44,9 +52,16 @@ def identify(
     drift: Annotated[
         str, typer.Option(help="Slow drift of the outputs: auto (removed where found), none, or prefilter (always).")
     ] = "auto",
+    feedthrough: Annotated[
+        bool, typer.Option("--feedthrough", help="Outputs respond within the sample: estimate D; else it is zero.")
+    ] = False,
     first_step: Annotated[int, typer.Option(help="First step used; -1 for where the last excitation starts.")] = -1,
     steps: Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")] = 0,
     controller: ControllerOption = "",
+    inputs: InputsOption = "",
+    outputs: OutputsOption = "",
+    variable: VariableOption = "",
+    sample_time: SampleTimeOption = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for model.json, summary.json and figures; or a .json, .npz or .mat file."),
@@ -73,11 +88,16 @@ def identify(
         make_place(results)
     if figures is not None:
         make_folder(figures)
-    data, closing = _load(console, bag, first_step, steps, controller)
+    columns = [columns_of(path, inputs, outputs, variable, sample_time) for path in bag]
+    loops = [
+        load_recorded(console, path, None, first_step, steps, controller, options)
+        for path, options in zip(bag, columns, strict=True)
+    ]
+    data, closing = _joined(bag, loops)
     with Stages(console) as stages:
         result = identification.identify(
             data, wanted, method, closing, ", ".join(map(str, bag)), orders=tried, focus=cast("Focus", focus),
-            drift=cast("DriftOption", drift),
+            drift=cast("DriftOption", drift), feedthrough=feedthrough,
             progress=lambda now: stages.update(now.stage, now.done, now.total, _cost(now)),
         )  # fmt: skip
     for finding in result.report.warnings:
@@ -107,11 +127,8 @@ def _orders(text: str) -> list[int] | None:
         raise IdentificationError(f"--orders {text} is not allowed; it must be such as 4-14 or 4,6,8") from None
 
 
-def _load(
-    console: Console, paths: list[Path], first_step: int, steps: int, controller: str
-) -> tuple[IdentificationData, ControllerParameters | None]:
+def _joined(paths: list[Path], loops: list[RecordedLoop]) -> tuple[IdentificationData, ControllerParameters | None]:
     """The experiments of all bags, and their controller; None if the data are not from the bearing's loop."""
-    loops = [load_recorded(console, path, None, first_step, steps, controller) for path in paths]
     for path, loop in zip(paths, loops, strict=True):
         if loop.controller is None and needs_controller(loop.data):
             raise IdentificationError(
@@ -160,6 +177,7 @@ def summary_of(result: Identification) -> dict[str, Any]:
             for index, pole in enumerate(model.poles().tolist())
         ],
         "unstable_poles": len(model.unstable_poles()),
+        "feedthrough": model.d.tolist() if np.any(model.d) else None,
         "poles_at_one": None if uncertainty is None else [[p.real, p.imag] for p in uncertainty.poles_at_one.tolist()],
         "search": None if result.search is None else asdict(result.search),
         "drift": None
@@ -209,7 +227,8 @@ def _table(result: Identification) -> Table:
     model, selection = result.model, result.order_selection
     unstable = model.unstable_poles()
     table = Table("quantity", "value", title=f"{model.method} from {model.source}")
-    table.add_row("order", str(model.order))
+    counts = f"{len(model.input_names)} inputs, {len(model.output_names)} outputs"
+    table.add_row("order", f"{model.order}; {counts}{', direct feedthrough' if np.any(model.d) else ''}")
     if selection is not None:
         others = f"AIC {selection.best_by_aic}, cross-validation {selection.best_by_validation}"
         end = "; the highest tried, try higher ones with --orders" if selection.at_the_end else ""

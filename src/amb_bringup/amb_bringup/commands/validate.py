@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
+from amb_bringup.commands.columns import (
+    InputsOption,
+    OutputsOption,
+    SampleTimeOption,
+    VariableOption,
+    columns_of,
+)
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.exit_codes import NOT_VALIDATED
 from amb_core.analysis import RecordedLoop, read_loop
 from amb_core.figures import save_validation_figures
 from amb_core.identification import StateSpaceModel
-from amb_core.identification.controller_choice import named_controller
+from amb_core.identification.controller_choice import named_controller, needs_controller
 from amb_core.identification.validation import HORIZONS
 from amb_core.identification.validation import validate as judge
 
@@ -51,6 +59,10 @@ def validate(
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
     controller: ControllerOption = "",
+    inputs: InputsOption = "",
+    outputs: OutputsOption = "",
+    variable: VariableOption = "",
+    sample_time: SampleTimeOption = None,
     out: OutOption = None,
     figures: FiguresOption = None,
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
@@ -67,7 +79,8 @@ def validate(
     if figures is not None:
         make_folder(figures)
     known = StateSpaceModel.load(model)
-    loop = load_recorded(console, bag, run, first_step, steps, controller)
+    columns = columns_of(bag, inputs, outputs, variable, sample_time)
+    loop = load_recorded(console, bag, run, first_step, steps, controller, columns)
     with working(console, f"validating order {known.order} on {loop.data.samples} samples"):
         found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or HORIZONS)
     typer.echo(found.report())
@@ -88,20 +101,23 @@ def load_recorded(
     first_step: int,
     steps: int,
     controller: str = "",
+    columns: Mapping[str, Any] | None = None,
 ) -> RecordedLoop:
     """Data and parameters of a bag, or the data of a file, for which no run and steps can be chosen.
 
-    A named controller replaces the recorded one. If none is known, this and the consequence are reported.
+    A named controller replaces the recorded one. If none is known and the data need one, this and the consequence are
+    reported. `columns` has the options of a file (see `columns_of`).
     """
     chosen = {"run": run, "first_step": first_step, "steps": steps}
     default = {"run": None, "first_step": -1, "steps": 0}
     with working(console, f"reading {bag}"):
-        loop = read_loop(bag, **{name: value for name, value in chosen.items() if value != default[name]})
+        options = {name: value for name, value in chosen.items() if value != default[name]}
+        loop = read_loop(bag, **options, **(columns or {}))
     if loop.damage:
         console.print(f"[yellow]bag {bag} is incomplete: {loop.damage}[/yellow]")
     if controller:
         return replace(loop, controller=named_controller(controller))
-    if loop.controller is None:
+    if loop.controller is None and needs_controller(loop.data):
         console.print(
             f"[yellow]{bag} has no controller parameters; the closed loop of the models is not validated. Give the "
             "controller with --controller[/yellow]"
