@@ -13,7 +13,7 @@ import statistics
 from dataclasses import replace
 
 import numpy as np
-import plant
+from cases import CASES
 from numpy.typing import NDArray
 from scores import score
 
@@ -28,13 +28,12 @@ Parameters = NDArray[np.float64]
 
 def bound(data_set: str, seed: int = 0) -> dict[str, float]:
     """Scores that are percentages, as `scores.score` gives them."""
-    experiment = plant.DATA_SETS[data_set]
-    record = plant.record(experiment, seed)
-    true = plant.true_model(experiment.noise)
-    directions = estimate_uncertainty(true, IdentificationData.from_record(record)).root
+    true = CASES[data_set].true
+    data = IdentificationData.from_arrays(*CASES[data_set].data(seed), true.sample_time)
+    directions = estimate_uncertainty(true, data).root
     random = np.random.default_rng(seed)
     draws = [_moved(true, _CLOSENESS * directions @ random.normal(size=directions.shape[1])) for _ in range(_DRAWS)]
-    scores = [score((model.a, model.b, model.c)) for model in draws]
+    scores = [score((model.a, model.b, model.c), data_set) for model in draws]
     medians = {name: statistics.median(float(one[name]) for one in scores) for name in scores[0]}
     fits = {name: 100.0 - (100.0 - medians[name]) / _CLOSENESS for name in ("fit_squares", "fit_multisine")}
     return fits | {name: medians[name] / _CLOSENESS for name in ("frf_max_percent", "frf_below_500_percent")}
@@ -51,5 +50,5 @@ def _moved(model: StateSpaceModel, change: Parameters) -> StateSpaceModel:
 
 
 if __name__ == "__main__":
-    for name in plant.DATA_SETS:
+    for name in CASES:
         print(name, bound(name))

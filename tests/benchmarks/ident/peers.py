@@ -56,8 +56,9 @@ def _nfoursid(u: Arrays, y: Arrays, order: int) -> Matrices:
     import pandas
     from nfoursid.nfoursid import NFourSID
 
-    table = pandas.DataFrame({"u0": u[:, 0], "u1": u[:, 1], "y0": y[:, 0], "y1": y[:, 1]})
-    method = NFourSID(table, ["y0", "y1"], ["u0", "u1"], num_block_rows=2 * order)
+    ins, outs = [f"u{column}" for column in range(u.shape[1])], [f"y{column}" for column in range(y.shape[1])]
+    table = pandas.DataFrame(np.hstack([u, y]), columns=[*ins, *outs])
+    method = NFourSID(table, outs, ins, num_block_rows=2 * order)
     method.subspace_identification()
     model, _ = method.system_identification(rank=order)
     return model.a, model.b, model.c, None

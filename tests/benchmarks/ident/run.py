@@ -32,6 +32,7 @@ import peers
 import plant
 import real_data
 from bound import bound
+from cases import CASES
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
@@ -48,6 +49,7 @@ PEERS_PYTHON = ROOT / ".venv-peers" / "bin" / "python"
 MEMORY_LIMIT = 8 * 1024**3  # bytes
 LIBRARY = Path(amb_core.identification.__file__).parent
 _TABLE_WIDTH = 180
+_SETS = ("cases.py", "linear_loop.py", "plant.py", "rotors.py", "scores.py", "worker.py")
 _NOT_DONE = "not done after"  # how the reason of a run begins that took too long
 COUNTED = ("unstable_poles_right", "closed_loop_stable")
 
@@ -92,7 +94,7 @@ def main() -> None:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=20, help="runs per data set and method")
-    parser.add_argument("--data", nargs="*", default=list(plant.DATA_SETS), choices=list(plant.DATA_SETS))
+    parser.add_argument("--data", nargs="*", default=list(CASES), choices=list(CASES))
     parser.add_argument("--methods", nargs="*", help="only these; `bound` for the bound of Cramer and Rao")
     parser.add_argument("--peers", type=Path, default=PEERS_PYTHON, help="interpreter that has the other packages")
     parser.add_argument("--limit", type=int, default=120, help="processor seconds after which a run counts as failed")
@@ -123,20 +125,19 @@ def _run(data_set: str, seed: int, method: Method, limit: int) -> Run:
     if path.exists():
         kept: Run = json.loads(path.read_text())["run"]
         return kept
-    experiment = plant.DATA_SETS[data_set]
-    record = plant.record(experiment, seed)
-    found = _identify(method, record.current, record.position, plant.ORDER, limit)
-    run: Run = found if isinstance(found, str) else _scores(found, experiment.noise)
+    case = CASES[data_set]
+    found = _identify(method, *case.data(seed), case.true.order, limit)
+    run: Run = found if isinstance(found, str) else _scores(found, data_set)
     KEPT.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(described | {"run": run}))
     return run
 
 
-def _scores(found: dict[str, NDArray[np.float64]], noise: float) -> dict[str, float]:
+def _scores(found: dict[str, NDArray[np.float64]], data_set: str) -> dict[str, float]:
     scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
-    scores |= score((found["a"], found["b"], found["c"]))
+    scores |= score((found["a"], found["b"], found["c"]), data_set)
     if "innovation_covariance" in found:
-        scores["innovation_ratio"] = innovation_ratio(found["innovation_covariance"], noise)
+        scores["innovation_ratio"] = innovation_ratio(found["innovation_covariance"], data_set)
     return {name: float(value) for name, value in scores.items()}
 
 
@@ -144,7 +145,7 @@ def _scores(found: dict[str, NDArray[np.float64]], noise: float) -> dict[str, fl
 def _version(module: str) -> str:
     """Checksum of what decides the results of a module's methods: sources of the library, or versions of packages."""
     sources = {"ours": sorted(LIBRARY.rglob("*.py")), "peers": [FOLDER / "peers.py", FOLDER / "peers.txt"]}[module]
-    sources += sorted(FOLDER / name for name in ("plant.py", "scores.py", "worker.py"))
+    sources += sorted(FOLDER / name for name in _SETS)
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-import plant
+from cases import CASES, Case, validation
+from linear_loop import SAMPLE_TIME, model_of
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from amb_core.errors import IdentificationError
-from amb_core.identification import StateSpaceModel, closed_loop_poles, nrmse_fit, simulate_closed_loop
+from amb_core.identification import StateSpaceModel, nrmse_fit
 
-VALIDATION_STEPS = 20_000
-_VALIDATION_SEED = 1_000_000  # far from those of the data
 _FREQUENCIES = np.arange(5.0, 1_001.0)  # Hz, dense enough for resonances and antiresonances of 0.5 % damping
 _POLE_TOLERANCE = 2e-3
 
@@ -28,70 +28,65 @@ _DIVERGED: dict[str, float | bool] = {
 Matrices = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 
-def score(matrices: Matrices) -> dict[str, float | bool]:
+def score(matrices: Matrices, data_set: str = "squares") -> dict[str, float | bool]:
     """Scores of a model's A, B, C; a model that is not finite scores as one whose loop diverges.
 
-    fit_squares, fit_multisine (percent): NRMSE fit, of the worse axis, of the closed loop of model and controller, from
+    fit_squares, fit_multisine (percent): NRMSE fit, of the worst axis, of the closed loop of model and controller, from
     rest, to the true closed loop without noise, on squares and on a multisine that no method has seen.
     frf_max_percent, frf_below_500_percent: largest error from 5 to 1000 Hz, and below 500 Hz, of the frequency response
     in the spectral norm, relative to that of the true response at the same frequency.
-    unstable_poles_right: two unstable poles, each within 2e-3 of the true ones. closed_loop_stable: all poles inside.
+    unstable_poles_right: as many unstable poles as the plant, each within 2e-3 of the plant's. closed_loop_stable: all
+    poles inside.
     """
     if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
         return _DIVERGED
-    model = _model(*matrices)
-    error = response_error(model)
+    case, model = CASES[data_set], model_of(*matrices)
+    error = response_error(model, data_set)
     return {
-        "fit_squares": _fit(model, "squares"),
-        "fit_multisine": _fit(model, "multisine"),
+        "fit_squares": _fit(model, case, "squares"),
+        "fit_multisine": _fit(model, case, "multisine"),
         "frf_max_percent": 100.0 * float(error.max()),
         "frf_below_500_percent": 100.0 * float(error[_FREQUENCIES < 500.0].max()),
-        "unstable_poles_right": _unstable_poles_right(model),
-        "closed_loop_stable": bool(np.all(np.abs(closed_loop_poles(model, plant.CONTROLLER)) < 1.0)),
+        "unstable_poles_right": _unstable_poles_right(model, case),
+        "closed_loop_stable": bool(np.all(np.abs(case.poles(model)) < 1.0)),
     }
 
 
-def response_error(model: StateSpaceModel) -> NDArray[np.float64]:
+def response_error(model: StateSpaceModel, data_set: str = "squares") -> NDArray[np.float64]:
     """Relative error of the frequency response, shape (frequencies,)."""
-    true = _true_response()
+    true = _true_response(data_set)
     return np.linalg.norm(_response(model) - true, axis=(1, 2), ord=2) / np.linalg.norm(true, axis=(1, 2), ord=2)
 
 
-def innovation_ratio(covariance: NDArray[np.float64], noise: float) -> float:
+def innovation_ratio(covariance: NDArray[np.float64], data_set: str) -> float:
     """Rms of a model's innovations over that of the true Kalman filter's, of the axis where it is further from 1."""
-    ratios = np.sqrt(np.diag(covariance) / np.diag(plant.true_model(noise).innovation_covariance))
+    ratios = np.sqrt(np.diag(covariance) / np.diag(CASES[data_set].true.innovation_covariance))
     return float(ratios[np.argmax(np.abs(np.log(ratios)))])
 
 
-def _model(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> StateSpaceModel:
-    zero, order = np.zeros(2), len(a)
-    return StateSpaceModel(
-        a, b, c, np.zeros((2, 2)), np.zeros((order, 2)), np.eye(2), zero, zero, np.zeros(order), plant.SAMPLE_TIME
-    )
-
-
 def _response(model: StateSpaceModel) -> NDArray[np.complex128]:
-    z = np.exp(2j * np.pi * _FREQUENCIES * plant.SAMPLE_TIME)
+    z = np.exp(2j * np.pi * _FREQUENCIES * SAMPLE_TIME)
     resolvent = z[:, np.newaxis, np.newaxis] * np.eye(model.order) - model.a
     return np.asarray(model.c @ np.linalg.solve(resolvent, np.broadcast_to(model.b, (len(z), *model.b.shape))))
 
 
 @functools.cache
-def _true_response() -> NDArray[np.complex128]:
-    return _response(plant.true_model())
+def _true_response(data_set: str) -> NDArray[np.complex128]:
+    return _response(CASES[data_set].true)
 
 
-def _fit(model: StateSpaceModel, excitation: str) -> float:
-    true = plant.record(plant.Experiment(excitation, 0.0, VALIDATION_STEPS), _VALIDATION_SEED)
+def _fit(model: StateSpaceModel, case: Case, excitation: str) -> float:
+    reference, true = validation(case.name, excitation)
     try:
-        simulated = simulate_closed_loop(model, plant.CONTROLLER, true.reference)
-    except IdentificationError:
+        with np.errstate(all="ignore"):
+            return float(nrmse_fit(true, case.simulate(model, reference)).min())
+    except IdentificationError:  # it diverges
         return -np.inf
-    return float(nrmse_fit(true.position, simulated.position).min())
 
 
-def _unstable_poles_right(model: StateSpaceModel) -> bool:
-    true, found = plant.true_model().unstable_poles(), model.unstable_poles()
+def _unstable_poles_right(model: StateSpaceModel, case: Case) -> bool:
+    true, found = case.true.unstable_poles(), model.unstable_poles()
     if len(found) != len(true):
         return False
-    return bool(np.all(np.abs(np.sort_complex(found) - np.sort_complex(true)) < _POLE_TOLERANCE))
+    apart = np.abs(np.subtract.outer(found, true))
+    return bool(np.all(apart[linear_sum_assignment(apart)] < _POLE_TOLERANCE))

@@ -36,9 +36,7 @@ def test_the_model_is_as_close_to_the_plant_as_the_benchmark_asks(data_set: str)
     assert scores["frf_max_percent"] <= response_error
     assert scores["unstable_poles_right"]
     assert scores["closed_loop_stable"]
-    assert innovation_ratio(model.innovation_covariance, plant.DATA_SETS[data_set].noise) == pytest.approx(
-        1.0, abs=0.01
-    )
+    assert innovation_ratio(model.innovation_covariance, data_set) == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.slow
