@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from amb_core.errors import ExcitationError, RegionError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
 from amb_core.excitation_design import ExcitationCheck, TrialBench, check_excitation
+from amb_core.excitation_design.notes import made_with
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
@@ -287,6 +288,12 @@ def test_a_map_without_provenance_needs_the_loop() -> None:
     assert "does not contain the parameters of its plant" in notes(found)
     with pytest.raises(RegionError, match=r"support the controller of the region map: unknown parameter 'gain' = 3"):
         check_excitation(signal("multisine"), replace(MAP, provenance={"controller": {"gain": 3}}))
+
+
+def test_a_map_of_version_0_1_keeps_its_controller() -> None:
+    recorded = {"proportional_gain": 21_000.0, "nominal_reference_x": 0.0, "nominal_reference_y": 40e-6}
+    found = made_with(replace(MAP, provenance={"controller": recorded}), "controller", ControllerParameters)
+    assert found == ControllerParameters(proportional_gain=21_000.0, nominal_reference=(0.0, 40e-6))
 
 
 def test_an_empty_map_and_a_silent_signal_are_refused() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from amb_core.errors import ParameterError, RegionError
 from amb_core.excitation import ExcitationSignal
 from amb_core.excitation_design.result import AxisCheck
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters, with_present_names
 from amb_core.parameters import Parameters, flatten, validate
 from amb_core.plant import PlantParameters
 from amb_core.regions.region_map import RegionMap, confirmation_warnings
@@ -46,7 +46,7 @@ def made_with(region_map: RegionMap | None, part: str, model: type[P]) -> P:
     if not isinstance(values, Mapping):
         raise RegionError(f"the region map does not contain the parameters of its {part}; specify them")
     try:
-        return validate(model, values)
+        return validate(model, with_present_names(values) if part == "controller" else values)
     except ParameterError as problem:
         raise RegionError(f"this version does not support the {part} of the region map: {problem}") from None
 

@@ -11,6 +11,7 @@ which is the paper's Fig. 10 (derivative on error). With the derivative on measu
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 import numba
@@ -60,6 +61,15 @@ class ControllerParameters(Parameters):
         """Raise ParameterError if a list is given for another number of axes."""
         pack_gains(self, axes)
         self.references(axes)
+
+
+def with_present_names(values: Mapping[str, object]) -> dict[str, object]:
+    """Parameters as version 0.1 recorded them, where the nominal reference of x and y had a name each."""
+    found = dict(values)
+    former = [found.pop(f"nominal_reference_{axis}", None) for axis in "xy"]
+    if any(former):
+        found["nominal_reference"] = [value or 0.0 for value in former]
+    return found
 
 
 @numba.njit(cache=True)

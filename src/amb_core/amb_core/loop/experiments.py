@@ -109,18 +109,10 @@ def controller_of(values: Mapping[str, object]) -> ControllerParameters:
     ParameterError
         If one of them is out of its range.
     """
-    from amb_core.loop.control import ControllerParameters  # this loads a compiler, which a recorder does not need
+    # This loads a compiler, which a recorder does not need.
+    from amb_core.loop.control import ControllerParameters, with_present_names
 
-    return part_of(ControllerParameters, _renamed(values))
-
-
-def _renamed(values: Mapping[str, object]) -> dict[str, object]:
-    """Parameters as version 0.1 recorded them, with a nominal reference per axis under one name."""
-    found = dict(values)
-    former = [found.pop(f"nominal_reference_{axis}", None) for axis in "xy"]
-    if any(former):
-        found["nominal_reference"] = [value or 0.0 for value in former]
-    return found
+    return part_of(ControllerParameters, with_present_names(values))
 
 
 class ExperimentBuffer:
