@@ -61,10 +61,10 @@ class LinearProcess:
             input_units=("V",) * m, output_units=("mm",) * p,
         )  # fmt: skip
 
-    def data(self, steps: int = 4_000, seed: int = 1) -> IdentificationData:
-        """An experiment in open loop, about an operating point that is not zero."""
+    def data(self, steps: int = 4_000, seed: int = 1, period: int = 0) -> IdentificationData:
+        """An experiment in open loop, about an operating point that is not zero, with inputs of a period if any."""
         model, random = self.model, np.random.default_rng(seed)
-        inputs = random.normal(size=(steps, self.inputs))
+        inputs = random.normal(size=(period or steps, self.inputs))[np.arange(steps) % (period or steps)]
         errors = random.multivariate_normal(np.zeros(self.outputs), model.innovation_covariance, steps)
         outputs, state = np.empty_like(errors), np.zeros(self.order)
         for step in range(steps):
