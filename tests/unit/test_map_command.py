@@ -78,8 +78,10 @@ def test_a_confirmed_map_reports_its_bands_its_rate_and_what_moves_with_it(amb_m
     assert (spread["region"], spread["amplitudes"]) == ("D", 3)
     assert spread["median_ratio"] == pytest.approx(900.0 / 400.0, rel=0.03)
     assert confirmation["bands"][0]["D_hz"]["dwell_below"]["low"] < 900.0
-    (warning,) = confirmation["warnings"]
-    for text in (warning, "rate of the sweeps: 249.5 Hz/s", "How far they lie apart"):
+    of_rate, of_fixed_sines = confirmation["warnings"]
+    assert of_rate.startswith("D depends on the rate of the sweeps")
+    assert of_fixed_sines.startswith("D differs under fixed sines")
+    for text in (of_rate, of_fixed_sines, "rate of the sweeps: 249.5 Hz/s", "How far they lie apart"):
         assert text in " ".join(done.output.split())
     saved = RegionMap.load(out / "map.json").confirmation
     assert saved is not None
