@@ -57,7 +57,7 @@ P = TypeVar("P", bound=Parameters)
 class IdentifierParameters(Parameters):
     """Parameters of the node."""
 
-    order: int = quantity(10, "-", "number of states if a request gives none", 1, 30)
+    order: int = quantity(10, "-", "number of states if a request gives none", 1, 40)
     method: Method = choice("pem", "method if a request gives none")
     drift: DriftOption = choice(
         "auto", "slow drift of the outputs: auto (removed where the checks find it), none, or prefilter (always)"

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 
@@ -243,6 +245,31 @@ def test_gains_can_be_changed_while_running_and_wrong_ones_are_refused(paused_lo
     assert "read-only" in refused.reason
 
 
+def test_a_list_holds_one_value_per_axis_or_none(paused_loop):
+    def set_list(*values: float) -> Any:
+        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=values)
+        parameter = ParameterMessage(name="nominal_reference", value=value)
+        return paused_loop.graph.call(
+            SetParameters, "/amb/pd_controller/set_parameters", parameters=[parameter]
+        ).results[0]
+
+    def read_list() -> list[float]:
+        (value,) = paused_loop.graph.call(
+            GetParameters, "/amb/pd_controller/get_parameters", names=["nominal_reference"]
+        ).values
+        assert value.type == ParameterType.PARAMETER_DOUBLE_ARRAY
+        return list(value.double_array_value)
+
+    assert read_list() == []
+    assert set_list(0.0, 40e-6).successful
+    assert read_list() == [0.0, 40e-6]
+    assert "3 values; the machine has 2 axes; allowed: 2, or none" in set_list(0.0, 0.0, 0.0).reason
+    assert "= [1.0, 0.0] is not allowed; allowed: a list of numbers from -0.001 to 0.001 m" in set_list(1.0, 0.0).reason
+    assert read_list() == [0.0, 40e-6]
+    assert set_list().successful
+    assert read_list() == []
+
+
 def test_controller_alone_answers_repeated_positions_alike_and_reports_another_rate_than_its_own(graph, bearing):
     answers: list[CurrentReference] = []
     graph.node.create_subscription(CurrentReference, "/amb/current_reference", answers.append, STREAM)
@@ -293,9 +320,15 @@ WRONG_PARAMETERS = [
     (SIMULATOR, {"rotor": {"mass": "heavy"}}, "'rotor.mass' = 'heavy' is not allowed; allowed: 0.001 to 100000 kg"),
     (SIMULATOR, {"integration": {"internal_step": 3e-7}}, "whole number of internal steps"),
     (CONTROLLER, {"derivative_on": "speed"}, "'derivative_on' = 'speed' is not allowed; allowed: one of error"),
+    (CONTROLLER, {"nominal_reference": [0.0, 0.0, 1e-6]}, "nominal_reference has 3 values; the machine has 2 axes"),
+    (
+        CONTROLLER,
+        {"derivative_gains": [38.0, -1.0]},
+        "'derivative_gains' = [38.0, -1.0] is not allowed; allowed: a list",
+    ),
     (CONTROLLER, {"proportional_gain": float("nan")}, "'proportional_gain' = nan is not allowed"),
     (GENERATOR, {"sample_rate": 1.0}, "'sample_rate' = 1.0 is not allowed; allowed: 1000 to 100000 Hz"),
-    (IDENTIFIER, {"order": 99}, "'order' = 99 is not allowed; allowed: 1 to 30"),
+    (IDENTIFIER, {"order": 99}, "'order' = 99 is not allowed; allowed: 1 to 40"),
 ]
 
 

@@ -76,7 +76,7 @@ def _parameter(node: Node, message: ParameterMessage, declared: Mapping[str, Dec
     if declaration.type is float and type(value) is int:
         value = float(value)
     if declaration.type is tuple and isinstance(value, list) and all(type(item) in (int, float) for item in value):
-        return Parameter(message.name, value=array("d", value))
+        return Parameter(message.name, Parameter.Type.DOUBLE_ARRAY, array("d", value))
     if type(value) is not declaration.type:
         raise ParameterError(
             f"parameter '{message.name}' = {reprlib.repr(value)} is not allowed; allowed: {declaration.allowed}"

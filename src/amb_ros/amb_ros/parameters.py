@@ -57,12 +57,7 @@ def declare(
     current = flatten(values.model_dump())
     for declaration in declarations(parameters):
         writable = declaration.runtime and on_change is not None
-        node.declare_parameter(
-            declaration.name,
-            _ros_value(current[declaration.name]),
-            _descriptor(declaration, read_only=not writable),
-            ignore_override=True,
-        )
+        _declare(node, declaration, current[declaration.name], read_only=not writable)
     guard_parameter_services(node, declarations(parameters))
     if on_change is not None:
         node.add_on_set_parameters_callback(_guard(node, parameters, current, check))
@@ -82,9 +77,9 @@ def replace(node: Node, values: Parameters) -> None:
         If rclpy or a callback of the node refuses; then no parameter has changed.
     """
     changes = [
-        Parameter(name, value=_ros_value(value))
+        typed_parameter(name, value)
         for name, value in flatten(values.model_dump()).items()
-        if _ros_value(value) != node.get_parameter(name).value
+        if typed_parameter(name, value).value != node.get_parameter(name).value
     ]
     if not changes:
         return
@@ -108,9 +103,23 @@ def _checked(parameters: type[P], given: Mapping[str, object], check: Callable[[
     return values
 
 
-def _ros_value(value: object) -> object:
-    """A value as rclpy takes it: from an empty list it could not conclude the type of the numbers."""
-    return array("d", value) if isinstance(value, tuple) else value
+def typed_parameter(name: str, value: object) -> Parameter:
+    """A parameter of rclpy; from an empty list rclpy would not conclude that it is one of numbers."""
+    if isinstance(value, tuple):
+        return Parameter(name, Parameter.Type.DOUBLE_ARRAY, array("d", value))
+    return Parameter(name, value=value)
+
+
+def _declare(node: Node, declaration: Declaration, value: object, read_only: bool) -> None:
+    descriptor = _descriptor(declaration, read_only)
+    if value != ():
+        node.declare_parameter(declaration.name, value, descriptor, ignore_override=True)
+        return
+    # rclpy declares no empty list of numbers, but it can be set to one afterwards.
+    descriptor.read_only = False
+    node.declare_parameter(declaration.name, [0.0], descriptor, ignore_override=True)
+    node.set_parameters([typed_parameter(declaration.name, ())])
+    node.describe_parameter(declaration.name).read_only = read_only
 
 
 def _descriptor(declaration: Declaration, read_only: bool) -> ParameterDescriptor:
@@ -135,7 +144,8 @@ def _descriptor(declaration: Declaration, read_only: bool) -> ParameterDescripto
 
 
 def _changed(current: dict[str, object], changes: Sequence[Parameter]) -> dict[str, object]:
-    return current | {change.name: change.value for change in changes if change.name in current}
+    values = {change.name: change.value for change in changes if change.name in current}
+    return current | {name: list(value) if isinstance(value, array) else value for name, value in values.items()}
 
 
 def _guard(
