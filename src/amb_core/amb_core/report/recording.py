@@ -144,8 +144,8 @@ def _regions(found: RecordedRegions) -> Section:
 def _distortion(evidence: Evidence) -> Section:
     blocks: list[Block] = [
         Prose(
-            "Region A says that the bias neither drifts nor oscillates slowly. How much of the motion no linear model "
-            "can follow is another question:"
+            "Region A means that the bias neither drifts nor oscillates slowly. How much of the motion no linear model "
+            "can follow is another question."
         )
     ]
     blocks += [Prose(f"{sentence(text)}.") for text in evidence.lines]

@@ -6,11 +6,10 @@ projection, with Kaufman's simplification of the derivative). Errors are weighte
 the last step, so every accepted step lowers the determinant of the covariance, which the maximum-likelihood estimate
 minimises. The model is simulated only as a predictor: its F stays stable even if A is unstable.
 
-A search may stall above the minimum, with a mode of the predictor at the limit of stability, so that most steps are
-refused. What a further step promises shows it. At the true parameters the squared errors, relative to their variance,
-exceed the minimum by one for each parameter on average. A search that could still gain more has ended further from the
-minimum than the truth is. It is then made again from a second start: the first one, refined on predictors of finite
-memory.
+A search may stall above the minimum: a mode of the predictor goes to the limit of stability, where most steps are
+refused. At the true parameters the squared errors, relative to their variance, exceed the minimum by one for each
+parameter on average. A search with such a mode that could still gain more has ended further from the minimum than the
+truth is. It is then made again from a second start: the first one, refined on predictors of finite memory.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 7.4, 10.2 and 16.4; G. Golub and
 V. Pereyra, Separable nonlinear least squares: the variable projection method and its applications, Inverse Problems 19
@@ -20,6 +19,7 @@ their application to system identification, Automatica 40 (2004).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -188,9 +188,14 @@ def refine(modes: Modes, memory: FiniteMemory) -> Fit | None:
 
 
 def stalled(end: SearchEnd, fit: Fit, data: ScaledData) -> bool:
-    """Whether a search ended further above the minimum than the true parameters are on average."""
+    """Whether a search ended further above the minimum than the true parameters are, with a mode that does not fade.
+
+    Without such a mode, large gains that remain are those of a model too simple for data with little noise, such as
+    those of a simulated nonlinear bearing. Another start does not help there.
+    """
     parameters = fit.modes.order * (data.inputs.shape[1] + 2 * data.outputs.shape[1])  # without those of coordinates
-    return end.left * data.outputs.size > parameters
+    lasts = fit.modes.radius ** max(data.lengths) > math.exp(-1.0)  # a time constant as long as the data
+    return lasts and end.left * data.outputs.size > parameters
 
 
 def _searched_again(
