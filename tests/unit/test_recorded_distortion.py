@@ -201,7 +201,8 @@ def test_coherence_has_no_bias_from_the_number_of_lines(noise: float) -> None:
 def test_the_chart_of_a_coherence_has_its_numbers() -> None:
     chart = plot(measure_coherence([respond(excitation("prbs", amplitude=3e-6, duration=4.0), square=4e4)]))
     assert [panel.title.split(":")[0] for panel in chart.panels] == ["x", "y"]
-    assert "noise and distortion together" in chart.alt
+    described = r"Coherence over frequency, from N to N Hz; lowest: N on x at N Hz, N on y at N Hz\."
+    assert re.fullmatch(described.replace("N", r"[\d.]+"), chart.alt), chart.alt
     assert chart.figure().axes
 
 
