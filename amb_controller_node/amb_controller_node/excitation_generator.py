@@ -18,12 +18,14 @@ from amb_controller_node.parameters import GeneratorParameters
 from amb_core.errors import ExcitationError, ParameterError, RegionError
 from amb_core.excitation import Excitation as ExcitationParameters
 from amb_core.excitation import excitation_from_request, generate
+from amb_core.loop.machine import Machine
 from amb_core.parameters import Parameters
 from amb_core.recording.messages.excitation import fill_excitation
 from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
 from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
 from amb_ros import topics
+from amb_ros.machine import MachineInput
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, LATCHED
@@ -67,6 +69,7 @@ class ExcitationGeneratorNode(Node):
         self._map_subscription = create_subscription(
             self, RegionMapMessage, topics.REGION_MAP, self._on_region_map, LATCHED
         )
+        self._machine_input = MachineInput(self)
         self._remote_parameters = RemoteParameters(self)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="excitation_generator")
         create_service(self, StartExcitation, "~/start", self._on_start, self._worker)
@@ -99,7 +102,7 @@ class ExcitationGeneratorNode(Node):
                 run=self._current_run(),
                 kind="stop",
                 first_step=Excitation.FROM_NEXT_STEP,
-                sample_time=1.0 / self._settings.sample_rate,
+                sample_time=1.0 / self._machine().sample_rate,
             )
         )
         response.success = True
@@ -115,10 +118,12 @@ class ExcitationGeneratorNode(Node):
         from amb_core.regions import Region
 
         notes: list[str] = []
+        sample_rate = self._machine().sample_rate
+        controller = self._live_set(ControllerParameters, self._settings.controller, notes)
         check = check_excitation(
-            generate(self._excitation(request), self._settings.sample_rate),
+            generate(self._excitation(request), sample_rate),
             self._region_map(request.map),
-            self._live_set(ControllerParameters, self._settings.controller, notes),
+            controller and controller.at_rate(sample_rate),
             self._live_set(PlantParameters, self._settings.simulator, notes),
         )
         response.success = True
@@ -162,7 +167,10 @@ class ExcitationGeneratorNode(Node):
 
     def _message(self, excitation: ExcitationParameters, run: int, first_step: int) -> Excitation:
         """The definition of an excitation, with number and checksum of its samples; the samples are not kept."""
-        return fill_excitation(Excitation(), excitation, run, first_step, self._settings.sample_rate)
+        return fill_excitation(Excitation(), excitation, run, first_step, self._machine().sample_rate)
+
+    def _machine(self) -> Machine:
+        return self._machine_input.wait(self._settings.answer_timeout)
 
     def _current_run(self) -> int:
         timeout = self._settings.answer_timeout

@@ -11,6 +11,7 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.timer import Timer
 
-from amb_controller_node.excitation_message import Checked, check, read
+from amb_controller_node.excitation_message import Checked, check, length, read
 from amb_core.errors import ExcitationError
 from amb_core.excitation import Playback
 from amb_core.excitation.playback import WINDOW
+from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
 from amb_ros.qos import EVERY_STATE
@@ -40,8 +42,6 @@ class ExcitationInput:
     ----------
     node : Node
         The controller.
-    sample_rate : float
-        Its sample rate (Hz).
     position : callable
         Returns the present run and the last step that needs no answer, 0 and -1 before the first position.
     resume : callable
@@ -54,11 +54,15 @@ class ExcitationInput:
     """
 
     def __init__(
-        self, node: Node, sample_rate: float, position: Callable[[], tuple[int, int]], resume: Callable[[], None]
+        self,
+        node: Node,
+        position: Callable[[], tuple[int, int]],
+        resume: Callable[[], None],
     ) -> None:
         self.holding = True
         self._node = node
-        self._sample_rate = sample_rate
+        self._machine: Machine | None = None
+        self._early: tuple[bytes, int] | None = None  # message that arrived before the machine
         self._position = position
         self._resume = resume
         self._playing: _Playing | None = None
@@ -77,16 +81,16 @@ class ExcitationInput:
         self._pending = None
         self._worker.shutdown(wait=False, cancel_futures=True)
 
-    def reference(self, run: int, step: int, x: float, y: float) -> tuple[float, float]:
-        """Reference position of a step (m) from the nominal one."""
+    def reference(self, run: int, step: int, nominal: list[float]) -> list[float]:
+        """Reference position of each axis at a step (m) from the nominal one."""
         playing = self._playing
         if playing is None or playing.run != run:
-            return x, y
+            return nominal
         offset = step - playing.window_step
         if 0 <= offset < playing.window_size or playing.load(step):
-            offset = step - playing.window_step
-            return x + playing.x[offset], y + playing.y[offset]
-        return x, y
+            excited = playing.samples[step - playing.window_step]
+            return list(map(add, nominal, excited))
+        return nominal
 
     def holds(self, run: int, step: int) -> bool:
         """Whether the answer to a position must wait for the samples of an active excitation."""
@@ -101,15 +105,36 @@ class ExcitationInput:
         pending = self._pending
         return pending is not None and pending.joins and pending.run == run and step >= pending.first_step
 
+    def use(self, machine: Machine) -> None:
+        """Take the axes and the sample rate of a machine, for the excitations that arrive from now on."""
+        self._machine = machine
+        early, self._early = self._early, None
+        if early is not None:
+            self._on_excitation(*early)
+
+    def _keep(self, data: bytes, source_time: int) -> None:
+        """Keep a message until the machine is known; only the newest, since an excitation replaces the previous one."""
+        if self._early is not None:
+            former = read(self._early[0])
+            self._refuse(
+                ExcitationStatus(run=former.run, id=former.id, kind=former.kind[:LONGEST_KIND]),
+                "replaced by a later excitation before the machine was known",
+            )
+        self._early = data, source_time
+
     # -- messages
 
     def _on_excitation(self, data: bytes, source_time: int) -> None:
         run, step = self._position()
         latched = 0 < source_time < self._started
         message = read(data)
+        machine = self._machine
         if isinstance(message, ExcitationStatus):
             self._refuse(message, message.message)
             self._end_joining()
+            return
+        if machine is None:
+            self._keep(data, source_time)
             return
         identity = _identity(message)
         if any(known is not None and known.identity == identity for known in (self._playing, self._pending)):
@@ -118,13 +143,15 @@ class ExcitationInput:
         late = joins and self._joined and message.run == run and message.first_step <= step
         status = ExcitationStatus(run=message.run, id=message.id, kind=message.kind[:LONGEST_KIND])
         try:
-            checked = check(message, self._sample_rate, run, -1 if joins else step)
+            checked = check(message, machine, run, -1 if joins else step)
         except ExcitationError as problem:
             self._refuse(status, str(problem))
             self._end_joining()
             return
         self._call_off(f"replaced by excitation {message.id} before its samples were ready")
-        pending = self._pending = _Pending(message.run, message.first_step, joins, late, identity, status, checked)
+        pending = self._pending = _Pending(
+            message.run, message.first_step, joins, late, identity, status, checked, machine
+        )
         if checked.excitation is None:
             samples = checked.samples
             pending.window = lambda index: (index - index % WINDOW, samples[index - index % WINDOW :][:WINDOW])
@@ -146,7 +173,7 @@ class ExcitationInput:
         excitation, checksum = pending.checked.excitation, pending.checked.checksum
         assert excitation is not None
         try:
-            playback = Playback(excitation, self._sample_rate, cancelled=lambda: pending is not self._pending)
+            playback = Playback(excitation, pending.machine.sample_rate, cancelled=lambda: pending is not self._pending)
             if checksum and checksum != playback.checksum:
                 pending.problem = (
                     f"the samples made from its description have checksum {playback.checksum}, those of the sender "
@@ -224,7 +251,7 @@ Identity = tuple[int, int, str, str, int, int, int]
 def _identity(message: Excitation) -> Identity:
     """Fields that are equal in two copies of an excitation; last the first step, which may be resolved."""
     return (
-        message.run, message.id, message.kind, message.description, message.steps or len(message.reference_x),
+        message.run, message.id, message.kind, message.description, message.steps or length(message),
         message.checksum, message.first_step,
     )  # fmt: skip
 
@@ -240,6 +267,7 @@ class _Pending:
     identity: Identity
     status: ExcitationStatus
     checked: Checked
+    machine: Machine
     problem: str = ""
     window: Window = lambda _index: (0, np.zeros((0, 2)))
 
@@ -247,7 +275,7 @@ class _Pending:
 class _Playing:
     """An excitation being applied, with a window of its samples as plain floats for fast access."""
 
-    __slots__ = ("_window", "first_step", "identity", "run", "stop", "window_size", "window_step", "x", "y")
+    __slots__ = ("_window", "first_step", "identity", "run", "samples", "stop", "window_size", "window_step")
 
     def __init__(self, run: int, first_step: int, steps: int, window: Window, identity: Identity) -> None:
         self.run = run
@@ -256,8 +284,7 @@ class _Playing:
         self.identity = identity
         self.window_step = 0  # of the first sample in the window
         self.window_size = 0
-        self.x: list[float] = []
-        self.y: list[float] = []
+        self.samples: list[list[float]] = []  # of all axes, step by step
         self._window = window
 
     def load(self, step: int) -> bool:
@@ -266,5 +293,5 @@ class _Playing:
             return False
         first, samples = self._window(step - self.first_step)
         self.window_step, self.window_size = self.first_step + first, len(samples)
-        self.x, self.y = samples.T.tolist()
+        self.samples = samples.tolist()
         return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from amb_core.excitation import excitation_from_definition
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
 from amb_core.excitation.playback import checksum_of
 from amb_core.excitation.signal import steps_of
+from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
 
 STOP = "stop"
@@ -36,7 +38,7 @@ class Checked:
         That of the sender; 0 if none.
     excitation : Excitation or None
         Definition from which its samples are made.
-    samples : ndarray, shape (n, 2)
+    samples : ndarray, shape (n, axes)
         Samples in the message (m); empty with a definition and for a stop.
     """
 
@@ -59,15 +61,20 @@ def read(data: bytes) -> Excitation | ExcitationStatus:
     return ExcitationStatus(run=run, id=number, message=_line(problem))
 
 
-def check(message: Excitation, sample_rate: float, run: int, step: int) -> Checked:
+def length(message: Excitation) -> int:
+    """Samples that a message itself holds for each axis."""
+    return len(message.axes[0].reference) if message.axes else 0
+
+
+def check(message: Excitation, machine: Machine, run: int, step: int) -> Checked:
     """The content of a message; everything is checked except samples made from a definition.
 
     Parameters
     ----------
     message : Excitation
         The message.
-    sample_rate : float
-        That of the controller (Hz).
+    machine : Machine
+        Gives axes and sample rate.
     run, step : int
         Present run and last step answered in it.
 
@@ -76,32 +83,33 @@ def check(message: Excitation, sample_rate: float, run: int, step: int) -> Check
     ExcitationError
         If it cannot be applied; one line.
     """
+    axes, sample_rate = machine.axis_names, machine.sample_rate
     try:
         _check_place(message, run, step)
         if message.kind == STOP:
-            if message.steps or message.reference_x:
-                raise ExcitationError(
-                    f"a stop has no samples, but this has {message.steps or len(message.reference_x)}"
-                )
-            return Checked(0, 0, None, np.zeros((0, 2)))
+            if message.steps or message.axes:
+                raise ExcitationError(f"a stop has no samples, but this has {message.steps or length(message)}")
+            return Checked(0, 0, None, np.zeros((0, len(axes))))
         if not abs(message.sample_time * sample_rate - 1.0) <= 1e-9:
             raise ExcitationError(
                 f"made for a sample time of {message.sample_time:g} s; the controller runs at {1.0 / sample_rate:g} s"
             )
-        if message.kind == WAVEFORM or message.reference_x:
-            return _inline(message)
+        if message.kind == WAVEFORM or message.axes:
+            return _inline(message, axes)
         excitation = excitation_from_definition(message.kind, message.description)
         steps = steps_of(excitation, sample_rate)
         if message.steps != steps:
             raise ExcitationError(f"steps = {message.steps}, but its description makes {steps}")
-        return Checked(steps, message.checksum, excitation, np.zeros((0, 2)))
+        return Checked(steps, message.checksum, excitation, np.zeros((0, len(axes))))
     except ExcitationError as problem:
         raise ExcitationError(_line(str(problem))) from None
 
 
 def _check_place(message: Excitation, run: int, step: int) -> None:
-    if len(message.reference_x) != len(message.reference_y):
-        raise ExcitationError(f"{len(message.reference_x)} samples on x but {len(message.reference_y)} on y")
+    for axis in message.axes:
+        if len(axis.reference) != length(message):
+            first = message.axes[0].name
+            raise ExcitationError(f"{length(message)} samples on {first} but {len(axis.reference)} on {axis.name}")
     if message.run < run:
         raise ExcitationError(f"meant for run {message.run}; the present run is {run}")
     if message.first_step < Excitation.FROM_NEXT_STEP:
@@ -117,20 +125,27 @@ def _check_place(message: Excitation, run: int, step: int) -> None:
         )
 
 
-def _inline(message: Excitation) -> Checked:
-    steps = len(message.reference_x)
+def _inline(message: Excitation, axes: Sequence[str]) -> Checked:
+    steps = length(message)
     if not steps:
-        raise ExcitationError(f"a {WAVEFORM} without samples; give reference_x and reference_y, or end it by a {STOP}")
+        raise ExcitationError(f"a {WAVEFORM} without samples; give an axis with its reference, or end it by a {STOP}")
+    names = [axis.name for axis in message.axes]
+    for name in names:
+        if name not in axes or names.count(name) > 1:
+            problem = "is given twice" if name in axes else "is not an axis of this machine"
+            raise ExcitationError(f"axis {name!r} {problem}; allowed: {', '.join(axes)}, each once")
     if steps > Excitation.HIGHEST_INLINE_STEPS:
         raise ExcitationError(f"samples of {steps} steps; allowed: {Excitation.HIGHEST_INLINE_STEPS}")
     if message.steps not in (0, steps):
         raise ExcitationError(f"steps = {message.steps}, but it has samples of {steps}")
-    samples = np.column_stack([message.reference_x, message.reference_y])
+    samples = np.zeros((steps, len(axes)))
+    for part in message.axes:
+        samples[:, axes.index(part.name)] = part.reference
     wrong = ~(np.abs(samples) <= HIGHEST_AMPLITUDE)  # NaN as well
     if wrong.any():
         index, axis = np.argwhere(wrong)[0]
         raise ExcitationError(
-            f"reference_{'xy'[axis]}[{index}] = {samples[index, axis]:g} m is not allowed; "
+            f"reference[{index}] of axis {axes[axis]} = {samples[index, axis]:g} m is not allowed; "
             f"allowed: {-HIGHEST_AMPLITUDE:g} to {HIGHEST_AMPLITUDE:g} m"
         )
     checksum = checksum_of(samples)

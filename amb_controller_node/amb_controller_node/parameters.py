@@ -15,7 +15,6 @@ class PdControllerParameters(ControllerParameters):
 class GeneratorParameters(Parameters):
     """Parameters of the node."""
 
-    sample_rate: float = quantity(10_000.0, "Hz", "controller sample rate f_s", 1_000.0, 100_000.0)
     answer_timeout: float = quantity(10.0, "s", "longest wall-clock wait for the controller's answer", 0.1, 60.0)
     simulator: str = choice("simulator", "node whose parameters describe the plant of a preview, relative or full name")
     controller: str = choice(

@@ -2,10 +2,12 @@
 
 It answers every position with the current reference of the same run and step, adds the excitation to the nominal
 reference, and publishes telemetry in blocks. A position that arrives twice gets the same answer. A new run, or a gap in
-the steps, restarts the control law.
+the steps, restarts the control law. Axes and sample rate are those of the machine, fixed within a run.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
@@ -13,19 +15,20 @@ from rclpy.node import Node
 
 from amb_controller_node.excitation_input import ExcitationInput
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.loop.control import PdController
+from amb_core.errors import ParameterError
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
 from amb_core.recording.messages.loop_samples import fill_loop_samples
 from amb_core.recording.messages.time_stamp import last_stamped_step
-from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition
+from amb_msgs.msg import AxisSamples, CurrentReference, LoopSamples, RotorPosition
 from amb_ros import diagnostics, topics
+from amb_ros.machine import MachineInput
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import HISTORY, STREAM
 from amb_ros.sample_messages import pack_current, unpack_position
 
-SIGNALS = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
-AXES = 2
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
 LARGEST_POSITION = 1.0  # m; far above every clearance, and far below values that would overflow in the control law
 
@@ -37,27 +40,31 @@ class PdControllerNode(Node):
         super().__init__(
             "pd_controller", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True
         )
-        self._settings = declare(
-            self, PdControllerParameters, self._on_parameters, check=lambda values: values.require_axes(AXES)
-        )
-        self._controller = PdController(self._settings, AXES)
+        self._machine: Machine | None = None  # that of the present run
+        self._axes: tuple[str, ...] = ()  # of it
+        self._step_at_change = -1  # last step answered when the latest machine arrived
+        self._machine_error = ""  # why the latest machine cannot be controlled, or the present run's is another
+        self._settings = declare(self, PdControllerParameters, self._on_parameters, self._check_parameters)
+        self._controller = PdController(ControllerParameters())
         self._controller.update((0.0, 0.0), (0.0, 0.0))  # compile before the first position arrives
+        self._nominal_reference: list[float] = []
         self._run = 0
         self._step = -1  # last step answered
         self._gaps = 0
         self._rate_error = ""
-        self._last_step = last_stamped_step(self._settings.sample_rate)  # that a message can carry
+        self._last_step = 0  # that a message can carry
         self._refused_positions = 0
         self._position_error = ""  # of this run
         self._answer = b""  # to the last step
-        self._held = b""  # position whose answer waits for the excitation
-        self._telemetry = _TelemetryBlock(self._settings.sample_rate)
+        self._held = b""  # position whose answer waits for the excitation or for the machine
+        self._telemetry = _TelemetryBlock()
         self._flushed_step = -1
 
         self._current_publisher = self.create_publisher(CurrentReference, topics.CURRENT_REFERENCE, STREAM)
         self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
         # Before the positions, so that an active excitation is known as early as they are.
-        self._excitation = ExcitationInput(self, self._settings.sample_rate, self._place, self._answer_held)
+        self._excitation = ExcitationInput(self, self._place, self._answer_held)
+        self._machine_input = MachineInput(self, self._on_machine)
         self._position_subscription = self.create_subscription(
             RotorPosition, topics.POSITION, self._on_position, STREAM, raw=True
         )
@@ -76,10 +83,11 @@ class PdControllerNode(Node):
     # -- the loop
 
     def _on_position(self, data: bytes) -> None:
-        run, step, time, x, y = unpack_position(data)
-        # A NaN fails every comparison.
-        if not (abs(x) <= LARGEST_POSITION and abs(y) <= LARGEST_POSITION and step <= self._last_step):
-            self._refuse_position(run, step, x, y)
+        run, step, time, position = unpack_position(data)
+        if (run != self._run or self._machine is None) and not self._use_machine(data, run, len(position)):
+            return
+        if step > self._last_step or len(position) != len(self._axes) or not _all_within(LARGEST_POSITION, position):
+            self._refuse_position(run, step, position)
             return
         if self._excitation.holding and self._excitation.holds(run, step):
             self._held = data
@@ -90,11 +98,11 @@ class PdControllerNode(Node):
                 return
             self._start_afresh(run, step)
         self._step = step
-        reference_x, reference_y = self._excitation.reference(run, step, *self._controller.nominal_reference.tolist())
-        i_x, i_y = self._controller.update((x, y), (reference_x, reference_y)).tolist()
-        self._answer = pack_current(run, step, i_x, i_y)
+        reference = self._excitation.reference(run, step, self._nominal_reference)
+        current = self._controller.update(position, reference).tolist()
+        self._answer = pack_current(run, step, current)
         self._current_publisher.publish(self._answer)
-        self._telemetry.add(step, reference_x, reference_y, x, y, i_x, i_y)
+        self._telemetry.add(step, reference, position, current)
         if len(self._telemetry) >= self._settings.telemetry_block:
             self._flush()
         if step == 1:
@@ -123,13 +131,54 @@ class PdControllerNode(Node):
         self._run = run
         self._rate_error = ""
 
-    def _refuse_position(self, run: int, step: int, x: float, y: float) -> None:
+    def _on_machine(self, machine: Machine) -> None:
+        """Answer what has waited for the machine. One that changes anything within a run applies from the next on."""
+        self._step_at_change = self._step
+        self._excitation.use(machine)
+        self._answer_held()
+
+    def _use_machine(self, data: bytes, run: int, count: int) -> bool:
+        """Use the latest machine from the first position of a run on; if it cannot be that of the position, hold it."""
+        machine = self._machine_input.machine
+        self._machine_error = ""
+        if machine is None:
+            self._machine_error = self._machine_input.problem
+        elif count != len(machine.axes):
+            self._machine_error = (
+                f"position of {count} axes in run {run}, but the machine {machine.name!r} has {len(machine.axes)}, "
+                f"{', '.join(machine.axis_names)}; waiting for the machine of this run"
+            )
+        elif machine != self._machine:
+            self._take_machine(machine)
+        if self._machine_error:
+            self._held = data
+            self._diagnostics.publish()
+        return not self._machine_error
+
+    def _take_machine(self, machine: Machine) -> None:
+        """Control a machine; if the parameters are not for it, the reason is kept as an error."""
+        settings = self._settings.at_rate(machine.sample_rate)
+        try:
+            controller = PdController(settings, len(machine.axes))
+        except ParameterError as problem:
+            self._machine_error = f"{problem}; no position of machine {machine.name!r} is answered"
+            self.get_logger().error(self._machine_error)
+            return
+        self._flush()  # of the last run
+        self._settings, self._controller = settings, controller
+        self._nominal_reference = controller.nominal_reference.tolist()
+        self._machine, self._axes = machine, machine.axis_names
+        self._last_step = last_stamped_step(machine.sample_rate)
+
+    def _refuse_position(self, run: int, step: int, position: Sequence[float]) -> None:
         """Do not answer a position that would corrupt the controller state, and report it until the next run."""
-        self._refused_positions += 1
+        shown = ", ".join(f"{value:g}" for value in position[: len(self._axes) + 1])
         error = (
-            f"position x = {x:g} m, y = {y:g} m at step {step} of run {run} is not answered; allowed: finite values up "
-            f"to {LARGEST_POSITION:g} m and steps up to {self._last_step}"
+            f"position {shown} m at step {step} of run {run} is not answered; allowed: finite values up to "
+            f"{LARGEST_POSITION:g} m of the {len(self._axes)} axes {', '.join(self._axes)}, and steps up to "
+            f"{self._last_step}"
         )
+        self._refused_positions += 1
         self.get_logger().error(error, throttle_duration_sec=5.0)
         if not self._position_error:
             self._position_error = error
@@ -140,19 +189,31 @@ class PdControllerNode(Node):
         if not abs(period * rate - 1.0) <= 1e-3:  # NaN too
             found = f"at {1.0 / period:g} Hz" if period > 0.0 else f"with time {period:g} s at step 1"
             self._rate_error = (
-                f"positions arrive {found}, but the controller has sample_rate = {rate:g} Hz; set both to the same rate"
+                f"positions arrive {found}, but the machine has a sample rate of {rate:g} Hz; its source must publish "
+                "the rate at which it runs"
             )
             self.get_logger().error(self._rate_error)
 
     def _on_parameters(self, parameters: PdControllerParameters) -> None:
         self._settings = parameters
-        self._controller.configure(parameters)
+        if self._machine is not None:
+            self._settings = parameters.at_rate(self._machine.sample_rate)
+            self._controller.configure(self._settings)
+            self._nominal_reference = self._controller.nominal_reference.tolist()
+        self._answer_held()
+
+    def _check_parameters(self, parameters: PdControllerParameters) -> None:
+        """Refuse lists for another number of axes than the machine has."""
+        if self._axes:
+            parameters.require_axes(len(self._axes))
 
     # -- telemetry
 
     def _flush(self) -> None:
         if len(self._telemetry):
-            self._telemetry_publisher.publish(self._telemetry.take(self._run))
+            self._telemetry_publisher.publish(
+                self._telemetry.take(self._run, 1.0 / self._settings.sample_rate, self._axes)
+            )
 
     def _on_flush_timer(self) -> None:
         """Publish a partial block if no sample has arrived since the last call: the run is paused or over."""
@@ -169,35 +230,50 @@ class PdControllerNode(Node):
             "gaps in the steps": self._gaps,
             "positions refused": self._refused_positions,
         }
-        if self._position_error:
-            return diagnostics.ERROR, self._position_error, values
-        if self._rate_error:
-            return diagnostics.ERROR, self._rate_error, values
+        for error in (self._machine_error, self._position_error, self._rate_error, self._changed_machine()):
+            if error:
+                return diagnostics.ERROR, error, values
+        if self._machine_input.problem:
+            return diagnostics.WARN, self._machine_input.problem, values
         return diagnostics.OK, "answering" if self._step >= 0 else "no position yet", values
+
+    def _changed_machine(self) -> str:
+        """What is wrong if the machine is another one than that with which the present run began, and still goes on."""
+        latest = self._machine_input.machine
+        if latest == self._machine or self._machine is None or self._step <= self._step_at_change:
+            return ""
+        return (
+            f"the machine changed within run {self._run}: it began with axes {', '.join(self._axes)} at "
+            f"{self._settings.sample_rate:g} Hz, which hold until its end"
+        )
+
+
+def _all_within(limit: float, values: Sequence[float]) -> bool:
+    return all(-limit <= value <= limit for value in values)  # a NaN fails every comparison
 
 
 class _TelemetryBlock:
-    """The samples since the last block was published, one after the other in a flat list."""
+    """The samples since the last block was published."""
 
-    def __init__(self, sample_rate: float) -> None:
-        self._sample_rate = sample_rate
+    def __init__(self) -> None:
         self._first_step = 0
-        self._samples: list[float] = []
+        self._samples: list[tuple[Sequence[float], Sequence[float], Sequence[float]]] = []
 
     def __len__(self) -> int:
-        return len(self._samples) // len(SIGNALS)
+        return len(self._samples)
 
-    def add(self, step: int, *sample: float) -> None:
+    def add(self, step: int, reference: Sequence[float], position: Sequence[float], current: Sequence[float]) -> None:
+        """Add reference, position and current of all axes at a step."""
         if not self._samples:
             self._first_step = step
-        self._samples.extend(sample)
+        self._samples.append((reference, position, current))
 
-    def take(self, run: int) -> LoopSamples:
+    def take(self, run: int, sample_time: float, axes: tuple[str, ...]) -> LoopSamples:
         """The block as a message; the next sample starts a new one."""
-        samples = np.array(self._samples).reshape(len(self), len(SIGNALS))
-        record = LoopRecord(self._first_step, 1.0 / self._sample_rate, samples[:, :2], samples[:, 2:4], samples[:, 4:])
+        reference, position, current = np.array(self._samples).swapaxes(0, 1)
+        record = LoopRecord(self._first_step, sample_time, reference, position, current, axes)
         self._samples.clear()
-        return fill_loop_samples(LoopSamples(), run, record)
+        return fill_loop_samples(LoopSamples(), AxisSamples, run, record)
 
 
 def main(args: list[str] | None = None) -> int:

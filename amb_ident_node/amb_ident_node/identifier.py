@@ -245,14 +245,17 @@ class IdentifierNode(Node):
         if request.bag:
             loop = read_loop(request.bag, first_step=request.first_step, steps=request.steps)
         else:
+            data = self._live.data(request.first_step, request.steps)
+            running = None if request.controller else self._read(ControllerParameters, self._settings.controller)
             loop = RecordedLoop(
-                self._live.data(request.first_step, request.steps),
-                None if request.controller else self._read(ControllerParameters, self._settings.controller),
+                data,
+                running and running.at_rate(data.sample_rate),
                 self._read(PlantParameters, self._settings.simulator) if with_plant else None,
             )
         remark = f"; bag is truncated: {loop.damage}" if loop.damage else ""
         if request.controller:
-            loop = replace(loop, controller=self._named_controller(request.controller))
+            named = self._named_controller(request.controller)
+            loop = replace(loop, controller=named.at_rate(loop.data.sample_rate))
             remark += f"; controller: {request.controller}, as requested"
         elif loop.controller is None and needs_controller(loop.data):
             source = f"bag {request.bag} lacks" if request.bag else f"node {self._settings.controller} does not give"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from amb_core.errors import RegionError
+from amb_core.loop.machine import first_bearing
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, describe_gaps
 from amb_core.regions import RegionClassifier, RegionParameters, RegionState
@@ -60,6 +61,8 @@ class RegionWatch:
     def add_block(self, run: int, block: LoopRecord) -> list[RegionState]:
         """Process a block of telemetry. Returns the states to publish, oldest first.
 
+        Of a machine with more than one bearing it is the first one that is classified.
+
         A block of another run starts a new classification. A block that does not continue the last one restarts it.
 
         Raises
@@ -67,6 +70,7 @@ class RegionWatch:
         RegionError
             If the block cannot be classified, for example because a sample is not finite; it is left out.
         """
+        block = first_bearing(block)
         try:
             if run != self.run or block.sample_time != self.sample_time or self._classifier is None:
                 self._start(run, block)

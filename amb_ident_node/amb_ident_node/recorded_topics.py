@@ -9,11 +9,13 @@ from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from amb_core.recording.messages.loop_samples import steps_in
 from amb_ident_node.completeness import Mark
 from amb_msgs.msg import (
     Excitation,
     ExcitationStatus,
     LoopSamples,
+    Machine,
     PlantState,
     RegionMap,
     RegionState,
@@ -68,6 +70,7 @@ class RecordedTopic(NamedTuple):
 
 
 RECORDED = (
+    RecordedTopic(topics.MACHINE, Machine, LATCHED),
     RecordedTopic(topics.TELEMETRY, LoopSamples, HISTORY),
     RecordedTopic(topics.PLANT_STATE, PlantState, HISTORY),
     RecordedTopic(topics.EXCITATION, Excitation, LATCHED),
@@ -88,7 +91,7 @@ OF_THE_GRAPH = (topics.TELEMETRY, topics.PLANT_STATE, topics.REGION, topics.SIMU
 def end_of(message: Any) -> Mark | None:
     """Run and step at which a message ends; None if that does not decide whether it belongs to a recording."""
     if isinstance(message, LoopSamples):
-        return Mark(message.run, message.first_step + len(message.position_x))
+        return Mark(message.run, message.first_step + steps_in(message))
     if isinstance(message, PlantState | SimulatorState):
         return Mark(message.run, message.step + 1)
     if isinstance(message, RegionState):

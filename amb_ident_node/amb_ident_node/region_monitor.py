@@ -212,15 +212,13 @@ class RegionMonitorNode(Node):
         if path:
             namespace = self.get_namespace().rstrip("/")
             plant_node, controller_node = (name if name.startswith("/") else f"{namespace}/{name}" for name in names)
-            return (
-                load_parameters(PlantParameters, path, plant_node, part=True),
-                load_parameters(ControllerParameters, path, controller_node, part=True),
-            )
-        timeout = self._settings.parameter_timeout
-        return (
-            self._remote_parameters.read_set(PlantParameters, names[0], timeout),
-            self._remote_parameters.read_set(ControllerParameters, names[1], timeout),
-        )
+            plant = load_parameters(PlantParameters, path, plant_node, part=True)
+            controller = load_parameters(ControllerParameters, path, controller_node, part=True)
+        else:
+            timeout = self._settings.parameter_timeout
+            plant = self._remote_parameters.read_set(PlantParameters, names[0], timeout)
+            controller = self._remote_parameters.read_set(ControllerParameters, names[1], timeout)
+        return plant, controller.at_rate(plant.integration.sample_rate)
 
     # -- health
 

@@ -15,16 +15,26 @@ from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from amb_core.errors import AmbError, ParameterError, PlantError
+from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
+from amb_core.recording.messages.machine import fill_machine
 from amb_core.recording.messages.plant_state import fill_plant_state
 from amb_core.recording.messages.time_stamp import last_stamped_step, set_step_time
-from amb_msgs.msg import CurrentReference, PlantState, RotorPosition, SimulatorState
+from amb_msgs.msg import (
+    CurrentReference,
+    Machine,
+    MachineAxis,
+    MachineBearing,
+    PlantState,
+    RotorPosition,
+    SimulatorState,
+)
 from amb_msgs.srv import GetState, Pause, Reset, RunSteps
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare, replace
 from amb_ros.process import run_node
-from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
+from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 from amb_ros.services import create_service
 from amb_sim_node.parameters import SimulatorParameters
@@ -62,6 +72,7 @@ class SimulatorNode(Node):
         self._position_publisher = self.create_publisher(RotorPosition, topics.POSITION, STREAM)
         self._clock_publisher = self.create_publisher(ClockMessage, topics.clock(self.get_namespace()), STREAM)
         self._plant_state_publisher = self.create_publisher(PlantState, topics.PLANT_STATE, HISTORY)
+        self._machine_publisher = self.create_publisher(Machine, topics.MACHINE, LATCHED)
         self._state_publisher = self.create_publisher(SimulatorState, topics.SIMULATOR_STATE, EVERY_STATE)
         self._current_subscription = self.create_subscription(
             CurrentReference, topics.CURRENT_REFERENCE, self._on_current_reference, STREAM, raw=True
@@ -74,6 +85,7 @@ class SimulatorNode(Node):
             self, self._report, exclusive=(topics.POSITION, topics.SIMULATOR_STATE, topics.CURRENT_REFERENCE)
         )
         self._watch = self._create_watch()
+        self._machine: MachineDescription | None = None  # as last published
         self._reset()
         if self._settings.autostart:
             self._start(0)
@@ -81,15 +93,18 @@ class SimulatorNode(Node):
     # -- the loop
 
     def _on_current_reference(self, data: bytes) -> None:
-        run, step, i_x, i_y = unpack_current(data)
+        run, step, current = unpack_current(data)
         state = self._state
         if self._answered or step != state.step or run != state.run:
             return  # answer to a past step: published twice, or before a reset
         if state.mode not in (SimulatorState.RUNNING, SimulatorState.WAITING):
             return  # paused meanwhile; the step is published again when the run continues
+        if len(current) != len(self._plant.machine.axes):
+            self._report_wrong_answer(len(current))
+            return
         self._answered = True
         try:
-            self._plant.advance(i_x, i_y)
+            self._plant.advance(current)
         except PlantError as problem:
             self._fault = str(problem)
             self.get_logger().error(self._fault)
@@ -107,13 +122,30 @@ class SimulatorNode(Node):
                 self._set_mode(SimulatorState.RUNNING)
             self._publish_position()
 
+    def _report_wrong_answer(self, values: int) -> None:
+        names = self._plant.machine.axis_names
+        self.get_logger().error(
+            f"current_reference of step {self._state.step} has {values} values and is ignored; allowed: {len(names)}, "
+            f"{', '.join(names)}",
+            throttle_duration_sec=5.0,
+        )
+
     def _publish_position(self) -> None:
         step = self._state.step
-        x, y = self._plant.position
         self._answered = False
-        self._position_publisher.publish(pack_position(self._state.run, step, step / self._sample_rate, x, y))
+        self._position_publisher.publish(
+            pack_position(self._state.run, step, step / self._sample_rate, self._plant.position)
+        )
         if step % self._clock_steps == 0:
             self._publish_clock()
+
+    def _publish_machine(self) -> None:
+        """Publish what the plant is, if it has changed."""
+        if self._machine != self._plant.machine:
+            self._machine = self._plant.machine
+            message = fill_machine(Machine(), MachineAxis, MachineBearing, self._machine)
+            message.header.stamp = Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
+            self._machine_publisher.publish(message)
 
     def _publish_clock(self) -> None:
         set_step_time(self._clock_message.clock, self._state.step, self._sample_rate)
@@ -213,7 +245,7 @@ class SimulatorNode(Node):
         if rate != self._sample_rate:
             raise ParameterError(
                 f"{where}: parameter 'integration.sample_rate' = {rate:g} Hz is not allowed; allowed: "
-                f"{self._sample_rate:g} Hz, at which the graph runs: its controllers read their rate when they start"
+                f"{self._sample_rate:g} Hz, at which the simulator was started"
             )
         try:
             plant = _compiled_plant(settings)
@@ -230,6 +262,7 @@ class SimulatorNode(Node):
 
     def _reset(self) -> None:
         self._plant.reset()
+        self._publish_machine()
         self._fault = ""
         self._in_contact, self._contact_steps, self._reported_contact_steps = False, 0, 0
         self._answered = True
@@ -301,7 +334,7 @@ def _compiled_plant(parameters: SimulatorParameters) -> Plant:
         If the parameters make no valid plant.
     """
     plant = Plant(parameters)
-    plant.advance(0.0, 0.0)
+    plant.advance([0.0] * len(plant.machine.axes))
     plant.reset()
     return plant
 

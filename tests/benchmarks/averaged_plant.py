@@ -83,7 +83,7 @@ class Start:
         self._plant = Plant(PlantParameters(amplifier=AmplifierParameters(switching=False), integration=integration))
         self._controller = PdController(ControllerParameters())
         for _ in range(LEVITATION):
-            self._plant.advance(*self._controller.update(self._plant.position, (0.0, 0.0)))
+            self._plant.advance(self._controller.update(self._plant.position, (0.0, 0.0)))
         self.averaged = AveragedPlant(self._plant)
 
     def controller(self) -> PdController:
@@ -100,7 +100,7 @@ class Start:
         plant, controller = copy.deepcopy(self._plant), self.controller()
         positions = np.empty((SAMPLES, 2))
         for sample in range(SAMPLES):
-            positions[sample] = plant.advance(*controller.update(plant.position, (TARGET, 0.0)))
+            positions[sample] = plant.advance(controller.update(plant.position, (TARGET, 0.0)))
         return positions
 
 

@@ -131,7 +131,7 @@ def _nanoseconds_per_step(plant: Plant, *kernels: Advance) -> list[float]:
     controller = PdController(ControllerParameters())
     for _ in range(2_000):
         current = controller.update(plant.position, (0.0, 0.0))
-        plant.advance(*current)
+        plant.advance(current)
     references, arrays = np.array(current), plant._arrays
     levitated = arrays.state.copy(), arrays.bearings.copy()
     durations: list[list[float]] = [[] for _ in kernels]

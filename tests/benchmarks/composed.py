@@ -12,7 +12,7 @@ from amb_bringup.client import AmbClient
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.telemetry import merge_blocks
 from amb_core.plant import Plant
-from amb_core.recording.messages.loop_samples import block_from_message
+from amb_core.recording.messages.loop_samples import block_from_message, steps_in
 from amb_core.simulation import simulate
 from amb_msgs.msg import LoopSamples
 from amb_ros.qos import HISTORY
@@ -36,7 +36,7 @@ def measure() -> dict[str, float | bool]:
             started = time.perf_counter()
             amb.run(STEPS)
             wall = time.perf_counter() - started
-            amb.wait_until(lambda: sum(len(block.position_x) for block in blocks if block.run == run) >= STEPS)
+            amb.wait_until(lambda: sum(steps_in(block) for block in blocks if block.run == run) >= STEPS)
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(30.0)

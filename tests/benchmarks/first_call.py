@@ -12,7 +12,7 @@ import time
 started = time.perf_counter()
 from amb_core.plant import Plant
 imported = time.perf_counter()
-Plant().advance(0.0, 0.0)
+Plant().advance((0.0, 0.0))
 print(imported - started, time.perf_counter() - imported)
 """
 

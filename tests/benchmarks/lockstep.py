@@ -13,6 +13,7 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
@@ -38,9 +39,9 @@ class Timed:
         self.starts: list[float] = []
         self.durations: list[float] = []
 
-    def advance(self, current_x: float, current_y: float) -> object:
+    def advance(self, currents: Sequence[float]) -> object:
         started = time.perf_counter()
-        result = self._plant.advance(current_x, current_y)
+        result = self._plant.advance(currents)
         self.durations.append(time.perf_counter() - started)
         self.starts.append(started)
         return result
@@ -69,10 +70,10 @@ class Ping(Node):
 
     def _send(self) -> None:
         self.starts.append(time.perf_counter())
-        self.publisher.publish(pack_position(1, self._step, 1e-4 * self._step, 1e-6, 2e-6))
+        self.publisher.publish(pack_position(1, self._step, 1e-4 * self._step, (1e-6, 2e-6)))
 
     def _on_pong(self, data: bytes) -> None:
-        _, step, _, _ = unpack_current(data)
+        _, step, _ = unpack_current(data)
         if step != self._step:
             return
         self._step += 1

@@ -39,7 +39,7 @@ def _sample_duration(parameters: PlantParameters) -> float:
     for _ in range(SAMPLES):
         current = controller.update(plant.position, (0.0, 0.0))
         started = time.perf_counter()
-        plant.advance(*current)
+        plant.advance(current)
         durations.append(time.perf_counter() - started)
     return statistics.median(durations[WARM_UP:])
 

@@ -19,8 +19,8 @@ class Pong(Node):
         self.create_subscription(RotorPosition, "ping", self._on_ping, STREAM, raw=True)
 
     def _on_ping(self, data: bytes) -> None:
-        run, step, _, x, y = unpack_position(data)
-        self._publisher.publish(pack_current(run, step, x, y))
+        run, step, _, position = unpack_position(data)
+        self._publisher.publish(pack_current(run, step, position))
 
 
 if __name__ == "__main__":

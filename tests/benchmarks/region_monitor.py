@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import time
-from array import array
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,9 @@ from amb_core.excitation import Sweep, generate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
+from amb_core.recording.messages.loop_samples import fill_loop_samples
 from amb_core.simulation import simulate
-from amb_msgs.msg import LoopSamples, RegionState
+from amb_msgs.msg import AxisSamples, LoopSamples, RegionState
 from amb_ros.qos import HISTORY
 
 DOMAIN = 95
@@ -72,12 +72,7 @@ def measure() -> dict[str, float]:
 
 def _message(record: LoopRecord, first: int) -> LoopSamples:
     part = record.window(first, BLOCK)
-    samples = {
-        f"{name}_{axis}": array("d", getattr(part, name)[:, column].tobytes())
-        for name in ("reference", "position", "current")
-        for column, axis in enumerate("xy")
-    }
-    return LoopSamples(run=RUN, first_step=first, sample_time=record.sample_time, **samples)
+    return fill_loop_samples(LoopSamples(), AxisSamples, RUN, part)
 
 
 def _processor_time(process: int) -> float:

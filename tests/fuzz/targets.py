@@ -105,7 +105,7 @@ def _actions(action: str, action_type: Any, node: str) -> Iterator[Target]:
 def valid_messages(run: int, step: int) -> dict[str, list[dict[str, Any]]]:
     """Fields of messages that the graph takes, by name relative to the namespace, for its present run and step."""
     wave = [1e-6 * (number % 7) for number in range(100)]
-    samples = {f"{name}_{axis}": wave for name in ("reference", "position", "current") for axis in "xy"}
+    samples = [msg.AxisSamples(name=axis, reference=wave, position=wave, current=wave) for axis in "xy"]
     excitation = {"amplitude": 1e-6, "axes": "both", "duration": 0.1, "frequency_start": 10.0, "frequency_end": 100.0}
     kinds = [
         {"kind": "sweep", "spacing": "linear", **excitation},
@@ -126,12 +126,14 @@ def valid_messages(run: int, step: int) -> dict[str, list[dict[str, Any]]]:
         "identifier/validate": [{"controller": "paper"}],
         # Too large for the clearance, which is found out after everything else: no goal starts a cluster.
         "region_monitor/build_map": [{"amplitude_high": 300e-6, "parameter_file": str(PAPER_FILE)}],
-        "position": [{"run": 7, "step": number, "time": 1e-4 * number, "x": 1e-6, "y": 1e-6} for number in range(3)],
-        "current_reference": [{"run": run, "step": step, "i_x": 0.1, "i_y": 0.1}],
-        "telemetry": [{"run": run, "first_step": step, "sample_time": 1e-4, **samples}],
+        "position": [
+            {"run": 7, "step": number, "time": 1e-4 * number, "position": [1e-6, 1e-6]} for number in range(3)
+        ],
+        "current_reference": [{"run": run, "step": step, "current": [0.1, 0.1]}],
+        "telemetry": [{"run": run, "first_step": step, "sample_time": 1e-4, "axes": samples}],
         "excitation": [
             {"run": run, "id": 3, "kind": "waveform", "first_step": -1, "sample_time": 1e-4}
-            | {"steps": 100, "reference_x": wave, "reference_y": wave},
+            | {"steps": 100, "axes": [msg.AxisReference(name=axis, reference=wave) for axis in "xy"]},
             {"run": run, "id": 4, "kind": "square", "first_step": -1, "sample_time": 1e-4, "steps": 1_000}
             | {"description": json.dumps({"amplitude": 1e-6, "axes": "x", "duration": 0.1, "frequency": 50.0})},
         ],

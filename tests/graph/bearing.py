@@ -6,17 +6,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 from amb_core.excitation import Excitation
+from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import merge_blocks
-from amb_core.recording.messages.loop_samples import block_from_message
-from amb_msgs.msg import LoopSamples, PlantState, SimulatorState
+from amb_core.recording.messages.loop_samples import block_from_message, steps_in
+from amb_core.recording.messages.machine import fill_machine
+from amb_msgs.msg import LoopSamples, Machine, MachineAxis, MachineBearing, PlantState, SimulatorState
 from amb_msgs.srv import Reset, RunSteps, StartExcitation
 from amb_ros.qos import HISTORY, LATCHED
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Graph
+
+
+def machine_message(machine: MachineDescription) -> Machine:
+    """What a plant publishes on topic machine."""
+    return fill_machine(Machine(), MachineAxis, MachineBearing, machine)
+
+
+def machine_publisher(node: Node) -> Publisher:
+    """A publisher of topic machine, in the plant's place."""
+    return node.create_publisher(Machine, "/amb/machine", LATCHED)
 
 
 class Bearing:
@@ -76,7 +90,7 @@ class Bearing:
         def mine() -> list[LoopSamples]:
             return [block for block in self.blocks if block.run == run]
 
-        self.graph.wait_until(lambda: sum(len(block.position_x) for block in mine()) >= steps, "all telemetry")
+        self.graph.wait_until(lambda: sum(map(steps_in, mine())) >= steps, "all telemetry")
         return merge_blocks([block_from_message(block) for block in mine()], 0, steps)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:

@@ -18,7 +18,7 @@ from amb_core.excitation.playback import checksum_of
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
 from amb_core.simulation import simulate
-from amb_msgs.msg import CurrentReference, Excitation, ExcitationStatus, RotorPosition
+from amb_msgs.msg import AxisReference, CurrentReference, Excitation, ExcitationStatus, RotorPosition
 from amb_msgs.srv import StartExcitation
 from amb_ros.qos import EVERY_STATE, LATCHED, STREAM
 from tests.graph.bearing import Bearing
@@ -86,7 +86,7 @@ class Loop:
         )
 
     def send(self, run: int, step: int) -> None:
-        self._publisher.publish(RotorPosition(run=run, step=step, time=step / RATE))
+        self._publisher.publish(RotorPosition(run=run, step=step, time=step / RATE, position=[0.0, 0.0]))
 
     def is_answered(self, run: int, step: int) -> bool:
         return any((answer.run, answer.step) == (run, step) for answer in self.answered)
@@ -109,10 +109,17 @@ def definition(excitation: ExcitationParameters, run: int, first_step: int = -1,
     return Excitation(**fields | changes)
 
 
+def reference(axis: str, samples: int) -> AxisReference:
+    return AxisReference(name=axis, reference=array("d", np.zeros(samples).tobytes()))
+
+
 def waveform(samples: np.ndarray, run: int, first_step: int = -1, **changes: Any) -> Excitation:
     fields = {
         "run": run, "kind": "waveform", "first_step": first_step, "sample_time": 1.0 / RATE,
-        "reference_x": array("d", samples[:, 0].tobytes()), "reference_y": array("d", samples[:, 1].tobytes()),
+        "axes": [
+            AxisReference(name=axis, reference=array("d", samples[:, column].tobytes()))
+            for column, axis in enumerate("xy")
+        ],
     }  # fmt: skip
     return Excitation(**fields | changes)
 
@@ -193,10 +200,12 @@ def hostile() -> dict[str, tuple[Any, str]]:
 
     allowed = "m is not allowed; allowed: -0.001 to 0.001 m"
     return {
-        "NaN": (waveform(bad(3, np.nan), NEVER), f"reference_y[3] = nan {allowed}"),
-        "infinity": (waveform(bad(9, -np.inf), NEVER), f"reference_y[9] = -inf {allowed}"),
-        "huge": (waveform(bad(0, 1e300), NEVER), f"reference_y[0] = 1e+300 {allowed}"),
-        "lengths": (waveform(FLAT, NEVER, reference_y=array("d", [0.0])), "10 samples on x but 1 on y"),
+        "NaN": (waveform(bad(3, np.nan), NEVER), f"reference[3] of axis y = nan {allowed}"),
+        "infinity": (waveform(bad(9, -np.inf), NEVER), f"reference[9] of axis y = -inf {allowed}"),
+        "huge": (waveform(bad(0, 1e300), NEVER), f"reference[0] of axis y = 1e+300 {allowed}"),
+        "lengths": (waveform(FLAT, NEVER, axes=[reference("x", 10), reference("y", 1)]), "10 samples on x but 1 on y"),
+        "unknown axis": (waveform(FLAT, NEVER, axes=[reference("z", 10)]), "axis 'z' is not an axis of this machine"),
+        "axis twice": (waveform(FLAT, NEVER, axes=[reference("x", 10)] * 2), "axis 'x' is given twice; allowed: x, y"),
         "empty": (waveform(FLAT[:0], NEVER), "a waveform without samples"),
         "too many": (waveform(np.zeros((200_001, 2)), NEVER), "samples of 200001 steps; allowed: 200000"),
         "much too many": (waveform(np.zeros((2_000_000, 2)), NEVER), "bytes; allowed: "),
@@ -313,7 +322,7 @@ def test_a_controller_that_joins_an_excited_run_waits_for_the_samples(graph, loo
     first, samples = Playback(sweep, RATE).window(599_900)
     law = PdController(ControllerParameters())
     expected = law.update((0.0, 0.0), (float(samples[599_900 - first, 0]), 0.0))
-    assert (loop.answered[0].step, loop.answered[0].i_x, loop.answered[0].i_y) == (600_000, *expected)
+    assert (loop.answered[0].step, *loop.answered[0].current) == (600_000, *expected)
     assert expected[0] != 0.0
 
 

@@ -15,7 +15,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomic
 
 from amb_core.errors import BagError
 from amb_core.recording.messages.loop_samples import block_from_message
-from amb_msgs.msg import CurrentReference, LoopSamples, RotorPosition, SimulatorState
+from amb_msgs.msg import AxisSamples, CurrentReference, LoopSamples, RotorPosition, SimulatorState
 from amb_msgs.srv import Pause, Reset, RunSteps
 from amb_ros.qos import STREAM
 from tests.graph.bearing import Bearing
@@ -63,7 +63,7 @@ class Wires:
 
     def tell(self, run: int, step: int, x: float = 0.0, time: float | None = None) -> None:
         time = 1e-4 * step if time is None else time
-        self.position.publish(RotorPosition(run=run, step=step, time=time, x=x, y=0.0))
+        self.position.publish(RotorPosition(run=run, step=step, time=time, position=[x, 0.0]))
 
     def health(self, node: str) -> DiagnosticStatus:
         """The last word of a node on /diagnostics, once it has come."""
@@ -103,7 +103,7 @@ def test_a_run_beyond_the_time_that_ros_can_tell_is_refused(wires: Wires, steps:
 def test_a_current_reference_that_is_not_finite_ends_the_run_with_the_reason(wires: Wires, current: float) -> None:
     run = wires.bearing.reset()
     wires.graph.call(RunSteps, "/amb/simulator/run", steps=0)
-    wires.current.publish(CurrentReference(run=run, step=0, i_x=current, i_y=0.0))
+    wires.current.publish(CurrentReference(run=run, step=0, current=[current, 0.0]))
     wires.graph.wait_until(
         lambda: (wires.bearing.states[-1].run, wires.bearing.states[-1].mode) == (run, SimulatorState.FAULT), "a fault"
     )
@@ -119,7 +119,7 @@ def test_no_current_reference_makes_a_position_that_is_not_finite(wires: Wires, 
     run = wires.bearing.reset()
     wires.graph.call(RunSteps, "/amb/simulator/run", steps=0)
     for step in range(3):
-        wires.current.publish(CurrentReference(run=run, step=step, i_x=current, i_y=current))
+        wires.current.publish(CurrentReference(run=run, step=step, current=[current, current]))
         wires.graph.wait_until(
             lambda step=step: (
                 wires.bearing.states[-1].mode == SimulatorState.FAULT
@@ -128,7 +128,7 @@ def test_no_current_reference_makes_a_position_that_is_not_finite(wires: Wires, 
             "the next step",
         )
     assert wires.graph.call(Pause, "/amb/simulator/pause").success
-    assert all(math.isfinite(position.x) and math.isfinite(position.y) for position in wires.positions)
+    assert all(math.isfinite(value) for position in wires.positions for value in position.position)
 
 
 def test_run_numbers_grow_over_many_resets_and_a_restart(wires: Wires) -> None:
@@ -153,20 +153,20 @@ def test_a_first_step_of_impossible_time_is_an_error_on_diagnostics(wires: Wires
     wires.answer(run, 1, time=time)
     health = wires.health("pd_controller")
     assert health.level == DiagnosticStatus.ERROR
-    assert "the controller has sample_rate = 10000 Hz" in health.message
+    assert "the machine has a sample rate of 10000 Hz" in health.message
 
 
 @pytest.mark.parametrize("x", [math.nan, math.inf, -math.inf, 1e300, -1.1])
 def test_a_position_that_would_spoil_the_law_is_reported_and_leaves_no_trace(wires: Wires, x: float) -> None:
     run = wires.new_run()
-    expected = [wires.answer(run, step, 1e-6 * step).i_x for step in range(3)]
+    expected = [wires.answer(run, step, 1e-6 * step).current[0] for step in range(3)]
     run = wires.new_run()
-    found = [wires.answer(run, 0).i_x, wires.answer(run, 1, 1e-6).i_x]
+    found = [wires.answer(run, 0).current[0], wires.answer(run, 1, 1e-6).current[0]]
     wires.tell(run, 2, x)
     wires.graph.wait_until(lambda: wires.health("pd_controller").level == DiagnosticStatus.ERROR, "the error")
     health = wires.health("pd_controller")
     assert f"at step 2 of run {run} is not answered; allowed: finite values up to 1 m" in health.message
-    found.append(wires.answer(run, 2, 2e-6).i_x)
+    found.append(wires.answer(run, 2, 2e-6).current[0])
     assert found == expected
     assert 0.0 < abs(found[-1]) < LIMIT
     wires.answer(wires.new_run(), 0)
@@ -198,9 +198,9 @@ def test_a_position_of_a_step_beyond_time_is_reported(wires: Wires, step: int) -
     ],
 )
 def test_telemetry_of_no_loop_is_refused(first_step: int, sample_time: float, reason: str) -> None:
-    samples = {f"{name}_{axis}": [0.0] for name in ("reference", "position", "current") for axis in "xy"}
+    axes = [AxisSamples(name=axis, reference=[0.0], position=[0.0], current=[0.0]) for axis in "xy"]
     with pytest.raises(BagError, match=reason):
-        block_from_message(LoopSamples(run=1, first_step=first_step, sample_time=sample_time, **samples))
+        block_from_message(LoopSamples(run=1, first_step=first_step, sample_time=sample_time, axes=axes))
 
 
 # -- parameters
@@ -225,7 +225,7 @@ def test_a_gain_given_as_an_integer_is_taken_at_run_time_as_at_the_start(wires: 
         ]
 
     run = wires.new_run()
-    before = wires.answer(run, 0, 1e-5).i_x
+    before = wires.answer(run, 0, 1e-5).current[0]
     for service, factor in ((SetParameters, 1.5), (SetParametersAtomically, 1.0)):
         name = "set_parameters" if service is SetParameters else "set_parameters_atomically"
         request = values(("proportional_gain", integer(int(20_000 * factor))))
@@ -233,7 +233,7 @@ def test_a_gain_given_as_an_integer_is_taken_at_run_time_as_at_the_start(wires: 
         (result,) = answer.results if service is SetParameters else [answer.result]
         assert result.successful, result.reason
         assert (gain().type, gain().double_value) == (ParameterType.PARAMETER_DOUBLE, 20_000.0 * factor)
-        assert wires.answer(wires.new_run(), 0, 1e-5).i_x == pytest.approx(factor * before)
+        assert wires.answer(wires.new_run(), 0, 1e-5).current[0] == pytest.approx(factor * before)
 
 
 @pytest.mark.parametrize(
@@ -256,8 +256,8 @@ def test_a_gain_given_as_an_integer_is_taken_at_run_time_as_at_the_start(wires: 
         ("proportional_gain", double(-1.0), "Min"),
         ("proportional_gain", integer(2**63 - 1), "Min"),
         ("derivative_on", ParameterValue(type=4, string_value="error"), "read-only"),
-        ("sample_rate", ParameterValue(type=42), "without a value"),
-        ("colour", integer(1), "unknown parameter 'colour'; known: sample_rate"),
+        ("derivative_on", ParameterValue(type=42), "without a value"),
+        ("colour", integer(1), "unknown parameter 'colour'; known: proportional_gain"),
         ("", integer(1), "unknown parameter"),
         ("use_sim_time", ParameterValue(type=42), "without a value"),
     ],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import signal
-from array import array
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,9 +20,10 @@ from amb_core.identification import IdentificationProgress
 from amb_core.identification import StateSpaceModel as CoreModel
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
+from amb_core.recording.messages.loop_samples import fill_loop_samples
 from amb_core.recording.messages.state_space_model import fill_model, model_from_message
 from amb_msgs.action import Identify as IdentifyAction
-from amb_msgs.msg import ExcitationStatus, LoopSamples, SimulatorState, StateSpaceModel
+from amb_msgs.msg import AxisSamples, ExcitationStatus, LoopSamples, SimulatorState, StateSpaceModel
 from amb_msgs.srv import GetModel, Identify, StartRecording, StopRecording, Validate
 from amb_ros.qos import HISTORY, LATCHED
 from tests.graph.limits import TIMEOUT
@@ -94,12 +94,7 @@ class Loop:
             if first in skip:
                 continue
             part = record.window(first, min(block, record.steps - first))
-            samples = {
-                f"{name}_{axis}": array("d", getattr(part, name)[:, column].tobytes())
-                for name in ("reference", "position", "current")
-                for column, axis in enumerate("xy")
-            }
-            self.telemetry.publish(LoopSamples(run=run, first_step=first, sample_time=SAMPLE_TIME, **samples))
+            self.telemetry.publish(fill_loop_samples(LoopSamples(), AxisSamples, run, part))
         self.graph.wait_until(lambda: self._heard == (str(run), str(record.steps)), f"run {run} at the identifier")
         self.heard = record
         return run

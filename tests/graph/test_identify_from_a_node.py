@@ -47,6 +47,6 @@ def test_a_node_of_another_package_closes_the_loop_with_the_identified_model(gra
     bearing.wait_for_step(run, STEPS)
     assert bearing.states[-1].mode == SimulatorState.PAUSED, "the rotor does not touch"
     graph.wait_until(lambda: len(positions) >= STEPS, "all positions")
-    settled = np.array([(position.x, position.y) for position in positions[STEPS // 2 :]])
+    settled = np.array([position.position for position in positions[STEPS // 2 :]])
     assert np.abs(settled - settled.mean(axis=0)).max() < 1e-6, "it rests"
     assert np.abs(settled.mean(axis=0) - (0.0, -66e-6)).max() < 10e-6, "where the model is about"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,13 +17,14 @@ from rclpy.parameter import Parameter
 
 from amb_core.excitation import Square, generate
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.plant import Plant
+from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.machine import machine_of
 from amb_core.simulation import simulate
 from amb_msgs.msg import CurrentReference, RotorPosition, SimulatorState
 from amb_msgs.srv import Pause, RunSteps, StartExcitation, StopExcitation
 from amb_ros.qos import STREAM
 from amb_sim_node.parameters import SimulatorParameters
-from tests.graph.bearing import Bearing
+from tests.graph.bearing import Bearing, machine_message, machine_publisher
 from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
@@ -227,7 +229,7 @@ def test_generator_alone_says_who_is_missing(graph):
 
 
 def test_gains_can_be_changed_while_running_and_wrong_ones_are_refused(paused_loop):
-    def set_parameter(name: str, value: float) -> Any:
+    def set_parameter(name: str, value: float | int) -> Any:
         parameter = Parameter(name, value=value).to_parameter_msg()
         return paused_loop.graph.call(
             SetParameters, "/amb/pd_controller/set_parameters", parameters=[parameter]
@@ -240,7 +242,7 @@ def test_gains_can_be_changed_while_running_and_wrong_ones_are_refused(paused_lo
     assert values[0].double_value == 21_000.0
     assert set_parameter("proportional_gain", 20_000.0).successful
     assert not set_parameter("proportional_gain", -1.0).successful
-    refused = set_parameter("sample_rate", 20_000.0)
+    refused = set_parameter("telemetry_block", 200)
     assert not refused.successful
     assert "read-only" in refused.reason
 
@@ -270,21 +272,31 @@ def test_a_list_holds_one_value_per_axis_or_none(paused_loop):
     assert read_list() == []
 
 
-def test_controller_alone_answers_repeated_positions_alike_and_reports_another_rate_than_its_own(graph, bearing):
+def test_controller_alone_answers_repeated_positions_alike_and_reports_another_rate_than_the_machine_has(
+    graph, bearing
+):
     answers: list[CurrentReference] = []
     graph.node.create_subscription(CurrentReference, "/amb/current_reference", answers.append, STREAM)
     publisher = graph.node.create_publisher(RotorPosition, "/amb/position", STREAM)
-    graph.start(CONTROLLER, parameters={"sample_rate": 5_000.0})
+    machines = machine_publisher(graph.node)
+    graph.start(CONTROLLER)
     graph.wait_until(
         lambda: publisher.get_subscription_count() and graph.node.count_publishers("/amb/current_reference"),
         "the controller",
     )
+    publisher.publish(RotorPosition(run=1, step=0, time=0.0, position=[1e-6, 0.0]))
+    graph.wait_until(
+        lambda: any("waiting for the machine on /amb/machine" in status.message for status in bearing.diagnostics),
+        "the controller to say what it waits for",
+    )
+    assert not answers
+    machines.publish(machine_message(replace(machine_of(PlantParameters()), sample_rate=5_000.0)))
     graph.wait_until(lambda: _answered(publisher, answers), "the first answer")
-    first = answers[-1].i_x
-    publisher.publish(RotorPosition(run=1, step=1, time=1e-4, x=2e-6))
-    publisher.publish(RotorPosition(run=1, step=1, time=1e-4, x=2e-6))
+    first = answers[-1].current[0]
+    publisher.publish(RotorPosition(run=1, step=1, time=1e-4, position=[2e-6, 0.0]))
+    publisher.publish(RotorPosition(run=1, step=1, time=1e-4, position=[2e-6, 0.0]))
     graph.wait_until(lambda: sum(answer.step == 1 for answer in answers) == 2, "two answers")
-    currents = [answer.i_x for answer in answers if answer.step == 1]
+    currents = [answer.current[0] for answer in answers if answer.step == 1]
     assert currents[0] == currents[1] != first
     graph.wait_until(
         lambda: any("positions arrive at 10000 Hz" in status.message for status in bearing.diagnostics),
@@ -293,7 +305,7 @@ def test_controller_alone_answers_repeated_positions_alike_and_reports_another_r
 
 
 def _answered(publisher: Any, answers: list[CurrentReference]) -> bool:
-    publisher.publish(RotorPosition(run=1, step=0, time=0.0, x=1e-6))
+    publisher.publish(RotorPosition(run=1, step=0, time=0.0, position=[1e-6, 0.0]))
     time.sleep(0.02)
     return bool(answers)
 
@@ -320,14 +332,14 @@ WRONG_PARAMETERS = [
     (SIMULATOR, {"rotor": {"mass": "heavy"}}, "'rotor.mass' = 'heavy' is not allowed; allowed: 0.001 to 100000 kg"),
     (SIMULATOR, {"integration": {"internal_step": 3e-7}}, "whole number of internal steps"),
     (CONTROLLER, {"derivative_on": "speed"}, "'derivative_on' = 'speed' is not allowed; allowed: one of error"),
-    (CONTROLLER, {"nominal_reference": [0.0, 0.0, 1e-6]}, "nominal_reference has 3 values; the machine has 2 axes"),
+    (CONTROLLER, {"sample_rate": 5e3}, "the machine decides it: give 'integration.sample_rate' of the simulator alone"),
     (
         CONTROLLER,
         {"derivative_gains": [38.0, -1.0]},
         "'derivative_gains' = [38.0, -1.0] is not allowed; allowed: a list",
     ),
     (CONTROLLER, {"proportional_gain": float("nan")}, "'proportional_gain' = nan is not allowed"),
-    (GENERATOR, {"sample_rate": 1.0}, "'sample_rate' = 1.0 is not allowed; allowed: 1000 to 100000 Hz"),
+    (GENERATOR, {"sample_rate": 1e4}, "unknown parameter 'sample_rate'"),
     (IDENTIFIER, {"order": 99}, "'order' = 99 is not allowed; allowed: 1 to 40"),
 ]
 

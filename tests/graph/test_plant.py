@@ -238,8 +238,8 @@ def paused(loop: Bearing) -> Bearing:
             ["integration.internal_step = 1e-05 s is too long for the eddy currents", "allowed: at most"],
         ),
         (
-            {"integration": {"sample_rate": 5e3}, "controller_b": {"sample_rate": 5e3}},
-            ["'integration.sample_rate' = 5000 Hz is not allowed; allowed: 10000 Hz, at which the graph runs"],
+            {"integration": {"sample_rate": 5e3}},
+            ["'integration.sample_rate' = 5000 Hz is not allowed; allowed: 10000 Hz, at which the simulator"],
         ),
     ],
 )

@@ -17,7 +17,15 @@ from rosbags.highlevel import AnyReader
 
 from amb_core.errors import BagError
 from amb_core.recording import Recording
-from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, RegionState, SimulatorState, StateSpaceModel
+from amb_msgs.msg import (
+    AxisSamples,
+    Excitation,
+    ExcitationStatus,
+    LoopSamples,
+    RegionState,
+    SimulatorState,
+    StateSpaceModel,
+)
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import HISTORY, LATCHED
 
@@ -26,7 +34,16 @@ if TYPE_CHECKING:
 
 RECORDER = "amb_ident_node.recorder"
 BLOCK = 100
-SIGNALS = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
+SIGNALS = ("reference", "position", "current")
+
+
+def block(run: int, first_step: int, samples: Callable[[int], np.ndarray]) -> LoopSamples:
+    """A block of telemetry with the samples of the signals 0 to 5: reference, position, current of x, then of y."""
+    axes = [
+        AxisSamples(name=axis, **{name: array("d", samples(3 * k + n).tobytes()) for n, name in enumerate(SIGNALS)})
+        for k, axis in enumerate("xy")
+    ]
+    return LoopSamples(run=run, first_step=first_step, sample_time=1e-4, axes=axes)
 
 
 class Loop:
@@ -45,8 +62,7 @@ class Loop:
     def publish_blocks(self, run: int, first: int, stop: int) -> None:
         for number in range(first, stop):
             steps = np.arange(BLOCK * number, BLOCK * (number + 1))
-            samples = {name: array("d", np.sin(steps + k).tobytes()) for k, name in enumerate(SIGNALS)}
-            self.telemetry.publish(LoopSamples(run=run, first_step=int(steps[0]), sample_time=1e-4, **samples))
+            self.telemetry.publish(block(run, int(steps[0]), lambda k, steps=steps: np.sin(steps + k)))
 
     def start_bag(self, uri: str = "bag") -> Any:
         return self.graph.call(StartRecording, "/amb/recorder/start", uri=uri)
@@ -214,9 +230,9 @@ def test_a_full_disk_ends_the_recording_but_not_the_node(loop: Loop, graph: Grap
     process = graph.start(RECORDER, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
     loop.start_bag()
     rng = np.random.default_rng(1)
-    noise = {name: array("d", rng.normal(size=3000).tobytes()) for name in SIGNALS}
+    noise = rng.normal(size=(6, 3000))
     for number in range(40):
-        loop.telemetry.publish(LoopSamples(run=1, first_step=3000 * number, sample_time=1e-4, **noise))
+        loop.telemetry.publish(block(1, 3000 * number, noise.__getitem__))
     stopped = loop.stop_bag(1, 3000 * 40)
     assert not stopped.success
     assert "cannot be written: File too large" in stopped.message
@@ -286,8 +302,7 @@ def test_a_publisher_that_is_not_seen_any_more_still_counts(loop: Loop, graph: G
 def test_steps_that_come_twice_with_other_samples_are_named(recorded: Loop) -> None:
     recorded.start_bag("twice")
     recorded.publish_blocks(1, 0, 3)
-    samples = {name: array("d", np.ones(BLOCK).tobytes()) for name in SIGNALS}
-    recorded.telemetry.publish(LoopSamples(run=1, first_step=BLOCK, sample_time=1e-4, **samples))
+    recorded.telemetry.publish(block(1, BLOCK, lambda _: np.ones(BLOCK)))
     recorded.publish_blocks(1, 3, 5)
     stopped = recorded.stop_bag(1, 5 * BLOCK)
     assert not stopped.success

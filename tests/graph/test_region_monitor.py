@@ -6,7 +6,6 @@ import itertools
 import math
 import sys
 import time
-from array import array
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,9 +14,10 @@ import pytest
 from amb_core.excitation import Sweep
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import Recording
+from amb_core.recording.messages.loop_samples import fill_loop_samples, steps_in
 from amb_core.recording.messages.region_state import region_state_from_message
 from amb_core.regions import Classification, Region, classify
-from amb_msgs.msg import LoopSamples, RegionState, SimulatorState
+from amb_msgs.msg import AxisSamples, LoopSamples, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import EVERY_STATE, HISTORY
 from tests.graph.bearing import Bearing
@@ -63,12 +63,7 @@ class Loop:
     def publish(self, run: int, record: LoopRecord, block: int = 100) -> None:
         for first in range(record.first_step, record.first_step + record.steps, block):
             part = record.window(first, min(block, record.first_step + record.steps - first))
-            samples = {
-                f"{name}_{axis}": array("d", getattr(part, name)[:, column].tobytes())
-                for name in ("reference", "position", "current")
-                for column, axis in enumerate("xy")
-            }
-            self.telemetry.publish(LoopSamples(run=run, first_step=first, sample_time=record.sample_time, **samples))
+            self.telemetry.publish(fill_loop_samples(LoopSamples(), AxisSamples, run, part))
 
 
 def told(states: Classification) -> list[Any]:
@@ -190,7 +185,7 @@ def test_a_listener_found_late_gets_what_was_played_before(sweep: LiveSweep, gra
     states: list[SimulatorState] = []
 
     def listen_late(message: LoopSamples) -> None:
-        if message.first_step + len(message.position_x) < sweep.end:
+        if message.first_step + steps_in(message) < sweep.end:
             return
         graph.node.destroy_subscription(telemetry)
         time.sleep(LATE)  # in the thread that spins the node, so that nothing can come before

@@ -15,6 +15,7 @@ from rosgraph_msgs.msg import Clock
 
 from amb_core.excitation import Sweep
 from amb_core.recording import Recording
+from amb_core.recording.messages.loop_samples import steps_in
 from amb_msgs.msg import LoopSamples, PlantState, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
@@ -92,7 +93,7 @@ def lacking(loop: Bearing, uri: str, run: int, steps: int) -> set[str]:
     clocks = messages(uri, "/clock") if "/clock" in [topic.name for topic in Recording.read(uri).topics] else []
     times = [item.clock.sec + 1e-9 * item.clock.nanosec for item in clocks]
     whole = {
-        "telemetry": sum(len(block.position_x) for block in messages(uri, "/amb/telemetry")) == steps,
+        "telemetry": sum(map(steps_in, messages(uri, "/amb/telemetry"))) == steps,
         "plant_state": [item.step for item in messages(uri, "/amb/plant_state")] == list(range(0, steps + 1, EVERY)),
         "region": regions == [(item.sequence, item.step, item.region) for item in witness.of("/amb/region", run)],
         "simulator/state": states == heard_states[-len(states) :] and states[-1] - states[0] + 1 == len(states),

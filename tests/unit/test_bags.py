@@ -48,9 +48,14 @@ def block(run: int, first_step: int, steps: int = BLOCK) -> bytes:
     time = TYPES.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
     header = TYPES.types["std_msgs/msg/Header"](stamp=time, frame_id="")
     index = np.arange(first_step, first_step + steps)
-    samples = {name: signal(name, index) for name in SIGNALS}
+    axes = [
+        TYPES.types["amb_msgs/msg/AxisSamples"](
+            name=axis, **{name: signal(f"{name}_{axis}", index) for name in ("reference", "position", "current")}
+        )
+        for axis in "xy"
+    ]
     return serialize(
-        TYPES.types[LOOP_SAMPLES](header=header, run=run, first_step=first_step, sample_time=1e-4, **samples)
+        TYPES.types[LOOP_SAMPLES](header=header, run=run, first_step=first_step, sample_time=1e-4, axes=axes)
     )
 
 
@@ -166,7 +171,7 @@ def test_a_restarted_simulator_is_noticed(tmp_path: Path) -> None:
         writer.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
         message = TYPES.deserialize_cdr(block(1, 0), LOOP_SAMPLES)
         writer.write("/amb/telemetry", serialize(message), 1)
-        message.position_x = message.position_x + 1e-6
+        message.axes[0].position = message.axes[0].position + 1e-6
         writer.write("/amb/telemetry", serialize(message), 2)
     with pytest.raises(BagError, match="occurs twice with different samples"):
         Recording.read(tmp_path / "bag").telemetry()

@@ -26,22 +26,25 @@ Message = tuple[str, str, dict[str, Any]]
 
 
 def position(run: int, step: int, topic: str = "/rig/position", sample_time: float = SAMPLE_TIME) -> Message:
-    return topic, POSITION, {"run": run, "step": step, "time": step * sample_time, "x": 1.0 * step, "y": -1.0 * step}
+    axes = np.array([1.0 * step, -1.0 * step])
+    return topic, POSITION, {"run": run, "step": step, "time": step * sample_time, "position": axes}
 
 
 def current(run: int, step: int, topic: str = "/rig/current_reference") -> Message:
-    return topic, CURRENT, {"run": run, "step": step, "i_x": step + 0.5, "i_y": -step - 0.5}
+    return topic, CURRENT, {"run": run, "step": step, "current": np.array([step + 0.5, -step - 0.5])}
 
 
 def telemetry(run: int, first_step: int, steps: int = 100) -> Message:
     step = np.arange(first_step, first_step + steps, dtype=np.float64)
     time = TYPES.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
-    samples = {
-        "reference_x": 2.0 * step, "reference_y": -2.0 * step, "position_x": step, "position_y": -step,
-        "current_x": step + 0.5, "current_y": -step - 0.5,
-    }  # fmt: skip
+    axes = [
+        TYPES.types["amb_msgs/msg/AxisSamples"](
+            name=name, reference=sign * 2.0 * step, position=sign * step, current=sign * (step + 0.5)
+        )
+        for name, sign in (("x", 1.0), ("y", -1.0))
+    ]
     header = TYPES.types["std_msgs/msg/Header"](stamp=time, frame_id="")
-    content = {"header": header, "run": run, "first_step": first_step, "sample_time": SAMPLE_TIME, **samples}
+    content = {"header": header, "run": run, "first_step": first_step, "sample_time": SAMPLE_TIME, "axes": axes}
     return "/rig/telemetry", TELEMETRY, content
 
 
@@ -148,7 +151,7 @@ def test_named_topics_go_before_telemetry(tmp_path: Path) -> None:
             "times must rise",
         ),
         (
-            [*loop(1, range(10)), ("/rig/position", POSITION, position(1, 4)[2] | {"x": 0.0})],
+            [*loop(1, range(10)), ("/rig/position", POSITION, position(1, 4)[2] | {"position": np.zeros(2)})],
             {},
             "step 4 occurs twice with different values",
         ),

@@ -73,8 +73,8 @@ def test_a_window_without_samples_is_refused(first_step: int, steps: int) -> Non
 
 
 def test_the_control_law_is_found_among_other_parameters() -> None:
-    controller = controller_of({"proportional_gain": 3e4, "telemetry_block": 100, "use_sim_time": False})
-    assert controller.proportional_gain == 3e4
+    controller = controller_of({"proportional_gain": 3e4, "telemetry_block": 100, "use_sim_time": False}, 20_000.0)
+    assert (controller.proportional_gain, controller.sample_rate) == (3e4, 20_000.0)
 
 
 def test_the_buffer_keeps_the_latest_samples() -> None:

@@ -111,8 +111,8 @@ def linkage_per_current(frequency: float, steps_per_period: int, **values) -> co
         )
     )
     for _ in range(int(np.ceil(4e-4 * rate))):  # ten times the slowest term
-        plant.advance(0.0, 0.0)
-    trace = plant.trace(0.0, 0.0)
+        plant.advance((0.0, 0.0))
+    trace = plant.trace((0.0, 0.0))
     current = trace.current[-steps_per_period - 1 : -1, 0]
     flux = (0.5 * (trace.flux[1:] + trace.flux[:-1]))[-steps_per_period:]
     network, circuit = plant.network, plant.parameters.magnetic_circuit
@@ -139,12 +139,14 @@ def test_default_step_is_within_1_percent_at_the_switching_frequency():
 
 def run(samples: int = 40, **values) -> tuple[EnergyAccount, float]:
     """Energies of a levitated bearing after it has settled, and the time over which they were summed (s)."""
-    plant, controller = Plant(parameters_with(**values)), PdController(ControllerParameters())
+    plant = Plant(parameters_with(**values))
+    axes = len(plant.position)
+    controller, centre = PdController(ControllerParameters(), axes), (0.0,) * axes
     for _ in range(60):
-        plant.advance(*controller.update(plant.position, (0.0, 0.0)))
+        plant.advance(controller.update(plant.position, centre))
     account = EnergyAccount(plant)
     for _ in range(samples):
-        account.add(plant.trace(*controller.update(plant.position, (0.0, 0.0))))
+        account.add(plant.trace(controller.update(plant.position, centre)))
     return account, samples * plant.sample_time
 
 
@@ -197,7 +199,7 @@ def test_position_hardly_notices_the_choice():
     for values in ({}, DIFFUSION):
         plant, controller = Plant(parameters_with(**values)), PdController(ControllerParameters())
         for sample in range(300):
-            plant.advance(*controller.update(plant.position, (0.0, 10e-6 if sample < 150 else -10e-6)))
+            plant.advance(controller.update(plant.position, (0.0, 10e-6 if sample < 150 else -10e-6)))
         positions.append(plant.position[1])
     assert positions[0] != positions[1]
     assert positions[1] == pytest.approx(positions[0], abs=20e-9)
@@ -205,7 +207,7 @@ def test_position_hardly_notices_the_choice():
 
 def test_no_current_becomes_negative():
     plant = Plant(parameters_with(**DIFFUSION, **HELD))
-    trace = plant.trace(3.0, 0.0, samples=5)  # the reference of -x is zero
+    trace = plant.trace((3.0, 0.0), samples=5)  # the reference of -x is zero
     assert trace.current[:, 2].min() > -1e-6
     assert trace.current[-400:, 2].mean() == pytest.approx(0.0, abs=0.1)
 
@@ -214,8 +216,8 @@ def test_no_current_becomes_negative():
 def test_deep_saturation_stays_finite_and_ends_where_the_curve_says(iron):
     plant = Plant(parameters_with(**DIFFUSION, **HELD, **iron, **{"amplifier.current_limit": 23.0}))
     for _ in range(100):
-        plant.advance(20.0, 0.0)
-    last = plant.trace(20.0, 0.0)
+        plant.advance((20.0, 0.0))
+    last = plant.trace((20.0, 0.0))
     at_rest = plant.magnetostatics.solve(last.current.mean(axis=0), *last.position[-1])
     largest = np.abs(at_rest.flux).max()
     assert largest / plant.network.pole_area > 1.4  # T
@@ -226,12 +228,12 @@ def test_deep_saturation_stays_finite_and_ends_where_the_curve_says(iron):
 @pytest.mark.parametrize("values", [{}, HYSTERESIS | {"iron.solid_journal": True, "amplifier.proportional_gain": 0.4}])
 def test_copies_and_resets_move_as_the_original(values):
     plant = Plant(parameters_with(**DIFFUSION, **values))
-    first = [plant.advance(0.5, 1.0) for _ in range(5)]
+    first = [plant.advance((0.5, 1.0)) for _ in range(5)]
     copy = pickle.loads(pickle.dumps(plant))
-    following = [plant.advance(-0.5, 1.0) for _ in range(5)]
-    assert [copy.advance(-0.5, 1.0) for _ in range(5)] == following
+    following = [plant.advance((-0.5, 1.0)) for _ in range(5)]
+    assert [copy.advance((-0.5, 1.0)) for _ in range(5)] == following
     plant.reset()
-    assert [plant.advance(0.5, 1.0) for _ in range(5)] == first
+    assert [plant.advance((0.5, 1.0)) for _ in range(5)] == first
 
 
 def test_linear_model_has_the_diffusion():

@@ -114,13 +114,13 @@ def small_signal_error(parameters: PlantParameters, axis: int, samples: int = 40
     controller, plant = PdController(ControllerParameters()), Plant(parameters)
     for _ in range(1_500):
         held = controller.update(plant.position, (0.0, 0.0))
-        plant.advance(*held)
+        plant.advance(held)
     # The loop is open from here; the drift without the step of 1 mA is subtracted.
     other, step = copy.deepcopy(plant), 1e-3 * np.eye(2)[axis]
     model = linearize(plant).discrete
     row, state, ratios = model.output_labels.index("xy"[axis]), np.zeros(model.nstates), []
     for _ in range(samples):
-        change = np.subtract(other.advance(*(held + step)), plant.advance(*held))
+        change = np.subtract(other.advance(held + step), plant.advance(held))
         state = model.A @ state + model.B[:, row] * 1e-3
         ratios.append(change[axis] / (model.C @ state)[row] - 1.0)
     return np.array(ratios)

@@ -16,7 +16,7 @@ from amb_bringup.node_parameters import PARAMETERS, check_parameter_file
 from amb_core.errors import ParameterError
 from amb_core.files.parameter_files import NODES, ParameterFile, full_name, of_rclpy
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import load_parameters
+from amb_core.parameters import load_parameters, own_declarations
 from amb_core.plant import PlantParameters
 from amb_core.regions import RegionParameters
 from amb_sim_node.parameters import SimulatorParameters
@@ -186,7 +186,8 @@ def test_a_misspelt_parameter_of_a_part_is_not_taken_for_one_of_the_node(
 @pytest.mark.parametrize("part", [PlantParameters, ControllerParameters, RegionParameters])
 def test_a_part_leaves_the_other_parameters_of_its_node_to_it(file: Path, part: type[Any]) -> None:
     node, whole = next((node, model) for node, model in PARAMETERS.items() if issubclass(model, part))
-    content = {full_name(node): {"ros__parameters": whole().model_dump()}}
+    given, own = whole().model_dump(), {item.name.split(".")[0] for item in own_declarations(whole)}
+    content = {full_name(node): {"ros__parameters": {name: given[name] for name in own}}}
     file.write_text(yaml.safe_dump(content))
     load_parameters(part, file, node, part=True)
 
@@ -210,8 +211,18 @@ def test_the_check_of_a_file_covers_every_node(file: Path) -> None:
             check_parameter_file(file)
 
 
-def test_two_sample_rates_are_refused_before_a_graph_starts(tmp_path: Path) -> None:
-    file = tmp_path / "two_rates.yaml"
+def test_a_sample_rate_of_the_controller_is_refused_before_a_graph_starts(file: Path) -> None:
     file.write_text("/amb/pd_controller: {ros__parameters: {sample_rate: 20000.0}}\n")
-    with pytest.raises(ParameterError, match=r"two_rates\.yaml: the controller runs at 20000 Hz, the plant"):
+    with pytest.raises(ParameterError, match=r"the machine decides it: give 'integration\.sample_rate' of the"):
+        check_parameter_file(file)
+
+
+def test_the_controller_of_a_file_runs_at_the_rate_of_its_simulator(file: Path) -> None:
+    file.write_text("/amb/simulator: {ros__parameters: {integration: {sample_rate: 20000.0}}}\n")
+    assert load_parameters(ControllerParameters, file, "pd_controller", part=True).sample_rate == 20_000.0
+
+
+def test_a_list_for_other_axes_than_the_machine_has_is_refused_before_a_graph_starts(file: Path) -> None:
+    file.write_text("/amb/pd_controller: {ros__parameters: {nominal_reference: [0.0, 0.0, 1.0e-6]}}\n")
+    with pytest.raises(ParameterError, match="nominal_reference has 3 values; the machine has 2 axes"):
         check_parameter_file(file)

@@ -24,7 +24,7 @@ def free_rotor(backup_bearing: BackupBearingParameters, **rotor: float) -> Plant
 def test_rotor_rests_on_the_backup_bearing_at_its_weight_over_the_contact_stiffness():
     plant = free_rotor(BackupBearingParameters(contact=True), initial_y=-249e-6)
     for _ in range(1_500):
-        plant.advance(0.0, 0.0)
+        plant.advance((0.0, 0.0))
     snapshot = plant.snapshot()
     assert not plant.delevitated
     assert snapshot.contact[0]
@@ -44,7 +44,7 @@ def test_restitution_of_a_bounce_is_that_of_spring_and_damper_that_only_push(dam
     plant._arrays.bearings[0]["velocity"][1] = -arrival
     account = EnergyAccount(plant)
     for _ in range(30):
-        trace = plant.trace(0.0, 0.0)
+        trace = plant.trace((0.0, 0.0))
         account.add(trace)
     rate, natural = damping / (2.0 * MASS), np.sqrt(stiffness / MASS)
     ringing = np.sqrt(natural**2 - rate**2)
@@ -64,7 +64,7 @@ def test_friction_against_a_turning_journal_drives_it_backwards():
         running_speed=50.0,
     )
     plant._arrays.bearings[0]["velocity"][1] = -arrival
-    trace = plant.trace(0.0, 0.0, samples=30)
+    trace = plant.trace((0.0, 0.0), samples=30)
     pressed = trace.contact_force[:, 1] > 1.0
     assert trace.velocity[-1] == pytest.approx([-2.0 * friction * arrival, arrival], rel=0.1)  # the wall is round
     radial = trace.position[pressed] / np.linalg.norm(trace.position[pressed], axis=1, keepdims=True)
@@ -83,7 +83,7 @@ def test_levitated_rotor_comes_back_from_its_backup_bearing():
         )
     )
     controller = PdController(ControllerParameters())
-    traces = [plant.trace(*controller.update(plant.position, (0.0, 0.0))) for _ in range(1_000)]
+    traces = [plant.trace(controller.update(plant.position, (0.0, 0.0))) for _ in range(1_000)]
     contact = np.array([np.abs(trace.contact_force).max() > 0.0 for trace in traces])
     assert contact.any()
     assert not contact.all()

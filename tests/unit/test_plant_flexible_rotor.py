@@ -53,11 +53,11 @@ def flexible(tmp_path_factory) -> tuple[Plant, EnergyAccount, list[Trace]]:
             flexible_rotor=FlexibleRotorParameters(modal_data=str(path)),
         )
     )
-    account, controller = EnergyAccount(plant), PdController(ControllerParameters())
+    account, controller = EnergyAccount(plant), PdController(ControllerParameters(), axes=4)
     traces = []
     for sample in range(2_500):
         kick = 1e-6 if sample == 1_000 else 0.0
-        traces.append(plant.trace(*controller.update(plant.position, (kick, 0.0))))
+        traces.append(plant.trace(controller.update(plant.position, (kick, 0.0, 0.0, 0.0))))
         account.add(traces[-1])
     return plant, account, traces
 

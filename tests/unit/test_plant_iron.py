@@ -22,8 +22,8 @@ def test_deep_saturation_stays_finite_and_ends_where_the_curve_says(iron):
     current = 20.0
     plant = plant_with(**iron, **{"amplifier.current_limit": 23.0, "rotor.mass": 1e5, "rotor.gravity": 0.0})
     for _ in range(100):
-        plant.advance(current, 0.0)
-    last = plant.trace(current, 0.0)
+        plant.advance((current, 0.0))
+    last = plant.trace((current, 0.0))
     at_rest = plant.magnetostatics.solve(last.current.mean(axis=0), *last.position[-1])
     rates = np.diff(last.flux, axis=0) / plant.parameters.integration.internal_step
     assert np.abs(rates).max() < 10.0  # V per turn, of which the voltage gives 3: nothing runs away
@@ -37,7 +37,7 @@ def test_deep_saturation_stays_finite_and_ends_where_the_curve_says(iron):
 )
 def test_without_eddy_currents_the_fluxes_are_those_of_the_currents_at_every_step(iron):
     plant = plant_with(**AT_ONCE, **iron)
-    trace = plant.trace(1.0, -0.5, samples=3)
+    trace = plant.trace((1.0, -0.5), samples=3)
     for row in range(0, len(trace.time), 37):
         at_rest = plant.static_flux(trace.current[row], *trace.position[row])
         np.testing.assert_allclose(trace.flux[row], at_rest, atol=1e-5 * np.abs(at_rest).max())
@@ -45,7 +45,7 @@ def test_without_eddy_currents_the_fluxes_are_those_of_the_currents_at_every_ste
 
 def test_without_eddy_currents_voltages_move_the_flux_linkages():
     plant = plant_with(**AT_ONCE)
-    trace = plant.trace(1.0, 0.0, samples=5)
+    trace = plant.trace((1.0, 0.0), samples=5)
     linkage = trace.flux @ plant.network.winding
     resistance, step = plant.parameters.magnetic_circuit.coil_resistance, plant.parameters.integration.internal_step
     middle = 0.5 * (trace.current[1:] + trace.current[:-1])
@@ -55,7 +55,7 @@ def test_without_eddy_currents_voltages_move_the_flux_linkages():
 
 def test_without_eddy_currents_no_current_becomes_negative():
     plant = plant_with(**AT_ONCE)
-    trace = plant.trace(3.0, 0.0, samples=5)  # the reference of -x is zero
+    trace = plant.trace((3.0, 0.0), samples=5)  # the reference of -x is zero
     assert trace.current[:, 2].min() > -1e-6
     assert trace.current[-1, 2] == pytest.approx(0.0, abs=0.2)  # ripple
 
@@ -66,7 +66,7 @@ def test_circulating_fluxes_appear_with_saturation_in_an_uneven_field(iron):
     start = plant.snapshot().flux_density
     assert np.abs(start.sum()) < 1e-9
     for _ in range(60):
-        plant.advance(12.0, 6.0)
+        plant.advance((12.0, 6.0))
     at_rest = plant.magnetostatics.solve(plant.snapshot().coil_current[0], 0.0, 0.0)
     assert np.abs(at_rest.circulating).max() > 1e-6
 
@@ -77,7 +77,7 @@ def test_user_table_is_the_curve_of_the_plant(tmp_path):
     plant = plant_with(**SATURATION, **{"iron.bh_table": str(table)})
     curve = saturation_curve(plant.parameters.iron)
     np.testing.assert_allclose(curve.field(np.array([0.8, 1.4])), [100.0, 1000.0], rtol=1e-6)
-    plant.advance(0.0, 0.0)
+    plant.advance((0.0, 0.0))
 
 
 def test_table_that_is_not_monotone_is_refused_with_file_and_line(tmp_path):

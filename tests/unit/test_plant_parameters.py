@@ -73,7 +73,6 @@ def test_unknown_parameter_is_refused_and_the_nearest_name_offered():
         ({"iron.solid_journal": True, "iron.eddy_currents": False}, "its lag is eddy currents"),
         ({"rotor.model": "flexible"}, "needs flexible_rotor.modal_data"),
         ({"rotor.model": "rigid", "magnetic_circuit.actuators": "top_coil"}, "pull along y only"),
-        ({"rotor.model": "rigid", "controller_b.sample_rate": 5e3}, "must equal integration.sample_rate"),
         ({"rigid_rotor.bearing_a": 0.2}, "A is the side of -z"),
         ({"rigid_rotor.polar_inertia": 1.0}, "cannot exceed twice its transverse_inertia"),
     ],

@@ -53,11 +53,17 @@ def sweep_signals() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 DEFINITION = {
     "run": 7, "id": 1, "kind": "sweep", "first_step": -1, "sample_time": 1.0 / RATE, "steps": STEPS - START,
-    "checksum": 0, "reference_x": np.zeros(0), "reference_y": np.zeros(0),
+    "checksum": 0, "axes": [],
     "description": json.dumps(
         {"amplitude": 20e-6, "duration": 3.5, "axes": "y", "frequency_start": 100.0, "frequency_end": 800.0}
     ),
 }  # fmt: skip
+
+
+def samples_of(axis: str, reference: np.ndarray, position: np.ndarray) -> Any:
+    return TYPES.types["amb_msgs/msg/AxisSamples"](
+        name=axis, reference=reference, position=position, current=np.zeros(len(position))
+    )
 
 
 def excitation_of_old(reference: np.ndarray, frequency: np.ndarray) -> Any:
@@ -92,8 +98,7 @@ def write_bag(
             messages.append(
                 message(
                     "LoopSamples", run=7, first_step=first, sample_time=1.0 / RATE,
-                    reference_x=zeros[part], reference_y=reference[part],
-                    position_x=zeros[part], position_y=position[part], current_x=zeros[part], current_y=zeros[part],
+                    axes=[samples_of("x", zeros[part], zeros[part]), samples_of("y", reference[part], position[part])],
                 )
             )  # fmt: skip
     if stopped is not None:
@@ -145,7 +150,7 @@ def test_an_onset_has_the_frequency_that_the_excitation_had_there(tmp_path: Path
     [
         {"description": "no JSON"},
         {"sample_time": 0.0},
-        {"kind": "waveform", "reference_x": np.zeros(10), "reference_y": np.zeros(10)},
+        {"kind": "waveform", "axes": [TYPES.types["amb_msgs/msg/AxisReference"](name="x", reference=np.zeros(10))]},
         {"kind": "of a later version"},
     ],
 )

@@ -19,11 +19,12 @@ from amb_core.plant import Plant, PlantParameters, RotorParameters
 imported = threads()
 for model in ("point_mass", "rigid"):
     plant = Plant(PlantParameters(rotor=RotorParameters(model=model)))
-    plant.advance(0.0, 0.0)
+    axes = len(plant.position)
+    plant.advance([0.0] * axes)
     plant.reset()
     process, thread = time.process_time(), time.thread_time()
     for _ in range(200):
-        plant.advance(0.0, 0.8)
+        plant.advance([0.0, 0.8] * (axes // 2))
         plant.reset()
     process, thread = time.process_time() - process, time.thread_time() - thread
     print(json.dumps({"added": threads() - imported, "imported": imported, "elsewhere": process / thread - 1.0}))

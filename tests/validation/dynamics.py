@@ -52,7 +52,7 @@ def energy() -> Iterator[Row]:
         account = EnergyAccount(plant)
         for sample in range(10_000):
             reference = 50e-6 if sample % 2_000 < 1_000 else -50e-6
-            account.add(plant.trace(*controller.update(plant.position, (reference, reference))))
+            account.add(plant.trace(controller.update(plant.position, (reference, reference))))
         if parameters.backup_bearing.contact and account.contact == 0.0:
             raise RuntimeError("the rotor was to touch its backup bearing")
         yield Row(
@@ -85,7 +85,7 @@ def iron_loss() -> Iterator[Row]:
     loops, energies = np.empty((period + 1, 2, 3 * POLES)), np.empty(period + 1)
     for sample in range(-(PERIODS - 1) * period, period + 1):
         turn = 2.0 * np.pi * sample / period
-        trace = plant.trace(2.0 * np.cos(2.0 * turn), 2.0 * np.cos(turn))
+        trace = plant.trace((2.0 * np.cos(2.0 * turn), 2.0 * np.cos(turn)))
         if sample >= 0:
             bearing = plant._arrays.bearings[0]
             loops[sample] = bearing["iron"]["flux_density"], bearing["iron"]["field"]
@@ -134,7 +134,7 @@ def _samples(internal_step: float, amplifier: AmplifierParameters) -> NDArray[np
     controller = PdController(ControllerParameters())
     samples = np.empty((60, 10))
     for row in samples:
-        trace = plant.trace(*controller.update(plant.position, (10e-6, 0.0)))
+        trace = plant.trace(controller.update(plant.position, (10e-6, 0.0)))
         row[:8], row[8:] = trace.flux[0], trace.position[0]
     return samples
 
@@ -159,7 +159,7 @@ def derivative_of_force() -> Iterator[Row]:
     difference, scale = 0.0, 0.0
     for sample in range(100):
         reference = 50e-6 * np.sin(2.0 * np.pi * 100.0 * sample * plant.sample_time)
-        trace = plant.trace(*controller.update(plant.position, (reference, 0.0)))
+        trace = plant.trace(controller.update(plant.position, (reference, 0.0)))
         force = np.sum(trace.flux[:, COIL_POLES[0]] ** 2, axis=1) * AXIS_COSINE / (2.0 * mu_0 * plant.network.pole_area)
         gap = circuit.air_gap - AXIS_COSINE * trace.position[:, 0]
         i, x = _middles(trace.current[:, 0]), _middles(gap)

@@ -82,7 +82,7 @@ def _response(parameters: PlantParameters, frequency: float) -> complex:
     plant = Plant(parameters)
     samples = round((PERIODS_TO_SETTLE + PERIODS) / (frequency * plant.sample_time))
     traces = [
-        plant.trace(AMPLITUDE * np.sin(2.0 * np.pi * frequency * sample * plant.sample_time), 0.0)
+        plant.trace((AMPLITUDE * np.sin(2.0 * np.pi * frequency * sample * plant.sample_time), 0.0))
         for sample in range(samples)
     ]
     force = np.concatenate([trace.force[:, 0] for trace in traces])

@@ -27,7 +27,6 @@ from scipy.constants import mu_0
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from amb_core.loop.control import PdController
 from amb_core.plant import Plant, PlantParameters
 
 RTOL = 1e-9
@@ -93,7 +92,6 @@ class ImplicitPlant:
         self._duty = np.full(4 * self._bearings, 0.5)
         self._integral = np.zeros(4 * self._bearings)
         self._charge_start = -amplifier.bias_current * (self._period - np.tile(later, self._bearings))
-        self._controller_b = PdController(parameters.controller_b)
         self._held = np.zeros(axes)
         self.time = 0.0
         self.state = np.zeros(first + 3 * axes)
@@ -111,12 +109,8 @@ class ImplicitPlant:
         """Positions of the journals (m), shape (2 * bearings,)."""
         return self._rotor.journals @ self.state[self._coordinates]
 
-    def advance(self, current_x: float, current_y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def advance(self, references: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Hold control current references (A) over a sample; positions (m) and coil currents (A) at period starts."""
-        references = np.array([current_x, current_y])
-        if self._bearings == 2:
-            x, y = self.measured()[2:]
-            references = np.concatenate([references, self._controller_b.update((float(x), float(y)), (0.0, 0.0))])
         references = _on_grid(references, self._parameters.converters.current_resolution)
         begin, rate = self.time, self._parameters.integration.sample_rate
         delayed = begin + self._parameters.converters.computation_delay / rate

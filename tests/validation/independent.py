@@ -86,15 +86,16 @@ def compare(parameters: PlantParameters, samples: int) -> tuple[float, float]:
     implicit = ImplicitPlant(plant)
     period = parameters.steps_per_period
     position_deviation, current_deviation = 0.0, 0.0
-    ours, theirs = PdController(ControllerParameters()), PdController(ControllerParameters())
+    axes = len(plant.machine.axes)
+    ours, theirs = (PdController(ControllerParameters(), axes) for _ in range(2))
     for sample in range(samples):
-        reference = _reference(sample, samples)
-        trace = plant.trace(*ours.update(plant.position, reference))
+        reference = np.zeros(axes)
+        reference[:2] = _reference(sample, samples)
+        trace = plant.trace(ours.update(plant.position, reference))
         traces = [trace, trace.bearing_b] if trace.bearing_b is not None else [trace]
         if min(part.current.min() for part in traces) <= 0.0:
             raise RuntimeError("a coil current reached zero: the solution to compare with has no diodes")
-        x, y = implicit.measured()[:2]
-        positions, currents = implicit.advance(*theirs.update((float(x), float(y)), reference))
+        positions, currents = implicit.advance(theirs.update(implicit.measured(), reference))
         position = np.hstack([part.position[::period] for part in traces])
         current = np.hstack([part.current[::period] for part in traces])
         position_deviation = max(position_deviation, _largest(position - positions))

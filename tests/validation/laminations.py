@@ -74,8 +74,8 @@ def impedance_error(parameters: PlantParameters, frequency: float, steps_per_per
     )
     plant, tau = Plant(held), lamination_time_constant(held)
     for _ in range(int(np.ceil((1e-4 + 1.2 * tau) * rate))):  # twelve times the slowest term, tau / pi^2
-        plant.advance(0.0, 0.0)
-    trace, network = plant.trace(0.0, 0.0), plant.network
+        plant.advance((0.0, 0.0))
+    trace, network = plant.trace((0.0, 0.0)), plant.network
     current = trace.current[-steps_per_period - 1 : -1, 0]
     linked = (0.5 * (trace.flux[1:] + trace.flux[:-1])[-steps_per_period:]) @ network.winding[:, 0]
     pattern = np.sign(network.winding.sum(axis=1))
@@ -90,8 +90,8 @@ def switching_losses(parameters: PlantParameters, samples: int = 200) -> tuple[f
     """Loss by the switching (W): closed form, and eddy currents of a levitated bearing at rest."""
     plant, controller = Plant(parameters), PdController(ControllerParameters())
     for _ in range(samples):
-        plant.advance(*controller.update(plant.position, (0.0, 0.0)))
+        plant.advance(controller.update(plant.position, (0.0, 0.0)))
     account = EnergyAccount(plant)
     for _ in range(samples):
-        account.add(plant.trace(*controller.update(plant.position, (0.0, 0.0))))
+        account.add(plant.trace(controller.update(plant.position, (0.0, 0.0))))
     return switching_loss(parameters), (account.eddy + account.diffusion) / (samples * plant.sample_time)

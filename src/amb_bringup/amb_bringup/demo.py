@@ -19,12 +19,12 @@ from amb_core.errors import AmbError
 from amb_core.excitation import Square, generate
 from amb_core.figures import save_loop_figures
 from amb_core.identification import StateSpaceModel, simulate_closed_loop
-from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
 from amb_core.recording import Recording
-from amb_core.simulation import simulate
+from amb_core.simulation import simulate_first_bearing
 from amb_core.step_response import fit_step_response
 from amb_sim_node.parameters import SimulatorParameters
 
@@ -138,11 +138,11 @@ def _experiment(amb: AmbClient, excitation: Square, name: str, progress: Progres
 
 
 def _without_ros(parameter_file: Path, progress: Progress) -> LoopRecord:
-    controller = PdController(_controller(parameter_file))
-    signal = generate(SQUARES, controller.parameters.sample_rate)
+    controller = _controller(parameter_file)
+    signal = generate(SQUARES, controller.sample_rate)
     steps = SETTLING_STEPS + signal.steps
     plant = Plant(load_parameters(SimulatorParameters, parameter_file, "simulator"))
-    return simulate(
+    return simulate_first_bearing(
         plant, controller, steps, signal.samples, SETTLING_STEPS, lambda step: progress("without ROS", step, steps)
     )
 

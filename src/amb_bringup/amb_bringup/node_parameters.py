@@ -6,8 +6,8 @@ from pathlib import Path
 
 from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
 from amb_core.errors import ParameterError
-from amb_core.loop.control import require_one_rate
 from amb_core.parameters import Parameters, load_parameters
+from amb_core.plant.machine import machine_of
 from amb_ident_node.identifier import IdentifierParameters
 from amb_ident_node.recorder import RecorderParameters
 from amb_ident_node.region_monitor import RegionMonitorParameters
@@ -30,13 +30,14 @@ def check_parameter_file(path: str | Path) -> None:
     Raises
     ------
     ParameterError
-        If the file, a key or a parameter is wrong, or the nodes' sample rates differ; one line that names the file.
+        If the file, a key or a parameter is wrong, or the controller has a list for another number of axes than the
+        machine has; one line that names the file.
     """
     parameters = {node: load_parameters(model, path, node) for node, model in PARAMETERS.items()}
     simulator, controller = parameters["simulator"], parameters["pd_controller"]
     assert isinstance(simulator, SimulatorParameters)
     assert isinstance(controller, PdControllerParameters)
     try:
-        require_one_rate(controller, simulator.integration.sample_rate)
+        controller.require_axes(len(machine_of(simulator).axes))
     except ParameterError as problem:
         raise ParameterError(f"{path}: {problem}") from None

@@ -13,6 +13,10 @@ class PlantError(AmbError):
     """The plant cannot be built, or its state has left the range in which the model holds."""
 
 
+class MachineError(AmbError):
+    """The description of a machine is missing, or contradicts itself."""
+
+
 class ExcitationError(AmbError):
     """An excitation is asked for that cannot be generated at the sample rate of the loop."""
 

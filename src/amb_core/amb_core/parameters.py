@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin
 
@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 from amb_core.errors import ParameterError
 from amb_core.files.parameter_files import NODES, ParameterFile, full_name
 
+SIMULATOR = "simulator"
 CLOSE = 0.85  # likeness, 0 to 1, from which a name is taken for another one misspelt
 
 
@@ -52,6 +53,17 @@ def quantity(
     )
 
 
+def of_machine(
+    default: float, unit: str, description: str, minimum: float, maximum: float, *, simulator_parameter: str
+) -> Any:
+    """Declare a number that the machine decides, such as its sample rate: no parameter of a node or of a file.
+
+    A node takes it from the topic `machine`; a script takes it from the simulator's parameter of that dotted name.
+    """
+    extra = {"unit": unit, "runtime": False, "of_machine": simulator_parameter}
+    return Field(default, ge=minimum, le=maximum, description=description, json_schema_extra=cast(Any, extra))
+
+
 def quantities(unit: str, description: str, minimum: float, maximum: float, *, runtime: bool = False) -> Any:
     """Declare a list of numbers, by default empty, with the unit and the closed range of each."""
     return Field(
@@ -71,14 +83,12 @@ def choice(default: str, description: str) -> Any:
     return Field(default, description=description)
 
 
-def fixed(default: P) -> Any:
-    """Declare a nested set none of whose parameters may be changed while a node runs."""
-    return Field(default, json_schema_extra={"fixed": True})
-
-
 @dataclass(frozen=True)
 class Declaration:
-    """One parameter as declared: dotted name, type, default, unit, description, range or choices."""
+    """One parameter as declared: dotted name, type, default, unit, description, range or choices.
+
+    `of_machine` names the simulator's parameter that decides it; empty for a parameter of its own.
+    """
 
     name: str
     type: type
@@ -89,6 +99,7 @@ class Declaration:
     maximum: float | None
     choices: tuple[str, ...]
     runtime: bool
+    of_machine: str = ""
 
     @property
     def allowed(self) -> str:
@@ -108,8 +119,7 @@ def declarations(model: type[Parameters], prefix: str = "") -> Iterator[Declarat
         annotation = field.annotation
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         if isinstance(annotation, type) and issubclass(annotation, Parameters):
-            for nested in declarations(annotation, f"{prefix}{name}."):
-                yield replace(nested, runtime=nested.runtime and not extra.get("fixed", False))
+            yield from declarations(annotation, f"{prefix}{name}.")
             continue
         choices = get_args(annotation) if get_origin(annotation) is Literal else ()
         bounds = {key: getattr(item, key) for item in field.metadata for key in ("ge", "le") if hasattr(item, key)}
@@ -125,7 +135,23 @@ def declarations(model: type[Parameters], prefix: str = "") -> Iterator[Declarat
             maximum=bounds.get("le"),
             choices=tuple(str(word) for word in choices),
             runtime=bool(extra.get("runtime", False)),
+            of_machine=str(extra.get("of_machine", "")),
         )
+
+
+def own_declarations(model: type[Parameters]) -> Iterator[Declaration]:
+    """The parameters of a class that a node declares and a parameter file may give."""
+    return (declaration for declaration in declarations(model) if not declaration.of_machine)
+
+
+def refuse_those_of_machine(model: type[Parameters], values: Mapping[str, Any]) -> None:
+    """Raise ParameterError if a value is given, to a node or in its section of a file, that the machine decides."""
+    for declaration in declarations(model):
+        if declaration.of_machine and declaration.name in values:
+            raise ParameterError(
+                f"parameter '{declaration.name}' = {values[declaration.name]!r} is not allowed; the machine decides "
+                f"it: give '{declaration.of_machine}' of the simulator alone"
+            )
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -203,17 +229,28 @@ def load_parameters(model: type[P], path: str | Path, node: str, *, part: bool =
     file = ParameterFile(path, dict.fromkeys([*own, *(full_name(other) for other in NODES)]))
     values = file.values(name)
     try:
-        if not part:
-            return validate(model, values)
-        _refuse_misspelt(model, values)
-        return part_of(model, values)
+        refuse_those_of_machine(model, values)
+        if part:
+            _refuse_misspelt(model, values)
+        loaded = part_of(model, values) if part else validate(model, values)
+        return _with_those_of_machine(loaded, file.values(f"{namespace}/{SIMULATOR}"))
     except ParameterError as problem:
         raise file.error(node, problem) from None
 
 
+def _with_those_of_machine(loaded: P, simulator: Mapping[str, Any]) -> P:
+    """The set with what the machine decides, by the simulator's parameters."""
+    decided = {
+        declaration.name: simulator[declaration.of_machine]
+        for declaration in declarations(type(loaded))
+        if declaration.of_machine and declaration.of_machine in simulator
+    }
+    return validate(type(loaded), {**flatten(loaded.model_dump()), **decided}) if decided else loaded
+
+
 def _refuse_misspelt(model: type[P], values: Mapping[str, Any]) -> None:
     """Refuse what is meant for the set but not one of its names: it would be taken for another part's parameter."""
-    names = [declaration.name for declaration in declarations(model)]
+    names = [declaration.name for declaration in own_declarations(model)]
     groups = {name.rpartition(".")[0] for name in names} - {""}
     for name in values:
         if name not in names and (name.split(".")[0] in groups or difflib.get_close_matches(name, names, 1, CLOSE)):

@@ -17,7 +17,7 @@ from amb_core.simulation import simulate
 def warm_up() -> None:
     """Go once through simulation, tracing, design of excitations, classification of regions and identification."""
     plant = Plant()
-    plant.trace(0.0, 0.0)
+    plant.trace((0.0, 0.0))
     Plant(validate(PlantParameters, {"rotor.model": "rigid"}))
     signal = generate(Square(amplitude=10e-6, duration=0.2, frequency=20.0), 10_000.0)
     controller = ControllerParameters()

@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile
 from amb_core.errors import BagError
 from amb_core.recording.layout import layout_hash
 from amb_core.recording.storage import Definition, open_storage
-from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, PlantState, SimulatorState
+from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, Machine, PlantState, SimulatorState
 from amb_ros.definitions import message_definition
 from amb_ros.qos import HISTORY, LATCHED
 
@@ -33,6 +33,7 @@ class _Played(NamedTuple):
 
 
 PLAYED = {
+    "amb_msgs/msg/Machine": _Played(Machine, LATCHED),
     "amb_msgs/msg/LoopSamples": _Played(LoopSamples, HISTORY),
     "amb_msgs/msg/PlantState": _Played(PlantState, HISTORY),
     "amb_msgs/msg/Excitation": _Played(Excitation, LATCHED),

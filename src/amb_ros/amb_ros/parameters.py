@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 
 from amb_core.errors import ParameterError
 from amb_core.files.parameter_files import of_rclpy
-from amb_core.parameters import Declaration, Parameters, declarations, flatten, validate
+from amb_core.parameters import Declaration, Parameters, flatten, own_declarations, refuse_those_of_machine, validate
 from amb_ros.parameter_services import guard_parameter_services
 
 P = TypeVar("P", bound=Parameters)
@@ -54,11 +54,12 @@ def declare(
         raise ParameterError(f"{node.get_fully_qualified_name()}: {problem}") from None
     for name in given:
         node.undeclare_parameter(name)
-    current = flatten(values.model_dump())
-    for declaration in declarations(parameters):
+    every = flatten(values.model_dump())
+    current = {declaration.name: every[declaration.name] for declaration in own_declarations(parameters)}
+    for declaration in own_declarations(parameters):
         writable = declaration.runtime and on_change is not None
         _declare(node, declaration, current[declaration.name], read_only=not writable)
-    guard_parameter_services(node, declarations(parameters))
+    guard_parameter_services(node, own_declarations(parameters))
     if on_change is not None:
         node.add_on_set_parameters_callback(_guard(node, parameters, current, check))
         node.add_post_set_parameters_callback(_notify(parameters, current, on_change))
@@ -97,6 +98,7 @@ def replace(node: Node, values: Parameters) -> None:
 
 
 def _checked(parameters: type[P], given: Mapping[str, object], check: Callable[[P], None] | None) -> P:
+    refuse_those_of_machine(parameters, given)
     values = validate(parameters, given)
     if check is not None:
         check(values)

@@ -2,11 +2,13 @@
 
 rclpy converts every field of a message object by name, twice per message. The loop sends two messages per step and
 knows their layout, so it packs and unpacks their CDR itself: little endian, a 4-byte header, members aligned to their
-size. The tests compare this layout with rclpy's own serialization.
+size, a sequence as its length and its members. The tests compare this layout with rclpy's own serialization.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
 from struct import Struct
 
 from rclpy.serialization import deserialize_message
@@ -15,36 +17,61 @@ from amb_msgs.msg import CurrentReference, RotorPosition
 
 _HEADER = b"\x00\x01\x00\x00"  # CDR, little endian
 
-_POSITION = Struct("<4sQQddd")
-_CURRENT = Struct("<4sQQdd")
+_POSITION, _POSITIONS_AT = Struct("<4sQQdI"), 36  # the doubles begin at a multiple of 8 after the header
+_CURRENT, _CURRENTS_AT = Struct("<4sQQI"), 28
 
-Position = tuple[int, int, float, float, float]
-Current = tuple[int, int, float, float]
+Position = tuple[int, int, float, Sequence[float]]
+Current = tuple[int, int, Sequence[float]]
 
 
-def pack_position(run: int, step: int, time: float, x: float, y: float) -> bytes:
-    """A serialized RotorPosition: run, step, time (s), x and y (m)."""
-    return _POSITION.pack(_HEADER, run, step, time, x, y)
+def pack_position(run: int, step: int, time: float, position: Sequence[float]) -> bytes:
+    """A serialized RotorPosition: run, step, time (s), position of each axis (m)."""
+    count = len(position)
+    return _position_of(count).pack(_HEADER, run, step, time, count, *position)
 
 
 def unpack_position(data: bytes) -> Position:
-    """Run, step, time (s), x and y (m) of a serialized RotorPosition."""
-    header, run, step, time, x, y = _POSITION.unpack_from(data)
+    """Run, step, time (s) and the position of each axis (m) of a serialized RotorPosition."""
+    header, run, step, time, count = _POSITION.unpack_from(data)
     if header != _HEADER:  # from a machine of another byte order
         message = deserialize_message(data, RotorPosition)
-        return message.run, message.step, message.time, message.x, message.y
-    return run, step, time, x, y
+        return message.run, message.step, message.time, message.position
+    return run, step, time, _doubles(data, _POSITIONS_AT, count)
 
 
-def pack_current(run: int, step: int, i_x: float, i_y: float) -> bytes:
-    """A serialized CurrentReference: run, step, i_x and i_y (A)."""
-    return _CURRENT.pack(_HEADER, run, step, i_x, i_y)
+def pack_current(run: int, step: int, current: Sequence[float]) -> bytes:
+    """A serialized CurrentReference: run, step, control current reference of each axis (A)."""
+    count = len(current)
+    return _current_of(count).pack(_HEADER, run, step, count, *current)
 
 
 def unpack_current(data: bytes) -> Current:
-    """Run, step, i_x and i_y (A) of a serialized CurrentReference."""
-    header, run, step, i_x, i_y = _CURRENT.unpack_from(data)
+    """Run, step and the control current reference of each axis (A) of a serialized CurrentReference."""
+    header, run, step, count = _CURRENT.unpack_from(data)
     if header != _HEADER:
         message = deserialize_message(data, CurrentReference)
-        return message.run, message.step, message.i_x, message.i_y
-    return run, step, i_x, i_y
+        return message.run, message.step, message.current
+    return run, step, _doubles(data, _CURRENTS_AT, count)
+
+
+@lru_cache(maxsize=8)
+def _position_of(count: int) -> Struct:
+    return Struct(f"<4sQQdI4x{count}d")
+
+
+@lru_cache(maxsize=8)
+def _current_of(count: int) -> Struct:
+    return Struct(f"<4sQQI4x{count}d")
+
+
+@lru_cache(maxsize=8)
+def _sequence_of(count: int) -> Struct:
+    return Struct(f"<{count}d")
+
+
+def _doubles(data: bytes, start: int, count: int) -> Sequence[float]:
+    """Doubles from a position onwards; none if there are fewer."""
+    if count * 8 > len(data) - start:
+        return ()
+    values: Sequence[float] = _sequence_of(count).unpack_from(data, start)
+    return values

@@ -1,5 +1,6 @@
 """Names of the workbench's topics, relative to the namespace of the nodes (/amb unless remapped)."""
 
+MACHINE = "machine"
 POSITION = "position"
 CURRENT_REFERENCE = "current_reference"
 EXCITATION = "excitation"

@@ -73,17 +73,19 @@ def record(case: Case) -> LoopRecord:
     parameters = bearing(case.bearing)
     excitation, noise = KINDS[case.kind]
     random = np.random.default_rng([SEED, case.bearing, case.delay, case.kind])
-    plant, law = Plant(parameters), PdController(CONTROLLER)
-    reference = np.zeros((WARM_UP + STEPS, 2))
-    reference[WARM_UP:] = _excitation(excitation, int(random.integers(1 << 30)))
-    errors = noise * random.normal(size=reference.shape)
+    plant = Plant(parameters)
+    axes = len(plant.machine.axes)
+    law, reference, errors = PdController(CONTROLLER, axes), *np.zeros((2, WARM_UP + STEPS, axes))
+    reference[WARM_UP:, :2] = _excitation(excitation, int(random.integers(1 << 30)))
+    errors[:, :2] = noise * random.normal(size=(len(errors), 2))
     position, current = np.empty_like(reference), np.zeros((len(reference) + case.delay, 2))
     for step, wanted in enumerate(reference):
         position[step] = plant.position + errors[step]
-        current[step + case.delay] = law.update(position[step], wanted)
-        plant.advance(*current[step])
+        answer = law.update(position[step], wanted)
+        current[step + case.delay, :2], current[step, 2:] = answer[:2], answer[2:]  # bearing B has no delay
+        plant.advance(current[step])
     parts = reference, position, current[case.delay :]
-    return LoopRecord(0, plant.sample_time, *(part[WARM_UP:] for part in parts))
+    return LoopRecord(0, plant.sample_time, *(part[WARM_UP:, :2] for part in parts))  # bearing A
 
 
 @functools.cache
@@ -93,8 +95,7 @@ def bearing(number: int) -> PlantParameters:
     while True:
         parameters = _drawn(("point_mass", "rigid", "flexible")[number % 3], random)
         plant = linearize(Plant(parameters), CONTROLLER).discrete
-        controllers = [CONTROLLER, parameters.controller_b][: plant.ninputs // 2]
-        loops = [close_loop(_delayed(plant, delay), controllers)[0] for delay in DELAYS]
+        loops = [close_loop(_delayed(plant, delay), CONTROLLER)[0] for delay in DELAYS]
         if all(np.abs(loop.poles()).max() < 1.0 for loop in loops):
             return parameters
 

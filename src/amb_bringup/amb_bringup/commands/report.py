@@ -38,6 +38,7 @@ def report(
     if recording.truncated:
         console.print(f"[yellow]bag {bag} is incomplete: {recording.truncated}[/yellow]")
     with Stages(console) as stages:
+        named = named and named.at_rate(recording.sample_rate)
         made = recording_report(recording, run, wanted, stages.update, named)
     write_report(made, out)
     console.print(f"{made.title}. {made.lead}", highlight=False)

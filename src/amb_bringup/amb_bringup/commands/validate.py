@@ -116,7 +116,7 @@ def load_recorded(
     if loop.damage:
         console.print(f"[yellow]bag {bag} is incomplete: {loop.damage}[/yellow]")
     if controller:
-        return replace(loop, controller=named_controller(controller))
+        return replace(loop, controller=named_controller(controller, sample_rate=loop.data.sample_rate))
     if loop.controller is None and needs_controller(loop.data):
         console.print(
             f"[yellow]{bag} has no controller parameters; the closed loop of the models is not validated. Give the "

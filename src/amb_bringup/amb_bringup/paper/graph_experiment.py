@@ -25,12 +25,12 @@ from amb_bringup.paper.study import Claim, StudyError
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.errors import BagError
 from amb_core.excitation import Excitation, ExcitationSignal, generate
-from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
 from amb_core.recording import Recording
-from amb_core.simulation import simulate
+from amb_core.simulation import simulate_first_bearing
 from amb_core.tasks.provenance import code_version
 from amb_sim_node.parameters import SimulatorParameters
 
@@ -81,7 +81,7 @@ class GraphExperiment:
         """The experiment without ROS."""
         plant = Plant(load_parameters(SimulatorParameters, _parameter_file(), "simulator"))
         signal = self.signal
-        record = simulate(plant, PdController(self.controller), SETTLING + signal.steps, signal.samples, SETTLING)
+        record = simulate_first_bearing(plant, self.controller, SETTLING + signal.steps, signal.samples, SETTLING)
         return LoopRun(record, plant.delevitated)
 
     def through_ros(self, folder: Path, expected: LoopRun) -> LoopRun:

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from amb_core.excitation import ExcitationSignal, Sweep, generate
 from amb_core.figures.sweep_comparison import SweepCase, onset_summary
-from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import Classification, Onset, Region, RegionState, classify
 from amb_core.report import Answer
-from amb_core.simulation import simulate
+from amb_core.simulation import simulate_first_bearing
 from amb_core.simulation.parameters import with_values
 
 ONE_AXIS = {"magnetic_circuit.actuators": "differential"}
@@ -102,7 +102,7 @@ def sweep_bearing(
     parameters, controller = with_values(PlantParameters(), ControllerParameters(), values or {})
     plant, signal = Plant(parameters), paper_sweep(amplitude, controller.sample_rate, axis)
     rest = round(REST * controller.sample_rate)
-    record = simulate(plant, PdController(controller), rest + signal.steps, signal.samples, rest)
+    record = simulate_first_bearing(plant, controller, rest + signal.steps, signal.samples, rest)
     assert signal.frequency is not None  # a sweep has one
     frequency = np.concatenate([np.full(rest, np.nan), signal.frequency])[: record.steps]
     found = classify(record, delevitated=plant.delevitated, frequency=frequency)

@@ -5,7 +5,7 @@ Missing steps split the samples into experiments. Topics are found by message ty
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from amb_core.errors import BagError
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.experiment import Experiment
 from amb_core.loop.experiments import last_experiment, select_window
+from amb_core.loop.records import axis_names
 from amb_core.recording import Recording
 
 POSITION = "amb_msgs/msg/RotorPosition"
@@ -111,10 +112,11 @@ def _from_topics(
     run = common[-1] if run is None else run
     if run not in common:
         raise BagError(f"{where}: hold no run {run}; their runs: {_list(common)}")
-    position_steps, position, time = _in_order(
-        positions[run], ("x", "y", "time"), f"bag {recording.path}: {position_topic}"
-    )
-    current_steps, current, _ = _in_order(currents[run], ("i_x", "i_y"), f"bag {recording.path}: {current_topic}")
+    position_steps, timed = _in_order(positions[run], _timed_position, f"bag {recording.path}: {position_topic}")
+    current_steps, current = _in_order(currents[run], _current, f"bag {recording.path}: {current_topic}")
+    position, time = timed[:, 1:], timed[:, 0]
+    if position.shape[1] != current.shape[1]:
+        raise BagError(f"{where} differ in their axes: {position.shape[1]} positions, {current.shape[1]} currents")
     matched, of_position, of_current = np.intersect1d(position_steps, current_steps, True, True)
     if 2 * len(matched) <= max(len(position_steps), len(current_steps)):
         raise BagError(
@@ -133,7 +135,21 @@ def _from_topics(
         experiments.append(
             Experiment(inputs[part], outputs[part], first_step=span_start, source=f"{recording.path}, run {run}")
         )
-    return IdentificationData(tuple(experiments), sample_time)
+    axes = axis_names(outputs.shape[1])
+    inputs_named = tuple(f"i_{axis}" for axis in axes)
+    units = ("A",) * len(axes), ("m",) * len(axes)
+    return IdentificationData(tuple(experiments), sample_time, inputs_named, axes, *units)
+
+
+def _timed_position(message: Any) -> list[float]:
+    """Time and positions of a RotorPosition message; in version 0.1 the axes are x and y."""
+    axes = (message.x, message.y) if hasattr(message, "x") else message.position
+    return [message.time, *axes]
+
+
+def _current(message: Any) -> list[float]:
+    """Currents of a CurrentReference message; in version 0.1 the axes are x and y."""
+    return [message.i_x, message.i_y] if hasattr(message, "i_x") else list(message.current)
 
 
 def _window(
@@ -184,11 +200,14 @@ def _by_run(recording: Recording, topic: str, message_type: str) -> dict[int, li
 
 
 def _in_order(
-    messages: list[Any], names: tuple[str, ...], where: str
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Steps in order and without repetition, their first two fields, shape (steps, 2), and the third one, if any."""
+    messages: list[Any], content: Callable[[Any], list[float]], where: str
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Steps in order and without repetition, and the content of their messages, a row each."""
     steps = np.array([message.step for message in messages], dtype=np.int64)
-    values = np.array([[getattr(message, name) for name in names] for message in messages], dtype=np.float64)
+    rows = [content(message) for message in messages]
+    if len({len(row) for row in rows}) > 1:
+        raise BagError(f"{where}: the number of axes changes from message to message")
+    values = np.array(rows, dtype=np.float64)
     order = np.argsort(steps, kind="stable")
     steps, values = steps[order], values[order]
     repeated = np.flatnonzero(np.diff(steps) == 0)
@@ -198,7 +217,7 @@ def _in_order(
             f"{where}: step {steps[differing[0]]} occurs twice with different values; are there two publishers?"
         )
     kept = np.concatenate([[True], np.diff(steps) > 0])
-    return steps[kept], values[kept, :2], values[kept, 2:].ravel()
+    return steps[kept], values[kept]
 
 
 def _sample_time(steps: NDArray[np.int64], time: NDArray[np.float64], where: str) -> float:

@@ -11,9 +11,9 @@ from amb_core.distortion.result import Distortion
 from amb_core.distortion.settings import DistortionSettings
 from amb_core.distortion.signals import EXPERIMENTS, Lines, lines_of, reference_of
 from amb_core.errors import SpectrumError
-from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters
-from amb_core.simulation import simulate
+from amb_core.simulation import simulate_first_bearing
 
 
 def simulate_distortion(
@@ -43,14 +43,14 @@ def simulate_distortion(
     lines = lines_of(settings, plant.integration.sample_rate)
     experiments = len(EXPERIMENTS[settings.axes])
     total = settings.realisations * experiments
-    bearing, law = Plant(plant), PdController(controller)
+    bearing = Plant(plant)
     responses: list[list[PeriodicResponse]] = []
     for realisation in range(settings.realisations):
         responses.append([])
         for experiment in range(experiments):
             if progress is not None:
                 progress(realisation * experiments + experiment, total)
-            responses[-1].append(_respond(bearing, law, settings, lines, realisation, experiment))
+            responses[-1].append(_respond(bearing, controller, settings, lines, realisation, experiment))
     if progress is not None:
         progress(total, total)
     return measure_distortion(responses, lines, bearing.sample_time)
@@ -58,7 +58,7 @@ def simulate_distortion(
 
 def _respond(
     plant: Plant,
-    controller: PdController,
+    controller: ControllerParameters,
     settings: DistortionSettings,
     lines: Lines,
     realisation: int,
@@ -67,7 +67,7 @@ def _respond(
     rest = round(settings.rest / plant.sample_time)
     reference = reference_of(settings, lines, realisation, experiment)
     excitation = np.tile(reference, (settings.settling_periods + settings.periods, 1))
-    record = simulate(plant, controller, rest + len(excitation), excitation, rest)
+    record = simulate_first_bearing(plant, controller, rest + len(excitation), excitation, rest)
     if plant.delevitated:
         raise SpectrumError(
             f"the rotor delevitates at {record.steps * plant.sample_time:.3g} s in experiment {experiment + 1} of "

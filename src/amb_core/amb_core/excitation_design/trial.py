@@ -24,11 +24,11 @@ from amb_core.excitation_design.linear_response import (
     slew_rate,
 )
 from amb_core.excitation_design.measures import AxisMeasure, measure_trial
-from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import Onset, Region, RegionParameters, classify
-from amb_core.simulation import simulate
+from amb_core.simulation import simulate_first_bearing
 
 
 @dataclass(frozen=True)
@@ -127,9 +127,9 @@ class TrialBench:
             )
         rest = round(self._rest / signal.sample_time)
         steps = rest + signal.steps
-        record = simulate(
+        record = simulate_first_bearing(
             self._plant,
-            PdController(self._controller),
+            self._controller,
             steps,
             signal.samples,
             rest,

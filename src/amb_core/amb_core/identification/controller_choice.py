@@ -17,7 +17,7 @@ def is_named_set(name: str) -> bool:
     return name == PAPER or name.lower().endswith(_FILES)
 
 
-def named_controller(name: str, node: str = CONTROLLER_NODE) -> ControllerParameters:
+def named_controller(name: str, node: str = CONTROLLER_NODE, sample_rate: float | None = None) -> ControllerParameters:
     """The controller that a user names.
 
     Parameters
@@ -26,6 +26,8 @@ def named_controller(name: str, node: str = CONTROLLER_NODE) -> ControllerParame
         `paper` for that of the paper's table 1, or a ROS parameter file (.yaml or .yml).
     node : str
         Name of the controller's section in such a file.
+    sample_rate : float, optional
+        That of the data (Hz); by default 10 kHz, or that of the simulator in the file.
 
     Raises
     ------
@@ -35,12 +37,16 @@ def named_controller(name: str, node: str = CONTROLLER_NODE) -> ControllerParame
         If the file cannot be read or holds a wrong parameter.
     """
     if name == PAPER:
-        return ControllerParameters()
+        return _at(ControllerParameters(), sample_rate)
     if not is_named_set(name):
         raise IdentificationError(
             f"controller = {name!r} is not allowed; allowed: {PAPER}, or a ROS parameter file ({', '.join(_FILES)})"
         )
-    return load_parameters(ControllerParameters, name, node, part=True)
+    return _at(load_parameters(ControllerParameters, name, node, part=True), sample_rate)
+
+
+def _at(controller: ControllerParameters, sample_rate: float | None) -> ControllerParameters:
+    return controller if sample_rate is None else controller.at_rate(sample_rate)
 
 
 def needs_controller(data: IdentificationData) -> bool:

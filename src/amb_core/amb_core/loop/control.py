@@ -12,20 +12,30 @@ which is the paper's Fig. 10 (derivative on error). With the derivative on measu
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, Self
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import ParameterError
-from amb_core.parameters import Parameters, choice, quantities, quantity
+from amb_core.parameters import (
+    Parameters,
+    choice,
+    flatten,
+    of_machine,
+    quantities,
+    quantity,
+    validate,
+)
 
 
 class ControllerParameters(Parameters):
     """Parameters of the PD controller: the same gains on all axes (paper, table 1), or others on each."""
 
-    sample_rate: float = quantity(10_000.0, "Hz", "controller sample rate f_s", 1_000.0, 100_000.0)
+    sample_rate: float = of_machine(
+        10_000.0, "Hz", "controller sample rate f_s", 1_000.0, 100_000.0, simulator_parameter="integration.sample_rate"
+    )
     proportional_gain: float = quantity(20_000.0, "A/m", "proportional gain K_P", 0.0, 1e6, runtime=True)
     derivative_gain: float = quantity(38.0, "A s/m", "derivative gain K_D", 0.0, 1e4, runtime=True)
     derivative_filter: float = quantity(
@@ -46,6 +56,18 @@ class ControllerParameters(Parameters):
     nominal_reference: tuple[float, ...] = quantities(
         "m", "nominal reference position of each axis, in their order; empty: 0 on all", -1e-3, 1e-3, runtime=True
     )
+
+    def at_rate(self, sample_rate: float) -> Self:
+        """The same controller at the sample rate of a machine (Hz).
+
+        Raises
+        ------
+        ParameterError
+            If the rate is out of its range.
+        """
+        if sample_rate == self.sample_rate:
+            return self
+        return validate(type(self), {**flatten(self.model_dump()), "sample_rate": sample_rate})
 
     def references(self, axes: int) -> NDArray[np.float64]:
         """Nominal reference position of each axis (m), shape (axes,).

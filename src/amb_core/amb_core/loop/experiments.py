@@ -101,8 +101,8 @@ def select_window(
     return start, stop
 
 
-def controller_of(values: Mapping[str, object]) -> ControllerParameters:
-    """The control law's parameters among all parameters of the node that runs it.
+def controller_of(values: Mapping[str, object], sample_rate: float | None) -> ControllerParameters:
+    """The control law's parameters among all of the node that runs it, at a sample rate (Hz) if one is known.
 
     Raises
     ------
@@ -112,7 +112,8 @@ def controller_of(values: Mapping[str, object]) -> ControllerParameters:
     # This loads a compiler, which a recorder does not need.
     from amb_core.loop.control import ControllerParameters, with_present_names
 
-    return part_of(ControllerParameters, with_present_names(values))
+    known = {} if sample_rate is None else {"sample_rate": sample_rate}
+    return part_of(ControllerParameters, {**with_present_names(values), **known})
 
 
 class ExperimentBuffer:

@@ -7,6 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+_NAMES = {1: ("x",), 2: ("x", "y"), 4: ("x_a", "y_a", "x_b", "y_b"), 5: ("x_a", "y_a", "x_b", "y_b", "z")}
+
+
+def sample_rate_of(sample_time: float) -> float:
+    """Sample rate (Hz) whose sample time this is (s), bit for bit if it was made from a rate in whole uHz."""
+    rate = 1.0 / sample_time
+    rounded = round(rate, 6)
+    return rounded if rounded and 1.0 / rounded == sample_time else rate
+
+
+def axis_names(count: int) -> tuple[str, ...]:
+    """Names of the axes of a machine with one or two radial bearings, and a thrust bearing; else numbered ones."""
+    return _NAMES.get(count) or tuple(f"axis_{number}" for number in range(1, count + 1))
+
 
 @dataclass(frozen=True)
 class LoopRecord:
@@ -22,6 +36,8 @@ class LoopRecord:
         Reference position and measured rotor position (m), a column per axis: x and y of a single bearing.
     current : ndarray, shape (steps, axes)
         Control current references after the controller's limit (A).
+    axes : tuple of str
+        Names of the axes; by default those of a machine with as many, see `axis_names`.
     """
 
     first_step: int
@@ -29,16 +45,16 @@ class LoopRecord:
     reference: NDArray[np.float64]
     position: NDArray[np.float64]
     current: NDArray[np.float64]
+    axes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         shapes = {self.reference.shape, self.position.shape, self.current.shape}
-        if len(shapes) != 1 or self.position.ndim != 2 or not self.axes:
+        if len(shapes) != 1 or self.position.ndim != 2 or not self.position.shape[1]:
             raise ValueError(f"reference, position and current must all have shape (steps, axes), not {shapes}")
-
-    @property
-    def axes(self) -> int:
-        """Number of axes."""
-        return self.position.shape[1]
+        count = self.position.shape[1]
+        object.__setattr__(self, "axes", self.axes or axis_names(count))
+        if len(self.axes) != count:
+            raise ValueError(f"{count} axes have the names {', '.join(self.axes)}")
 
     @property
     def steps(self) -> int:
@@ -65,7 +81,8 @@ class LoopRecord:
                 f"the record holds {self.first_step} to {self.first_step + self.steps - 1}"
             )
         part = slice(start, start + steps)
-        return LoopRecord(first_step, self.sample_time, self.reference[part], self.position[part], self.current[part])
+        signals = self.reference[part], self.position[part], self.current[part]
+        return LoopRecord(first_step, self.sample_time, *signals, self.axes)
 
     def identical_to(self, other: LoopRecord) -> bool:
         """Whether both records have the same samples bit for bit."""

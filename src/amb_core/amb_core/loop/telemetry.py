@@ -100,7 +100,7 @@ def _contradict(known: LoopRecord, block: LoopRecord) -> bool:
     if steps < 1:
         return False
     one, other = known.window(start, steps), block.window(start, steps)
-    return not all(
+    return one.axes != other.axes or not all(
         np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
         for name in ("reference", "position", "current")
     )
@@ -154,7 +154,7 @@ def merge_blocks(
 def _join(ordered: Sequence[LoopRecord], first_step: int, stop: int, error: type[AmbError]) -> LoopRecord:
     """Copy blocks without gaps into one record."""
     sample_time, axes = ordered[0].sample_time, ordered[0].axes
-    signals = np.empty((3, stop - first_step, axes))
+    signals = np.empty((3, stop - first_step, len(axes)))
     end = first_step
     for block in ordered:
         start, block_stop = max(block.first_step, first_step), min(block.first_step + block.steps, stop)
@@ -163,7 +163,7 @@ def _join(ordered: Sequence[LoopRecord], first_step: int, stop: int, error: type
         if block.sample_time != sample_time:
             raise error(f"telemetry: the sample time changes from {sample_time} s to {block.sample_time} s")
         if block.axes != axes:
-            raise error(f"telemetry: the number of axes changes from {axes} to {block.axes} at step {start}")
+            raise error(f"telemetry: the axes change from {', '.join(axes)} to {', '.join(block.axes)} at step {start}")
         part = block.window(start, block_stop - start)
         values = np.stack([part.reference, part.position, part.current])
         known = max(0, min(end, block_stop) - start)
@@ -175,4 +175,4 @@ def _join(ordered: Sequence[LoopRecord], first_step: int, stop: int, error: type
             )
         signals[:, start - first_step + known : block_stop - first_step] = values[:, known:]
         end = max(end, block_stop)
-    return LoopRecord(first_step, sample_time, signals[0], signals[1], signals[2])
+    return LoopRecord(first_step, sample_time, signals[0], signals[1], signals[2], axes)

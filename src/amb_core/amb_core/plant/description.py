@@ -122,7 +122,7 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
     plant = Plant(parameters)
     controller = controller or ControllerParameters(sample_rate=parameters.integration.sample_rate)
     model = linearize(plant, controller)
-    along_x, along_y = model.rigid_mode("x"), model.rigid_mode("y")
+    along_x, along_y = (model.rigid_mode(name) for name in plant.machine.axis_names[:2])
     circuit, amplifier = parameters.magnetic_circuit, parameters.amplifier
     inductance = _coil_inductance(plant)
     bias_flux = plant.static_flux(plant.bias_currents(), 0.0, 0.0)
@@ -139,7 +139,7 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
         switching_loss=switching_loss(parameters),
         switching_loss_diffusion=switching_loss(_with_diffusion(parameters)),
         peak_force=_peak_force(plant, controller),
-        sag=float(controller.references(2)[1] - model.point.position[1]),
+        sag=float(controller.references(2 * plant.bearings)[1] - model.point.position[1]),
         unstable_pole=float(model.continuous.poles().real.max()),
         natural_frequency_x=along_x.natural_hz if along_x else None,
         natural_frequency_y=along_y.natural_hz if along_y else None,

@@ -64,7 +64,7 @@ def linear_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
     slopes = _differences(rates, np.concatenate([_scales(averaged)[kept], np.ones(len(axes))]))
     a, b = np.split(slopes, [len(kept)], axis=1)
     c = averaged.sensors()[axes] @ embedding
-    labels = axis_labels(axes)
+    labels = axis_labels(plant)
     a, b, c, states = _with_sensors(a, b, c, [averaged.names[n] for n in kept], plant)
     return control.StateSpace(
         a, b, c, np.zeros((len(axes), len(axes))),
@@ -120,9 +120,9 @@ def plant_axes(plant: Plant) -> list[int]:
     return [axis for axis in range(2 * plant.bearings) if "xy"[axis % 2] in plant.axes]
 
 
-def axis_labels(axes: list[int]) -> list[str]:
-    """Names of axes, those of bearing B with a suffix."""
-    return [f"{'xy'[axis % 2]}{'_b' if axis > 1 else ''}" for axis in axes]
+def axis_labels(plant: Plant) -> list[str]:
+    """Names of the axes along which the rotor moves."""
+    return [plant.machine.axis_names[axis] for axis in plant_axes(plant)]
 
 
 def _differences(
@@ -143,7 +143,7 @@ def _with_sensors(
     rate, outputs = 2.0 * np.pi * bandwidth, len(c)
     a = np.block([[a, np.zeros((len(a), outputs))], [rate * c, -rate * np.eye(outputs)]])
     b = np.vstack([b, np.zeros((outputs, b.shape[1]))])
-    sensed = [f"sensed_{label}" for label in axis_labels(plant_axes(plant))]
+    sensed = [f"sensed_{label}" for label in axis_labels(plant)]
     return a, b, np.hstack([np.zeros_like(c), np.eye(outputs)]), [*states, *sensed]
 
 

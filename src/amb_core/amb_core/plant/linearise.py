@@ -6,8 +6,8 @@ modulation resolved it has the sampling of the modulation too (`amb_core.plant.s
 coil currents lag less; with the modulation averaged, or where a sample does not hold whole switching periods, it is
 exact for the continuous model.
 
-A rotor in two bearings has inputs and outputs of both: i_x, i_y, x, y of bearing A, then i_x_b, i_y_b, x_b, y_b of
-bearing B, whose loop is closed by the plant's own controller. A bearing with 1 DOF has i_y and y alone.
+Inputs and outputs are the axes of the machine: i_x, i_y and x, y of one bearing; i_x_a to i_y_b and x_a to y_b of a
+rotor in two. A bearing with 1 DOF has i_y and y alone.
 
 Sources: Schweitzer, Maslen (eds.), "Magnetic Bearings", Springer 2009, ch. 8 (linear bearing, negative stiffness);
 ISO 14839-3 (peak sensitivity of the closed loop as a measure of its stability margin).
@@ -15,7 +15,6 @@ ISO 14839-3 (peak sensitivity of the closed loop as a measure of its stability m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -132,8 +131,7 @@ def linearize(
     continuous = linear_plant(plant, point)
     regular = modulation_is_regular(plant.parameters)
     discrete = sampled_plant(plant, point) if regular else _discretise(continuous, plant)
-    controllers = [controller, plant.parameters.controller_b][: plant.bearings]
-    return Linearization(point, controller, continuous, discrete, *close_loop(discrete, controllers))
+    return Linearization(point, controller, continuous, discrete, *close_loop(discrete, controller))
 
 
 def _discretise(continuous: control.StateSpace, plant: Plant) -> control.StateSpace:
@@ -161,9 +159,9 @@ def _discretise(continuous: control.StateSpace, plant: Plant) -> control.StateSp
 
 
 def close_loop(
-    plant: control.StateSpace, controllers: Sequence[ControllerParameters]
+    plant: control.StateSpace, controller: ControllerParameters
 ) -> tuple[control.StateSpace, control.StateSpace]:
-    """Loop of a discrete plant and PD controllers without their limits.
+    """Loop of a discrete plant and the PD controller without its limits.
 
     With a and w the pole and the weight of the derivative filter, the derivative d of u is d[k] = w (a - 1) s[k] +
     w u[k], s[k+1] = a s[k] + u[k].
@@ -171,9 +169,9 @@ def close_loop(
     Parameters
     ----------
     plant : control.StateSpace
-        From control currents (A) to positions (m), without direct feed-through; as many axes per controller.
-    controllers : sequence of ControllerParameters
-        Gains and filter for each bearing; `derivative_on` decides whether u is r - y or -y.
+        From control currents (A) to positions (m), without direct feed-through.
+    controller : ControllerParameters
+        Gains and filter; `derivative_on` decides whether u is r - y or -y.
 
     Returns
     -------
@@ -185,7 +183,7 @@ def close_loop(
     import control
 
     axes = plant.ninputs
-    gains = np.vstack([pack_gains(controller, axes // len(controllers)) for controller in controllers])
+    gains = pack_gains(controller, axes)
     proportional, derivative, pole, weight, on_error = (np.diag(column) for column in gains[:, :5].T)
     order = plant.nstates
     direct = proportional + derivative @ weight  # from -y to i

@@ -50,9 +50,8 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
         If there is no equilibrium inside the backup bearing, or it needs more current or voltage than available.
     """
     averaged = AveragedPlant(plant)
-    controllers = [controller, plant.parameters.controller_b][: plant.bearings]
-    reference = np.concatenate([one.references(2) for one in controllers])
-    gains = np.concatenate([pack_gains(one, 2)[:, 0] for one in controllers])
+    axes = 2 * plant.bearings
+    reference, gains = controller.references(axes), pack_gains(controller, axes)[:, 0]
     sensors = averaged.sensors()[:, averaged.coordinates]
     start = _coordinates(plant, reference)
     # Coordinates in units in which a gap's displacement of a journal is about one
@@ -70,13 +69,12 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
             f"the controller with K_P = {controller.proportional_gain:g} A/m cannot hold the rotor of "
             f"{_rotor_mass(plant):g} kg inside the backup bearing, {radius:g} m"
         )
-    currents = np.abs(point.current_reference).reshape(-1, 2).max(axis=1)
-    for one, largest in zip(controllers, currents, strict=True):
-        if largest >= one.current_limit:
-            raise PlantError(
-                f"holding the rotor needs a control current of {largest:.3g} A; allowed: less than the controller's "
-                f"limit, {one.current_limit:g} A"
-            )
+    largest = float(np.abs(point.current_reference).max())
+    if largest >= controller.current_limit:
+        raise PlantError(
+            f"holding the rotor needs a control current of {largest:.3g} A; allowed: less than the controller's "
+            f"limit, {controller.current_limit:g} A"
+        )
     _check_duties(point, plant)
     return point
 

@@ -11,8 +11,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from amb_core.loop.bearing import backup_bearing_radius
-from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import Parameters, choice, fixed, quantity, switch
+from amb_core.parameters import Parameters, choice, quantity, switch
 
 
 class MagneticCircuitParameters(Parameters):
@@ -143,7 +142,7 @@ class RotorParameters(Parameters):
     model: Literal["point_mass", "rigid", "flexible"] = choice(
         "point_mass",
         "half a rotor in one bearing, or a rotor in two bearings A and B: rigid body (rigid_rotor) or modes "
-        "(flexible_rotor); the plant's inputs and outputs are those of bearing A",
+        "(flexible_rotor)",
     )
     mass: float = quantity(6.25, "kg", "point mass carried by the bearing: half of the rotor", 1e-3, 1e5)
     gravity: float = quantity(9.81, "m/s^2", "gravity along -y; 0 switches it off", 0.0, 100.0)
@@ -233,10 +232,9 @@ class IntegrationParameters(Parameters):
 
 
 class PlantParameters(Parameters):
-    """The plant: two control current references in, rotor position out.
+    """The plant: control current references of all axes in, rotor positions out.
 
-    With a rotor in two bearings, bearing B has a magnetic circuit and amplifiers like those of bearing A and its own PD
-    controller, `controller_b`, inside the plant.
+    With a rotor in two bearings, bearing B has a magnetic circuit and amplifiers like those of bearing A.
     """
 
     magnetic_circuit: MagneticCircuitParameters = MagneticCircuitParameters()
@@ -245,7 +243,6 @@ class PlantParameters(Parameters):
     rotor: RotorParameters = RotorParameters()
     rigid_rotor: RigidRotorParameters = RigidRotorParameters()
     flexible_rotor: FlexibleRotorParameters = FlexibleRotorParameters()
-    controller_b: ControllerParameters = fixed(ControllerParameters())
     backup_bearing: BackupBearingParameters = BackupBearingParameters()
     sensor: SensorParameters = SensorParameters()
     converters: ConverterParameters = ConverterParameters()
@@ -304,15 +301,9 @@ class PlantParameters(Parameters):
     def _rotor_has_what_it_needs(self) -> PlantParameters:
         if self.rotor.model == "flexible" and not self.flexible_rotor.modal_data:
             raise ValueError("rotor.model = 'flexible' needs flexible_rotor.modal_data, a file of modal data")
-        if self.rotor.model != "point_mass":
-            if self.magnetic_circuit.actuators != "two_axis":
-                raise ValueError(
-                    f"rotor.model = '{self.rotor.model}' moves along x and y; magnetic_circuit.actuators = "
-                    f"'{self.magnetic_circuit.actuators}' pull along y only; allowed: two_axis"
-                )
-            if self.controller_b.sample_rate != self.integration.sample_rate:
-                raise ValueError(
-                    f"controller_b.sample_rate = {self.controller_b.sample_rate:g} Hz must equal "
-                    f"integration.sample_rate = {self.integration.sample_rate:g} Hz"
-                )
+        if self.rotor.model != "point_mass" and self.magnetic_circuit.actuators != "two_axis":
+            raise ValueError(
+                f"rotor.model = '{self.rotor.model}' moves along x and y; magnetic_circuit.actuators = "
+                f"'{self.magnetic_circuit.actuators}' pull along y only; allowed: two_axis"
+            )
         return self

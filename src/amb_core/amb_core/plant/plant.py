@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -10,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
-from amb_core.loop.control import PdController
 from amb_core.plant.iron import initial_iron
 from amb_core.plant.kernel import records
 from amb_core.plant.kernel.advance import advance
 from amb_core.plant.kernel.rotor import COORDINATE, INPUTS, place_journals
+from amb_core.plant.machine import machine_of
 from amb_core.plant.magnetostatics import Magnetostatics
 from amb_core.plant.network import COILS, active_coils, build_network
 from amb_core.plant.packing import pack
@@ -53,14 +54,16 @@ class PlantSnapshot:
 class Plant:
     """A radial bearing with its amplifiers and a point mass, or two with a rotor.
 
-    Inputs are the control current references i_x, i_y (A); the amplifiers add the bias current. The output is the
-    measured rotor position x, y (m). `advance` integrates exactly one controller sample. With a rotor in two bearings,
-    inputs and outputs are those of bearing A; bearing B has its own PD controller, which acts at the same samples.
+    Inputs are the control current references of all axes (A); the amplifiers add the bias current. Outputs are the
+    measured rotor positions of all axes (m). `advance` integrates exactly one controller sample. The axes are x and y,
+    with a rotor in two bearings those of bearing A and then of B.
 
     Attributes
     ----------
     parameters : PlantParameters
         Its parameters.
+    machine : Machine
+        Its axes and bearings.
     network : MagneticNetwork
         The magnetic circuit, the same in both bearings.
     magnetostatics : Magnetostatics
@@ -85,6 +88,7 @@ class Plant:
 
     def __init__(self, parameters: PlantParameters | None = None) -> None:
         self.parameters = parameters = parameters or PlantParameters()
+        self.machine = machine_of(parameters)
         self.network = build_network(parameters)
         self.magnetostatics = Magnetostatics(parameters, self.network)
         self.rotor = None if parameters.rotor.model == "point_mass" else rotor_model(parameters)
@@ -97,7 +101,6 @@ class Plant:
         self._late_steps = round(parameters.converters.computation_delay * self._steps)
         self._no_trace = np.empty((0, row_size(self.bearings, self._coordinates)))
         self._sensing = Sensing(parameters, 2 * self.bearings)
-        self._controller_b = PdController(parameters.controller_b)
         self.sample_time = 1.0 / parameters.integration.sample_rate
         self._set_views()
         self.reset()
@@ -131,7 +134,6 @@ class Plant:
         self.delevitated = False
         self.samples = 0
         self._sensing.reset()
-        self._controller_b.reset()
         self._reference, self._next_reference = np.zeros(2 * self.bearings), np.zeros(2 * self.bearings)
         self._measured = self._sensing.measure(self._sensed) if self._sensing.real else self._sensed
 
@@ -151,10 +153,9 @@ class Plant:
         bearing["duty"] = 0.5
 
     @property
-    def position(self) -> tuple[float, float]:
-        """Measured rotor position x, y (m)."""
-        x, y, *_ = self._measured.tolist()
-        return x, y
+    def position(self) -> tuple[float, ...]:
+        """Measured rotor position of each axis (m)."""
+        return tuple(self._measured.tolist())
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -172,8 +173,10 @@ class Plant:
         currents[list(active_coils(self.parameters.magnetic_circuit))] = self.parameters.amplifier.bias_current
         return currents
 
-    def advance(self, current_x: float, current_y: float) -> tuple[float, float]:
-        """Hold the control current references (A) over one controller sample; return the new measured position (m).
+    def advance(self, currents: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:
+        """Hold control current references (A) over one controller sample; return the new measured positions (m).
+
+        Both have one value per axis of the machine.
 
         Once the rotor has touched the backup bearing, `delevitated` is true and further calls are refused, unless
         contact is part of the model.
@@ -181,16 +184,16 @@ class Plant:
         Raises
         ------
         PlantError
-            If the rotor has delevitated, or a reference or a state is not finite.
+            If the rotor has delevitated, the number of references is wrong, or a reference or a state is not finite.
         """
-        self._advance(current_x, current_y, self._no_trace)
+        self._advance(currents, self._no_trace)
         return self.position
 
-    def trace(self, current_x: float, current_y: float, samples: int = 1) -> Trace:
+    def trace(self, currents: Sequence[float] | NDArray[np.float64], samples: int = 1) -> Trace:
         """Like `samples` calls of `advance` with the same references, returning every internal step."""
         rows = np.empty((samples * self._steps, self._no_trace.shape[1]))
         for sample in range(samples):
-            self._advance(current_x, current_y, rows[sample * self._steps : (sample + 1) * self._steps])
+            self._advance(currents, rows[sample * self._steps : (sample + 1) * self._steps])
         return unpack(rows, self.bearings, self._coordinates, self.parameters.integration.internal_step)
 
     def snapshot(self) -> PlantSnapshot:
@@ -237,18 +240,19 @@ class Plant:
     def _coordinates(self) -> int:
         return 0 if self.rotor is None else self.rotor.n
 
-    def _advance(self, current_x: float, current_y: float, rows: NDArray[np.float64]) -> None:
+    def _advance(self, currents: Sequence[float] | NDArray[np.float64], rows: NDArray[np.float64]) -> None:
         if self.delevitated:
             raise PlantError(f"the rotor delevitated at sample {self.samples}; reset the plant")
-        if not (isfinite(current_x) and isfinite(current_y)):
-            raise PlantError(
-                f"control current references {current_x} A, {current_y} A not finite at sample {self.samples + 1}, "
-                f"{(self.samples + 1) * self.sample_time:.6f} s"
-            )
         before, now = self._reference, self._next_reference
-        now[0], now[1] = current_x, current_y
-        if self.bearings == 2:
-            now[2:] = self._controller_b.update(self._measured[2:], self._controller_b.nominal_reference)
+        if len(currents) != len(now):
+            names = self.machine.axis_names
+            raise PlantError(f"{len(currents)} control current references; allowed: {len(names)}, {', '.join(names)}")
+        if not all(map(isfinite, currents)):
+            raise PlantError(
+                f"control current references {', '.join(f'{current:g}' for current in currents)} A not finite at "
+                f"sample {self.samples + 1}, {(self.samples + 1) * self.sample_time:.6f} s"
+            )
+        now[:] = currents
         if self._current_resolution > 0.0:
             now[:] = quantise(now, self._current_resolution)
         late = self._late_steps

@@ -54,8 +54,9 @@ def sampled_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
 
     opened, axes, parameters = open_plant(plant, point), plant_axes(plant), plant.parameters
     a, b, names = _sample(opened, parameters, axes)
+    labels = axis_labels(plant)
+    names += [f"held_i_{label}" for label in labels]
     kept = _moving(a, len(opened.a))
-    labels = axis_labels(axes)
     c = np.hstack([opened.sensors, np.zeros((len(axes), len(a) - len(opened.a)))])[:, kept]
     return control.StateSpace(
         a[np.ix_(kept, kept)], b[kept], c, np.zeros((len(axes), len(axes))), plant.sample_time,
@@ -66,7 +67,10 @@ def sampled_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
 def _sample(
     opened: OpenPlant, parameters: PlantParameters, axes: list[int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:
-    """Matrices of x[k+1] = A x[k] + B i[k] and the names of the states: plant, charge, integral, voltage, held."""
+    """Matrices of x[k+1] = A x[k] + B i[k] and the names of the first states: plant, charge, integral, voltage.
+
+    After these come the held inputs.
+    """
     amplifier, coils = parameters.amplifier, len(opened.coils)
     period = 1.0 / amplifier.switching_frequency
     parts = COILS if amplifier.carriers == "interleaved" else 1
@@ -91,7 +95,7 @@ def _sample(
         a, b = flow @ a, flow @ b
     a[held:], b[held:] = 0.0, np.eye(len(axes))
     names = [f"{kind}_{coil}" for kind in ("charge", "integral", "voltage") for coil in opened.coils]
-    return a, b, [*opened.states, *names, *(f"held_i_{label}" for label in axis_labels(axes))]
+    return a, b, [*opened.states, *names]
 
 
 def _flow(opened: OpenPlant, size: int, duration: float) -> NDArray[np.float64]:

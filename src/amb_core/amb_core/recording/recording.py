@@ -16,13 +16,15 @@ from numpy.typing import NDArray
 
 from amb_core.errors import BagError
 from amb_core.loop.experiments import AppliedExcitation, controller_of, last_experiment, select_window
-from amb_core.loop.records import LoopRecord, PlantRecord
+from amb_core.loop.machine import Machine
+from amb_core.loop.records import LoopRecord, PlantRecord, sample_rate_of
 from amb_core.loop.telemetry import StepCoverage, merge_blocks
 from amb_core.parameters import part_of
 from amb_core.recording.decoder import Decoder
 from amb_core.recording.messages.excitation import EXCITATION, frequency_from_message
 from amb_core.recording.messages.excitation_status import EXCITATION_STATUS, answer_from_message
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
+from amb_core.recording.messages.machine import MACHINE, machine_from_message
 from amb_core.recording.messages.parameters import PARAMETER_EVENT, ParameterValue, parameters_from_messages
 from amb_core.recording.messages.plant_state import PLANT_STATE, plant_record_from_messages
 from amb_core.recording.messages.state_space_model import STATE_SPACE_MODEL, model_from_message
@@ -43,6 +45,7 @@ REGION_STATE = "amb_msgs/msg/RegionState"
 REGION_MAP = "amb_msgs/msg/RegionMap"
 KEPT = (
     LOOP_SAMPLES,
+    MACHINE,
     PLANT_STATE,
     EXCITATION,
     EXCITATION_STATUS,
@@ -251,10 +254,34 @@ class Recording:
                 return dict(values)
         return None
 
+    def machine(self) -> Machine | None:
+        """The machine as it was last published, None when it was not recorded (as by version 0.1)."""
+        machines = self._converted(MACHINE, machine_from_message)
+        return machines[-1] if machines else None
+
+    @property
+    def sample_rate(self) -> float:
+        """Controller sample rate f_s of the last run (Hz).
+
+        Raises
+        ------
+        BagError
+            If there is no telemetry.
+        """
+        if not self.runs:
+            self.telemetry()  # its error lists what is available
+        return sample_rate_of(self._blocks[self.runs[-1]][0].sample_time)
+
     def controller_parameters(self) -> ControllerParameters | None:
-        """Parameters of the recorded controller (a node named pd_controller), None when they were not recorded."""
+        """Parameters of the recorded controller (a node named pd_controller), None when they were not recorded.
+
+        Raises
+        ------
+        ParameterError
+            If one is out of its range.
+        """
         values = self.parameters_of(CONTROLLER_NODE)
-        return None if values is None else controller_of(values)
+        return None if values is None else controller_of(values, self.sample_rate if self.runs else None)
 
     def plant_parameters(self) -> PlantParameters | None:
         """Parameters of the simulated plant (a node named simulator), None if there are none, as for a real bearing.

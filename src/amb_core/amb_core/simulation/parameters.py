@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import P, declarations, flatten, validate
+from amb_core.parameters import P, declarations, flatten, own_declarations, refuse_those_of_machine, validate
 from amb_core.plant import PlantParameters
 
 CONTROLLER = "controller."  # prefix of the controller's parameters; all others are the plant's
@@ -15,7 +15,7 @@ CONTROLLER = "controller."  # prefix of the controller's parameters; all others 
 def loop_parameter_names() -> set[str]:
     """All names that `with_values` takes."""
     names = {declaration.name for declaration in declarations(PlantParameters)}
-    return names | {CONTROLLER + declaration.name for declaration in declarations(ControllerParameters)}
+    return names | {CONTROLLER + declaration.name for declaration in own_declarations(ControllerParameters)}
 
 
 def with_values(
@@ -36,12 +36,13 @@ def with_values(
     ParameterError
         If a name is unknown or a value out of its range.
     """
-    of_controller = {name: value for name, value in values.items() if name.startswith(CONTROLLER)}
-    of_plant = {name: value for name, value in values.items() if name not in of_controller}
-    return (
-        _changed(plant, of_plant),
-        _changed(controller, {name.removeprefix(CONTROLLER): value for name, value in of_controller.items()}),
-    )
+    of_controller = {
+        name.removeprefix(CONTROLLER): value for name, value in values.items() if name.startswith(CONTROLLER)
+    }
+    of_plant = {name: value for name, value in values.items() if not name.startswith(CONTROLLER)}
+    refuse_those_of_machine(ControllerParameters, of_controller)
+    changed = _changed(plant, of_plant)
+    return changed, _changed(controller, of_controller).at_rate(changed.integration.sample_rate)
 
 
 def _changed(parameters: P, values: Mapping[str, Any]) -> P:

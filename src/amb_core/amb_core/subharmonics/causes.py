@@ -34,12 +34,5 @@ VARIANTS = (
     Variant("control current limit 10 A", {"controller.current_limit": 10.0}),
     Variant("no control current limit", {"controller.current_limit": 100.0}),
     Variant("derivative on measurement", {"controller.derivative_on": "measurement"}),
-    Variant(
-        "sampled at 20 kHz",
-        {
-            "integration.sample_rate": 20e3,
-            "controller_b.sample_rate": 20e3,
-            "controller.sample_rate": 20e3,
-        },
-    ),
+    Variant("sampled at 20 kHz", {"integration.sample_rate": 20e3}),
 )

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from amb_core.errors import ExcitationError
 from amb_core.excitation import Tones, generate
-from amb_core.loop.control import ControllerParameters, PdController, require_one_rate
+from amb_core.loop.control import ControllerParameters, require_one_rate
 from amb_core.plant import Plant, PlantParameters
-from amb_core.simulation import simulate
+from amb_core.simulation import simulate_first_bearing
 from amb_core.subharmonics.analysis import analyse, block_periods
 from amb_core.subharmonics.results import SubharmonicSpectrum
 from amb_core.subharmonics.settings import WHOLE, SubharmonicSettings
@@ -51,7 +51,7 @@ def run_subharmonics(
     while True:
         steps = full + blocks * block
         samples = excitation(settings, steps - first, rate)
-        record = simulate(simulated, PdController(controller), steps, samples, first)
+        record = simulate_first_bearing(simulated, controller, steps, samples, first)
         spectrum = analyse(record, settings, full, delevitated=simulated.delevitated)
         if spectrum.state in ("steady", "delevitated") or blocks >= longest:
             return spectrum

@@ -113,9 +113,9 @@ def traced_sweep() -> tuple[Plant, list[Piece]]:
         current[step] = controller.update(plant.position, reference[step])
         start = next((start for start in starts if start <= step < start + TRACED), None)
         if start is None:
-            plant.advance(*current[step])
+            plant.advance(current[step])
         else:
-            traced[start].append(plant.trace(*current[step]))
+            traced[start].append(plant.trace(current[step]))
     found = stretches(classify(LoopRecord(0, plant.sample_time, reference, position, current)).states)
     pieces = []
     for start, traces in traced.items():

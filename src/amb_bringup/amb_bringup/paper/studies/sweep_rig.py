@@ -28,9 +28,9 @@ LENGTH, DENSITY = 0.45, 7850.0  # m, kg/m^3; of a uniform shaft with the mass of
 BENDING_MODES = 1  # the next one is near 3/7 of the sample rate, where the input beats
 
 RIG: dict[str, Any] = {"rotor.model": "rigid", "iron.saturation": True, "iron.hysteresis": True}
-ON_MEASUREMENT = {"controller.derivative_on": "measurement", "controller_b.derivative_on": "measurement"}
-WIDE_LIMIT = {"controller.current_limit": 10.0, "controller_b.current_limit": 10.0}
-RAISED = {"controller.nominal_reference": [0.0, 40e-6], "controller_b.nominal_reference": [0.0, 40e-6]}
+ON_MEASUREMENT = {"controller.derivative_on": "measurement"}
+WIDE_LIMIT = {"controller.current_limit": 10.0}
+RAISED = {"controller.nominal_reference": [0.0, 40e-6, 0.0, 40e-6]}
 CONFIGURED, SURVIVING = "derivative on the error, 3 A", "derivative on the measurement, 10 A"
 OPTIONS: Mapping[str, dict[str, Any]] = {
     CONFIGURED: {},

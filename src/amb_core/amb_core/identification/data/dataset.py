@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data.experiment import Experiment, line
-from amb_core.loop.records import LoopRecord
+from amb_core.loop.records import LoopRecord, sample_rate_of
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,11 @@ class IdentificationData:
         object.__setattr__(self, "sample_time", float(self.sample_time))
         self._check()
 
+    @property
+    def sample_rate(self) -> float:
+        """Sample rate (Hz)."""
+        return sample_rate_of(self.sample_time)
+
     @classmethod
     def from_arrays(
         cls,
@@ -108,7 +113,9 @@ class IdentificationData:
     def from_record(cls, record: LoopRecord, source: str = "") -> IdentificationData:
         """One experiment from a record of the loop: control current references (A) to positions (m)."""
         experiment = Experiment(record.current, record.position, record.reference, record.first_step, source)
-        return cls((experiment,), record.sample_time)
+        inputs = tuple(f"i_{axis}" for axis in record.axes)
+        units = (("A",) * len(inputs), ("m",) * len(inputs))
+        return cls((experiment,), record.sample_time, inputs, record.axes, *units)
 
     @property
     def samples(self) -> int:
@@ -233,9 +240,10 @@ class IdentificationData:
         item = self.experiments[index]
         if item.reference is None:
             raise IdentificationError("a record of the loop needs the reference, which these data lack")
-        if self.input_units != ("A", "A") or self.output_units != ("m", "m"):
+        axes = len(self.output_names)
+        if self.input_units != ("A",) * axes or self.output_units != ("m",) * axes:
             raise IdentificationError(
-                "a record of the loop has two inputs in A and two outputs in m; "
+                "a record of the loop has as many inputs in A as outputs in m; "
                 f"these data have {', '.join(map(_label, self.input_names, self.input_units))} "
                 f"and {', '.join(map(_label, self.output_names, self.output_units))}"
             )
@@ -246,6 +254,7 @@ class IdentificationData:
             item.reference + line(item.reference_trend, time),
             item.outputs + line(item.output_trend, time),
             item.inputs + line(item.input_trend, time),
+            self.output_names,
         )
 
     def _mean_trend(self, name: str) -> NDArray[np.float64]:

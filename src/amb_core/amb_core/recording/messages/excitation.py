@@ -29,7 +29,9 @@ def frequency_from_message(message: Any) -> NDArray[np.float64]:
     """
     if hasattr(message, "frequency"):
         return np.asarray(message.frequency, dtype=np.float64)
-    if len(message.reference_x) or message.kind not in KINDS:  # a user-defined waveform, or a stop
+    # A user-defined waveform has kind waveform, in version 0.1 also that of a kind with samples of its own.
+    inline = bool(len(message.reference_x)) if hasattr(message, "reference_x") else bool(message.axes)
+    if inline or message.kind not in KINDS:  # a user-defined waveform, or a stop
         return np.zeros(0)
     try:
         excitation = excitation_from_definition(str(message.kind), str(message.description))

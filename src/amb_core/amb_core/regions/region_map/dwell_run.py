@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
 from amb_core.errors import RegionError
-from amb_core.loop.control import PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
 from amb_core.regions import Classification, Region, RegionParameters, classify
 from amb_core.regions.region_map.settings import ConfirmationSettings
 from amb_core.regions.region_map.sweep_run import SweepTask
-from amb_core.simulation import simulate
+from amb_core.simulation import simulate_first_bearing
 from amb_core.tasks.task import Task
 
 SHORTEST_REST = 0.5  # s, before every dwell: the mean position at rest is taken over the second half of it
@@ -135,7 +134,7 @@ def run_dwell(task: DwellTask) -> Dwell:
     excited = np.array([loop.sweep.axes in (axis, "both") for axis in "xy"])
     samples = loop.sweep.amplitude * sine[:, None] * excited
     plant = Plant(loop.plant)
-    record = simulate(plant, PdController(loop.controller), rest + len(sine), samples, rest)
+    record = simulate_first_bearing(plant, loop.controller, rest + len(sine), samples, rest)
     if record.steps <= rest and plant.delevitated:
         raise RegionError(f"the rotor delevitates {record.steps / rate:.3g} s after it is released; see the sweeps")
     if plant.delevitated:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from amb_core.errors import RegionError
 from amb_core.excitation import Sweep, generate
-from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import flatten, part_of
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import Classification, RegionParameters, classify
 from amb_core.regions.region_map.map_sweep import Boundary, MapSweep, sweep_from_json, sweep_to_json
-from amb_core.simulation import simulate
+from amb_core.simulation import simulate_first_bearing
 from amb_core.tasks.provenance import code_version, file_checksums
 from amb_core.tasks.task import Task
 
@@ -83,7 +83,7 @@ def run_sweep(task: SweepTask) -> MapSweep:
     signal = generate(task.sweep, sample_rate)
     rest = round(task.rest * sample_rate)
     plant = Plant(task.plant)
-    record = simulate(plant, PdController(task.controller), rest + signal.steps, signal.samples, rest)
+    record = simulate_first_bearing(plant, task.controller, rest + signal.steps, signal.samples, rest)
     if record.steps <= rest and plant.delevitated:
         raise RegionError(
             f"the rotor delevitates {record.steps / sample_rate:.3g} s after it is released, before the sweep begins "

@@ -1,0 +1,112 @@
+"""The machine: axes, bearings and sample rate of the plant's side of the loop, as topic `machine` describes it.
+
+Arrays of samples have a column per axis, in the order of the machine: x, y of one bearing; x_a, y_a, x_b, y_b of a
+rotor in two; z after them with a thrust bearing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from amb_core.errors import MachineError
+from amb_core.loop.records import LoopRecord
+
+MOST_AXES = 16
+HIGHEST_SAMPLE_RATE = 1e6  # Hz
+
+
+@dataclass(frozen=True)
+class MachineAxis:
+    """One axis of control.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    bearing : str
+        Name of the bearing to which it belongs.
+    sensor_position, actuator_position : float
+        Axial position of its sensor and of its magnets along the shaft (m); NaN if not known.
+    direction : tuple of float
+        Unit vector of a positive position in the stator frame: x horizontal, y up, z along the shaft.
+    bias_current : float
+        Bias current of its coils (A).
+    current_limit : float
+        Largest control current that its coils follow (A); infinite without limits.
+    """
+
+    name: str
+    bearing: str
+    sensor_position: float
+    actuator_position: float
+    direction: tuple[float, float, float]
+    bias_current: float
+    current_limit: float
+
+
+@dataclass(frozen=True)
+class MachineBearing:
+    """A bearing, with the displacement at which the rotor touches its backup bearing (m)."""
+
+    name: str
+    clearance: float
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What controller, monitor, recorder and identification need to know of the plant's side.
+
+    Raises
+    ------
+    MachineError
+        If it has no axis or too many, two axes have one name, an axis lies in no bearing, or the sample rate is no
+        positive number.
+
+    Attributes
+    ----------
+    name : str
+        Of the machine.
+    source : str
+        `simulator`, or `bridge` for a rig.
+    sample_rate : float
+        Controller sample rate f_s (Hz).
+    axes : tuple of MachineAxis
+        In the order of all arrays of samples.
+    bearings : tuple of MachineBearing
+        In the order of their axes.
+    """
+
+    name: str
+    source: str
+    sample_rate: float
+    axes: tuple[MachineAxis, ...]
+    bearings: tuple[MachineBearing, ...]
+
+    def __post_init__(self) -> None:
+        names = [axis.name for axis in self.axes]
+        if not 1 <= len(names) <= MOST_AXES:
+            raise MachineError(f"{len(names)} axes; allowed: 1 to {MOST_AXES}")
+        if not all(names) or len(set(names)) < len(names):
+            raise MachineError(f"axes {', '.join(map(repr, names))}; allowed: a name of its own for each axis")
+        bearings = [bearing.name for bearing in self.bearings]
+        for axis in self.axes:
+            if axis.bearing not in bearings:
+                there = ", ".join(map(repr, bearings)) or "none"
+                raise MachineError(f"axis {axis.name!r} belongs to bearing {axis.bearing!r}; bearings: {there}")
+        if not 0.0 < self.sample_rate <= HIGHEST_SAMPLE_RATE:  # not NaN
+            raise MachineError(
+                f"sample rate {self.sample_rate:g} Hz; allowed: more than 0, up to {HIGHEST_SAMPLE_RATE:g} Hz"
+            )
+
+    @property
+    def axis_names(self) -> tuple[str, ...]:
+        """Names of the axes, in order."""
+        return tuple(axis.name for axis in self.axes)
+
+
+def first_bearing(record: LoopRecord) -> LoopRecord:
+    """The samples of a machine's first radial bearing, as axes x and y; the record itself if it has only these."""
+    if len(record.axes) == 2:
+        return record
+    reference, position, current = (part[:, :2] for part in (record.reference, record.position, record.current))
+    return LoopRecord(record.first_step, record.sample_time, reference, position, current)

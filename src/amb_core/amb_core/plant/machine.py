@@ -1,0 +1,50 @@
+"""The machine that a simulated plant is."""
+
+from __future__ import annotations
+
+import math
+
+from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
+from amb_core.loop.records import axis_names
+from amb_core.plant.parameters import PlantParameters
+
+_DIRECTIONS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+
+def machine_of(parameters: PlantParameters) -> Machine:
+    """Axes and bearings of a plant: bearing A alone for a point mass, A and B for a rotor in two bearings."""
+    bearings = "a" if parameters.rotor.model == "point_mass" else "ab"
+    amplifier = parameters.amplifier
+    limits = [math.inf]
+    if amplifier.unipolar:
+        limits.append(amplifier.bias_current)
+    if amplifier.limits:
+        limits.append(amplifier.current_limit - amplifier.bias_current)
+    axes = [
+        MachineAxis(
+            name=name,
+            bearing=bearings[number // 2],
+            sensor_position=_axial(parameters, "sensor", bearings[number // 2]),
+            actuator_position=_axial(parameters, "bearing", bearings[number // 2]),
+            direction=_DIRECTIONS[number % 2],
+            bias_current=amplifier.bias_current,
+            current_limit=min(limits),
+        )
+        for number, name in enumerate(axis_names(2 * len(bearings)))
+    ]
+    clearance = parameters.rotor.backup_bearing_radius
+    return Machine(
+        name=parameters.rotor.model,
+        source="simulator",
+        sample_rate=parameters.integration.sample_rate,
+        axes=tuple(axes),
+        bearings=tuple(MachineBearing(name, clearance) for name in bearings),
+    )
+
+
+def _axial(parameters: PlantParameters, part: str, bearing: str) -> float:
+    """Axial position from the centre of mass (m); 0 for a point mass; a file of modes does not contain it."""
+    model = parameters.rotor.model
+    if model == "rigid":
+        return float(getattr(parameters.rigid_rotor, f"{part}_{bearing}"))
+    return 0.0 if model == "point_mass" else math.nan
