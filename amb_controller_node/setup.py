@@ -7,7 +7,7 @@ NAME = "amb_controller_node"
 setup(
     name=NAME,
     version="0.1.0",
-    description="PD position controller and excitation generator of an active magnetic bearing as ROS 2 nodes.",
+    description="Position controllers and excitation generator of an active magnetic bearing as ROS 2 nodes.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",
     license="Apache-2.0",
@@ -22,6 +22,7 @@ setup(
     entry_points={
         "console_scripts": [
             "pd_controller=amb_controller_node.executables:pd_controller",
+            "state_space_controller=amb_controller_node.executables:state_space_controller",
             "excitation_generator=amb_controller_node.executables:excitation_generator",
         ]
     },

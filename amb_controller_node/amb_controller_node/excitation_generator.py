@@ -200,7 +200,7 @@ class ExcitationGeneratorNode(Node):
         except TimeoutError:
             raise ExcitationError(
                 f"no answer within {timeout:g} s from a controller on {self._publisher.topic_name} "
-                f"({self._publisher.get_subscription_count()} listening); is pd_controller running?"
+                f"({self._publisher.get_subscription_count()} listening); is the controller running?"
             ) from None
         finally:
             del self._awaited[message.id]

@@ -10,6 +10,11 @@ def pd_controller() -> int:
     return start("amb_controller_node.pd_controller")
 
 
+def state_space_controller() -> int:
+    """Run the node `state_space_controller` until SIGINT or SIGTERM."""
+    return start("amb_controller_node.state_space_controller")
+
+
 def excitation_generator() -> int:
     """Run the node `excitation_generator` until SIGINT or SIGTERM."""
     return start("amb_controller_node.excitation_generator")

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from amb_core.loop.control import ControllerParameters
+from amb_core.loop.linear_control import LinearControllerParameters
 from amb_core.parameters import Parameters, choice, quantity
 
 
-class PdControllerParameters(ControllerParameters):
-    """Parameters of the node: those of the control law, and the size of its telemetry blocks."""
+class CommonParameters(Parameters):
+    """Parameters of every controller node."""
 
     telemetry_block: int = quantity(100, "-", "steps in a block of telemetry", 1, 10_000)
+
+
+class PdControllerParameters(CommonParameters, ControllerParameters):
+    """Parameters of `pd_controller`: those of the control law, and the size of its telemetry blocks."""
+
+
+class StateSpaceControllerParameters(CommonParameters, LinearControllerParameters):
+    """Parameters of `state_space_controller`."""
+
+    controller_file: str = choice(
+        "", "file of the controller, as StateSpaceModel.save writes one; empty: the topic controller"
+    )
 
 
 class GeneratorParameters(Parameters):

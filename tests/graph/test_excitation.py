@@ -16,12 +16,13 @@ from rclpy.serialization import serialize_message
 from amb_core.excitation import Multisine, Playback, Square, Sweep, definition_of, excitation_from_request, generate
 from amb_core.excitation.playback import checksum_of
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.plant import Plant
+from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.machine import machine_of
 from amb_core.simulation import simulate
 from amb_msgs.msg import AxisReference, CurrentReference, Excitation, ExcitationStatus, RotorPosition
 from amb_msgs.srv import StartExcitation
 from amb_ros.qos import EVERY_STATE, LATCHED, STREAM
-from tests.graph.bearing import Bearing
+from tests.graph.bearing import Bearing, machine_message, machine_publisher
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,6 +79,8 @@ class Loop:
         self._node = graph.add_node("loop")
         self._publisher = self._node.create_publisher(RotorPosition, "/amb/position", STREAM)
         self._node.create_subscription(CurrentReference, "/amb/current_reference", self.answered.append, STREAM)
+        self._machines = machine_publisher(self._node)
+        self._machines.publish(machine_message(machine_of(PlantParameters())))
 
     def wait_for_controller(self) -> None:
         self.graph.wait_until(

@@ -220,12 +220,19 @@ def test_generator_takes_the_phases_of_a_multisine(paused_loop):
 
 def test_generator_alone_says_who_is_missing(graph):
     graph.start(GENERATOR, parameters={"answer_timeout": 0.2})
-    for run, who in ((0, "is the simulator running?"), (1, "is pd_controller running?")):
+
+    def refusal(run: int) -> str:
         answer = graph.call(
             StartExcitation, "/amb/excitation_generator/start", kind="square", amplitude=1e-5, duration=1.0, run=run
         )
         assert not answer.success
-        assert who in answer.message
+        return answer.message
+
+    assert "is the simulator running?" in refusal(run=0)
+    assert "is the simulator, or the bridge to the rig, running?" in refusal(run=1)
+    machines = machine_publisher(graph.node)
+    machines.publish(machine_message(machine_of(PlantParameters())))
+    graph.wait_until(lambda: "is the controller running?" in refusal(run=1), "the generator to know the machine")
 
 
 def test_gains_can_be_changed_while_running_and_wrong_ones_are_refused(paused_loop):

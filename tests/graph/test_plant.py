@@ -287,7 +287,8 @@ def test_touch_down_with_contact_is_a_warning_and_the_run_goes_on(loop: Bearing,
     }
 
     def warnings() -> list[DiagnosticStatus]:
-        return [status for status in loop.diagnostics if status.level == DiagnosticStatus.WARN]
+        of_simulator = [status for status in loop.diagnostics if status.name == "amb/simulator"]
+        return [status for status in of_simulator if status.level == DiagnosticStatus.WARN]
 
     loop.graph.wait_until(warnings, "the warning")
     assert {(status.name, status.message) for status in warnings()} == {

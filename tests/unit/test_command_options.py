@@ -59,7 +59,7 @@ def test_an_option_that_kinds_declare_differently_tells_them_apart() -> None:
 
     shown = amb(check, "--help")
     assert "square: fundamental frequency (Hz), 0.001 to 50000, by default 5; prbs: clock rate (Hz)" in shown
-    assert "by default in_turn (sweep, square, tones), by default both (multisine, prbs, white_noise)" in shown
+    assert "by default in_turn (sweep, square, tones), by default all (multisine, prbs, white_noise)" in shown
     amb(check, "--frequencies", "10", "--frequencies", "20")
     assert SEEN["given"] == {"duration": 4.0, "frequencies": [10.0, 20.0]}
 

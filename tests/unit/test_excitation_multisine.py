@@ -107,7 +107,7 @@ def test_requests_that_make_no_sense_are_refused(kind: str, values: dict[str, ob
 
 
 def test_interleaving_needs_two_lines() -> None:
-    with pytest.raises(ExcitationError, match="interleaved needs two lines or more, but only 20 Hz lies in the band"):
+    with pytest.raises(ExcitationError, match="interleaved needs 2 lines or more, but only 20 Hz lies in the band"):
         samples(interleaved=True, duration=0.1, frequency_start=15.0, frequency_end=25.0)
 
 

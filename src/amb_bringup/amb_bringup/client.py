@@ -139,7 +139,7 @@ class AmbClient(GraphConnection):
                     raise ClientError(f"the simulator was paused at step {state.step}, before {started.last_step}")
             if seen_step >= 0 and time.monotonic() > deadline:
                 raise ClientError(
-                    f"the loop has stood at step {seen_step} for {self.timeout:g} s; is pd_controller running?"
+                    f"the loop has stood at step {seen_step} for {self.timeout:g} s; is the controller running?"
                 )
             self.spin_once()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
+from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters, StateSpaceControllerParameters
 from amb_core.errors import ParameterError
 from amb_core.parameters import Parameters, load_parameters
 from amb_core.plant.machine import machine_of
@@ -16,12 +16,13 @@ from amb_sim_node.parameters import SimulatorParameters
 PARAMETERS: dict[str, type[Parameters]] = {
     "simulator": SimulatorParameters,
     "pd_controller": PdControllerParameters,
+    "state_space_controller": StateSpaceControllerParameters,
     "excitation_generator": GeneratorParameters,
     "recorder": RecorderParameters,
     "region_monitor": RegionMonitorParameters,
     "identifier": IdentifierParameters,
 }
-"""Every node of `amb_core.files.parameter_files.NODES`, and its parameters in a parameter file."""
+"""Every node of `amb_core.files.parameter_files.KNOWN_NODES`, and its parameters in a parameter file."""
 
 
 def check_parameter_file(path: str | Path) -> None:
@@ -34,10 +35,12 @@ def check_parameter_file(path: str | Path) -> None:
         machine has; one line that names the file.
     """
     parameters = {node: load_parameters(model, path, node) for node, model in PARAMETERS.items()}
-    simulator, controller = parameters["simulator"], parameters["pd_controller"]
+    simulator = parameters["simulator"]
     assert isinstance(simulator, SimulatorParameters)
-    assert isinstance(controller, PdControllerParameters)
+    axes = len(machine_of(simulator).axes)
     try:
-        controller.require_axes(len(machine_of(simulator).axes))
+        for controller in parameters.values():
+            if isinstance(controller, PdControllerParameters | StateSpaceControllerParameters):
+                controller.require_axes(axes)
     except ParameterError as problem:
         raise ParameterError(f"{path}: {problem}") from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from amb_bringup.client import AmbClient
-from amb_core.files.parameter_files import NODES
+from amb_core.files.parameter_files import CONTROLLERS, nodes_with
 from amb_msgs.msg import SimulatorState
 from amb_ros import topics
 from amb_sim_node.simulator import MODE_NAMES
@@ -18,20 +18,24 @@ OFFERED = {
 }
 """Services by node, besides those of its parameters, which every node has."""
 
+CONTROLLER = "controller"
 MATCHED = {
-    topics.POSITION: ("simulator", "pd_controller"),
-    topics.CURRENT_REFERENCE: ("pd_controller", "simulator"),
-    topics.EXCITATION: ("excitation_generator", "pd_controller"),
-    topics.TELEMETRY: ("pd_controller", "region_monitor"),
+    topics.MACHINE: ("simulator", CONTROLLER),
+    topics.POSITION: ("simulator", CONTROLLER),
+    topics.CURRENT_REFERENCE: (CONTROLLER, "simulator"),
+    topics.EXCITATION: ("excitation_generator", CONTROLLER),
+    topics.TELEMETRY: (CONTROLLER, "region_monitor"),
 }
 """Topics with their publishing and listening nodes: without these connections no experiment runs."""
 
 
 class Readiness:
-    """Monitors the start of a graph in the DDS domain of this process."""
+    """Monitors the start of a graph with one of the controllers, in the DDS domain of this process."""
 
-    def __init__(self) -> None:
-        self._client = AmbClient()
+    def __init__(self, controller: str = CONTROLLERS[0]) -> None:
+        self._controller = controller
+        self._nodes = nodes_with(controller)
+        self._client = AmbClient(nodes=self._nodes)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -49,11 +53,12 @@ class Readiness:
         node = self._client.node
         services = {name for name, _ in node.get_service_names_and_types()}
         space = node.get_namespace()
-        for name in NODES:
+        for name in self._nodes:
             for service in ("get_parameters", *OFFERED.get(name, ())):
                 if f"{space}/{name}/{service}" not in services:
                     return f"{space}/{name}/{service}"
-        for topic, (publisher, listener) in MATCHED.items():
+        for topic, ends in MATCHED.items():
+            publisher, listener = (self._controller if end == CONTROLLER else end for end in ends)
             if publisher not in {end.node_name for end in node.get_publishers_info_by_topic(f"{space}/{topic}")}:
                 return f"{publisher} on {space}/{topic}"
             if listener not in {end.node_name for end in node.get_subscriptions_info_by_topic(f"{space}/{topic}")}:
@@ -65,7 +70,7 @@ class Readiness:
         state = self._client.simulator_state
         if state is None:
             return ""
-        text = f"ready: {len(NODES)} nodes; the simulator is {MODE_NAMES[state.mode]}"
+        text = f"ready: {len(self._nodes)} nodes; the simulator is {MODE_NAMES[state.mode]}"
         if state.mode != SimulatorState.PAUSED:
             return text
         return f"{text}. Run 10,000 steps (1 s) from another terminal:\n  {hint()}"

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeVar, cast, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from amb_core.errors import ParameterError
-from amb_core.files.parameter_files import NODES, ParameterFile, full_name
+from amb_core.files.parameter_files import KNOWN_NODES, ParameterFile, full_name
 
 SIMULATOR = "simulator"
 CLOSE = 0.85  # likeness, 0 to 1, from which a name is taken for another one misspelt
@@ -225,8 +225,8 @@ def load_parameters(model: type[P], path: str | Path, node: str, *, part: bool =
     """
     name = full_name(node)
     namespace = name.rsplit("/", 1)[0]
-    own = [name, *(f"{namespace}/{other}" for other in NODES)]  # in the namespace of this node, whichever it is
-    file = ParameterFile(path, dict.fromkeys([*own, *(full_name(other) for other in NODES)]))
+    own = [name, *(f"{namespace}/{other}" for other in KNOWN_NODES)]  # in the namespace of this node, whichever it is
+    file = ParameterFile(path, dict.fromkeys([*own, *(full_name(other) for other in KNOWN_NODES)]))
     values = file.values(name)
     try:
         refuse_those_of_machine(model, values)

@@ -1,6 +1,7 @@
 """Names of the workbench's topics, relative to the namespace of the nodes (/amb unless remapped)."""
 
 MACHINE = "machine"
+CONTROLLER = "controller"
 POSITION = "position"
 CURRENT_REFERENCE = "current_reference"
 EXCITATION = "excitation"

@@ -44,7 +44,7 @@ app = typer.Typer(help="Check or design an excitation on a region map.", no_args
 
 DESIGNED = ("square", "multisine", "prbs")
 DURATION = {"duration": 4.0}  # s
-NOTES = {"phasing": "by default optimised", "interleaved": "by default true with axes both"}
+NOTES = {"phasing": "by default optimised", "interleaved": "by default true with axes all"}
 
 MapFile = Annotated[Path, typer.Option("--map", help="Region map, as `amb map` writes it.")]
 LoopParams = Annotated[

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from amb_bringup.commands.options import ParamsOption
+from amb_core.errors import ParameterError
+from amb_core.files.parameter_files import CONTROLLERS, nodes_with
 
 if TYPE_CHECKING:
     from amb_bringup.launcher import Graph
@@ -25,6 +27,9 @@ def up(
         bool, typer.Option("--composed", help="Simulator and controller in one process, for a faster loop.")
     ] = False,
     params: ParamsOption = None,
+    controller: Annotated[
+        str, typer.Option(help="Controller node: pd_controller, or state_space_controller for any linear controller.")
+    ] = CONTROLLERS[0],
     keep_going: Annotated[
         bool, typer.Option("--keep-going", help="Leave the other nodes running when one has ended.")
     ] = False,
@@ -39,9 +44,10 @@ def up(
     reported: dict[str, int] = {}
     graph: Graph | None = None
     try:
-        graph = _graph(composed, params)
+        nodes_with(controller)  # refuses an unknown one
+        graph = _graph(composed, params, controller)
         with graph:
-            _watch(graph, reported, keep_going)
+            _watch(graph, reported, keep_going, controller)
     except KeyboardInterrupt:
         typer.echo("amb: stopped", err=True)
     codes = graph.ended() if graph is not None else {}
@@ -53,7 +59,7 @@ def up(
         raise typer.Exit(1)
 
 
-def _graph(composed: bool, params: Path | None) -> Graph:
+def _graph(composed: bool, params: Path | None, controller: str) -> Graph:
     """The graph to start, after a check that its nodes will accept the parameters."""
     from amb_bringup.launcher import Graph, launch_file
 
@@ -61,6 +67,10 @@ def _graph(composed: bool, params: Path | None) -> Graph:
         typer.echo(f"{typer.style(f'[{name}]', fg='cyan')} {text}")
 
     arguments = {}
+    if composed and controller != CONTROLLERS[0]:
+        raise ParameterError(f"--composed --controller {controller} is not allowed; allowed: {CONTROLLERS[0]}")
+    if not composed:
+        arguments["controller"] = controller
     if params is not None:
         from amb_bringup.node_parameters import check_parameter_file
 
@@ -69,7 +79,7 @@ def _graph(composed: bool, params: Path | None) -> Graph:
     return Graph.from_launch_file(launch_file("composed" if composed else "bearing"), arguments, output=show)
 
 
-def _watch(graph: Graph, reported: dict[str, int], keep_going: bool) -> None:
+def _watch(graph: Graph, reported: dict[str, int], keep_going: bool, controller: str) -> None:
     """Report when the graph is ready, and every node that ends, until one or (`keep_going`) all have ended."""
     readiness: Readiness | None = None
     try:
@@ -82,7 +92,7 @@ def _watch(graph: Graph, reported: dict[str, int], keep_going: bool) -> None:
             if ready or reported:
                 continue
             if readiness is None:
-                readiness = _readiness()
+                readiness = _readiness(controller)
             missing = readiness.missing(0.1)
             if not missing:
                 ready = True
@@ -96,10 +106,10 @@ def _watch(graph: Graph, reported: dict[str, int], keep_going: bool) -> None:
             readiness.close()
 
 
-def _readiness() -> Readiness:
+def _readiness(controller: str) -> Readiness:
     from amb_bringup.readiness import Readiness  # takes seconds to import while the nodes start
 
-    return Readiness()
+    return Readiness(controller)
 
 
 def _report_end(name: str, code: int, when: str = "") -> None:

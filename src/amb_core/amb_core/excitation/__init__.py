@@ -12,7 +12,7 @@ from amb_core.excitation.deterministic import Square, Sweep, Tones
 from amb_core.excitation.playback import Playback, generate, instantaneous_frequency
 from amb_core.excitation.request import KINDS, definition_of, excitation_from_definition, excitation_from_request
 from amb_core.excitation.seeded import Multisine, Prbs, WhiteNoise
-from amb_core.excitation.signal import Excitation, ExcitationSignal
+from amb_core.excitation.signal import Excitation, ExcitationSignal, experiments_of, steps_of
 
 __all__ = [
     "KINDS",
@@ -28,6 +28,8 @@ __all__ = [
     "definition_of",
     "excitation_from_definition",
     "excitation_from_request",
+    "experiments_of",
     "generate",
     "instantaneous_frequency",
+    "steps_of",
 ]

@@ -1,7 +1,7 @@
 """Excitations without a random part: sine sweep, square wave and sum of tones.
 
-With axes `both`, x and y carry the same signal. The data then do not determine a linear model of both inputs. Therefore
-these kinds excite the axes in turn by default.
+With axes `all`, all of them carry the same signal. The data then do not determine a linear model of several inputs.
+Therefore these kinds excite the axes in turn by default.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Sweep(Excitation):
         """The higher end of the sweep (Hz)."""
         return max(self.frequency_start, self.frequency_end)
 
-    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+    def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
         """The sweep over `steps` samples."""
         span = steps / sample_rate
         start, end = self.frequency_start, self.frequency_end
@@ -82,7 +82,7 @@ class Square(Excitation):
         """The fundamental (Hz); the harmonics of a sampled square wave always fold back."""
         return self.frequency
 
-    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+    def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
         """The square wave."""
 
         def samples(first: int, stop: int) -> NDArray[np.float64]:
@@ -139,7 +139,7 @@ class Tones(Excitation):
         """Whether there are few tones, so that their sum is quickly made."""
         return len(self.frequencies) <= FEW_TONES
 
-    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+    def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
         """The sum."""
         phases = self.phases or (0.0,) * len(self.frequencies)
 

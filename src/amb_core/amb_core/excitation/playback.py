@@ -10,12 +10,15 @@ import os
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import ExcitationError
-from amb_core.excitation.signal import Excitation, ExcitationSignal, Sampler, excited_spans, steps_of
+from amb_core.excitation.seeded import Multisine
+from amb_core.excitation.signal import Excitation, ExcitationSignal, Sampler, excitation_parts
+from amb_core.loop.machine import ONE_BEARING, Machine
 
 WINDOW = 1024
 """Samples made at a time; takes about 50 us while the loop runs."""
@@ -32,6 +35,8 @@ class Playback:
         Parameters of one kind.
     sample_rate : float
         Controller sample rate f_s (Hz).
+    machine : Machine, optional
+        Its axes are excited; by default one bearing with axes x and y.
     cancelled : callable, optional
         Called between windows; when it returns true, making the samples ends with an error.
 
@@ -49,9 +54,13 @@ class Playback:
     """
 
     def __init__(
-        self, excitation: Excitation, sample_rate: float, cancelled: Callable[[], bool] = lambda: False
+        self,
+        excitation: Excitation,
+        sample_rate: float,
+        machine: Machine | None = None,
+        cancelled: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._parts = _Parts(excitation, sample_rate, cancelled, _kept)
+        self._parts = _Parts(excitation, sample_rate, machine or ONE_BEARING, partial(_kept, excitation, cancelled))
         self.steps = self._parts.steps
         self.checksum = 0
         for _, samples in self._parts.windows():
@@ -60,15 +69,15 @@ class Playback:
             self.checksum = checksum_of(samples, self.checksum)
 
     def window(self, index: int) -> tuple[int, NDArray[np.float64]]:
-        """The window with the sample of an index: index of its first sample, and its samples (m), shape (n, 2)."""
+        """The window with the sample of an index: index of its first sample, and its samples (m), shape (n, axes)."""
         return self._parts.window(index)
 
 
-def generate(excitation: Excitation, sample_rate: float) -> ExcitationSignal:
+def generate(excitation: Excitation, sample_rate: float, machine: Machine | None = None) -> ExcitationSignal:
     """Make the samples of an excitation: round(duration * sample_rate) of them, the same ones every time.
 
-    With axes `in_turn` the signal has half the duration and is played from its start first on x, then on y, so that
-    the responses to the axes can be separated (an odd sample goes to y).
+    With axes `in_turn` the signal has 1 / n of the duration and is played from its start on each of n axes in their
+    order, so that the responses to the axes can be separated (remaining samples go to the last).
 
     Parameters
     ----------
@@ -76,42 +85,49 @@ def generate(excitation: Excitation, sample_rate: float) -> ExcitationSignal:
         Parameters of one kind.
     sample_rate : float
         Controller sample rate f_s (Hz).
+    machine : Machine, optional
+        Its axes are excited; by default one bearing with axes x and y.
 
     Raises
     ------
     ExcitationError
-        If a frequency lies above the Nyquist frequency, the signal has no sample, or no line of a band can be excited.
+        If a frequency lies above the Nyquist frequency, the signal has no sample, no line of a band can be excited, or
+        the machine lacks the axes.
     """
-    parts = _Parts(excitation, sample_rate, lambda: False, lambda _excitation, sampler, _steps, _cancelled: sampler)
-    samples = np.empty((parts.steps, 2))
+    machine = machine or ONE_BEARING
+    parts = _Parts(excitation, sample_rate, machine, lambda sampler, _steps, _in_memory: sampler)
+    samples = np.empty((parts.steps, len(machine.axes)))
     for first, window in parts.windows():
         samples[first : first + len(window)] = window
-    frequency = instantaneous_frequency(excitation, sample_rate)
+    frequency = instantaneous_frequency(excitation, sample_rate, machine)
     for signal in (samples, frequency):
         if signal is not None:
             signal.flags.writeable = False
-    return ExcitationSignal(excitation.kind, excitation, 1.0 / sample_rate, samples, frequency)
+    return ExcitationSignal(excitation.kind, excitation, 1.0 / sample_rate, samples, frequency, machine)
 
 
-def instantaneous_frequency(excitation: Excitation, sample_rate: float) -> NDArray[np.float64] | None:
+def instantaneous_frequency(
+    excitation: Excitation, sample_rate: float, machine: Machine | None = None
+) -> NDArray[np.float64] | None:
     """Instantaneous frequency of each sample (Hz), shape (steps,); None for a signal that has none.
 
     Raises
     ------
     ExcitationError
-        If the signal cannot be made at this sample rate (Hz).
+        If the signal cannot be made at this sample rate (Hz), or the machine lacks its axes.
     """
-    frequency = np.zeros(steps_of(excitation, sample_rate))
-    for _, first, last in excited_spans(excitation.axes, len(frequency)):
-        instantaneous = excitation.instantaneous_frequency(last - first, sample_rate)
+    parts = excitation_parts(excitation, sample_rate, machine)
+    frequency = np.zeros(parts[-1].stop)
+    for first, stop in dict.fromkeys((part.first, part.stop) for part in parts):
+        instantaneous = excitation.instantaneous_frequency(stop - first, sample_rate)
         if instantaneous is None:
             return None
-        frequency[first:last] = instantaneous
+        frequency[first:stop] = instantaneous
     return frequency
 
 
 def checksum_of(samples: NDArray[np.float64], before: int = 0) -> int:
-    """CRC-32, as in zlib, of samples of shape (n, 2) as little-endian float64, x and y of each step in turn.
+    """CRC-32, as in zlib, of samples of shape (n, axes) as little-endian float64, all axes of each step in turn.
 
     `before` is the checksum of the preceding samples.
     """
@@ -119,36 +135,43 @@ def checksum_of(samples: NDArray[np.float64], before: int = 0) -> int:
 
 
 class _Parts:
-    """The parts of a signal: what is played on which axis over which steps.
+    """The parts of a signal: what is played on which axes over which steps.
 
     Windows start with the part to which they belong, so that every part is always evaluated in the same blocks: the
-    rounding of vectorised functions may depend on where a block begins.
+    rounding of vectorised functions may depend on where a block begins. Parts of one realisation and length, such as
+    those of orthogonal experiments, share its samples.
     """
 
     def __init__(
         self,
         excitation: Excitation,
         sample_rate: float,
-        cancelled: Callable[[], bool],
-        keep: Callable[[Excitation, Sampler, int, Callable[[], bool]], Sampler],
+        machine: Machine,
+        keep: Callable[[Sampler, int, bool], Sampler],
     ) -> None:
-        self.steps = steps_of(excitation, sample_rate)
-        self._parts = []
-        for axis, first, last in excited_spans(excitation.axes, self.steps):
-            steps = last - first
+        parts = excitation_parts(excitation, sample_rate, machine)
+        self.steps, self._axes = parts[-1].stop, len(machine.axes)
+        signals = dict.fromkeys((part.realisation, part.turn, part.stop - part.first) for part in parts)
+        in_memory = sum(steps for *_, steps in signals) <= HIGHEST_IN_MEMORY * min(len(signals), self._axes)
+        samplers: dict[tuple[int, float, int], Sampler] = {}
+        for realisation, turn, steps in signals:
             # No reference to the sampler of a whole signal remains here, so its memory is released.
-            kept = keep(excitation, excitation.sampler(steps, sample_rate, axis), steps, cancelled)
-            self._parts.append((axis, first, last, kept))
+            samplers[realisation, turn, steps] = keep(
+                _sampler(excitation, steps, sample_rate, realisation, self._axes, turn), steps, in_memory
+            )
+        self._parts = [(part, samplers[part.realisation, part.turn, part.stop - part.first]) for part in parts]
 
     def window(self, index: int) -> tuple[int, NDArray[np.float64]]:
         if not 0 <= index < self.steps:
             raise IndexError(f"sample {index} asked for; there are {self.steps}")
-        first, last = next((first, last) for _, first, last, _ in self._parts if first <= index < last)
+        present = [(part, sampler) for part, sampler in self._parts if part.first <= index < part.stop]
+        first, stop = present[0][0].first, present[0][0].stop
         start = index - (index - first) % WINDOW
-        samples = np.zeros((min(WINDOW, last - start), 2))
-        for axis, first, last, sampler in self._parts:
-            if first <= index < last:
-                samples[:, axis] = sampler(start - first, start - first + len(samples))
+        samples = np.zeros((min(WINDOW, stop - start), self._axes))
+        for part, sampler in present:
+            signal = sampler(start - first, start - first + len(samples))
+            for axis, factor in part.factors:
+                samples[:, axis] = factor * signal
         return start, samples
 
     def windows(self) -> Iterator[tuple[int, NDArray[np.float64]]]:
@@ -159,9 +182,19 @@ class _Parts:
             index = first + len(samples)
 
 
-def _kept(excitation: Excitation, sampler: Sampler, steps: int, cancelled: Callable[[], bool]) -> Sampler:
+def _sampler(
+    excitation: Excitation, steps: int, sample_rate: float, realisation: int, axes: int, turn: float
+) -> Sampler:
+    if isinstance(excitation, Multisine):
+        return excitation.sampler(steps, sample_rate, realisation, axes, turn)
+    return excitation.sampler(steps, sample_rate, realisation, axes)
+
+
+def _kept(
+    excitation: Excitation, cancelled: Callable[[], bool], sampler: Sampler, steps: int, in_memory: bool
+) -> Sampler:
     """A sampler that is fast for every window, and keeps little in memory."""
-    if steps > HIGHEST_IN_MEMORY:
+    if not in_memory:
         return sampler if excitation.by_sample else _in_a_file(sampler, steps, cancelled)
     signal = np.concatenate([sampler(first, min(first + WINDOW, steps)) for first in range(0, steps, WINDOW)])
     return lambda first, stop: signal[first:stop]

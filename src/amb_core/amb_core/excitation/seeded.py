@@ -1,7 +1,7 @@
 """Excitations with a random part that is determined by a seed: multisine, PRBS and band-limited white noise.
 
-Each axis has its own random part. With axes `both`, the default here, x and y are excited at once by
-independent signals, so that the data determine a model of both inputs.
+Each axis has its own random part. With axes `all`, the default here, all are excited at once by independent signals, so
+that the data determine a model of all inputs.
 
 Sources: R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley, 2012,
 chapter 5 (multisine, noise); L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 13.3 (PRBS).
@@ -9,7 +9,7 @@ chapter 5 (multisine, noise); L. Ljung, System Identification, 2nd ed., Prentice
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from functools import lru_cache
 from typing import ClassVar, Literal, Self
 
 import numpy as np
@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from amb_core.errors import ExcitationError
+from amb_core.excitation.axes import ALL, AXES_DESCRIPTION, MODES, ORTHOGONAL, turns
 from amb_core.excitation.deterministic import EDGE_TOLERANCE, HIGHEST_AMPLITUDE, HIGHEST_FREQUENCY
 from amb_core.excitation.phases import optimised_phases, schroeder_phases
-from amb_core.excitation.signal import AXES_DESCRIPTION, Axes, Excitation, Sampler, required
+from amb_core.excitation.signal import Excitation, Sampler, required
 from amb_core.parameters import choice, quantity, switch
 
 _GROUP = 4  # consecutive odd lines, of which one is left out
+
 _LEFT_OUT_SEED = 0  # of the lot that draws these, the same in every signal
 
 
@@ -30,7 +32,7 @@ class _Seeded(Excitation):
     """Common part of the kinds with a random part."""
 
     amplitude: float = required("m", "peak amplitude", 1e-9, HIGHEST_AMPLITUDE)
-    axes: Axes = choice("both", AXES_DESCRIPTION)
+    axes: str = choice(ALL, AXES_DESCRIPTION)
     seed: int = quantity(0, "-", "seed of the random number generator", 0, 2**32 - 1)
 
 
@@ -59,17 +61,8 @@ class _Band(_Seeded):
         """False: a transform makes all samples at once."""
         return False
 
-    @abstractmethod
-    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
-        """All samples on one axis (m), shape (steps,)."""
-
-    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
-        """All samples, made at once."""
-        signal = self.waveform(steps, sample_rate, axis)
-        return lambda first, stop: signal[first:stop]
-
     def random(self, axis: int) -> np.random.Generator:
-        """Random numbers of one axis (0 for x, 1 for y), the same ones every time."""
+        """Random numbers of one axis, the same ones every time."""
         return np.random.default_rng([self.seed, axis])
 
     def lines(self, steps: int, sample_rate: float) -> slice:
@@ -96,47 +89,67 @@ class Multisine(_Band):
 
     The signal on an axis is one period, or `periods` equal ones. A discrete Fourier transform over it shows no leakage,
     and its resolution is the finest that the period allows. The highest magnitude is `amplitude`. With axes `in_turn`
-    the signal on an axis has half the duration.
+    the signal on each of n axes has 1 / n of the duration. With axes `orthogonal` each of n experiments has 1 / n of
+    it; all axes and experiments have lines of one amplitude, and `amplitude` is the highest magnitude of them all.
 
     With `odd`, which lines are left out depends on the band and the period, not on the seed: signals of several seeds
     are realisations of one kind, see `amb_core.distortion`.
 
     Random phases are uniform over the circle, drawn from the seed; optimised ones start from them. Schroeder's do not
-    depend on it: x chirps upwards, y downwards. Signals without random phases start where they are closest to zero, so
-    that the control law does not respond to a jump.
+    depend on it: x chirps upwards, y downwards; those of further pairs of axes start in other parts of their period.
+    Signals without random phases start where they are closest to zero, so that the control law does not respond to a
+    jump.
     """
 
     kind: ClassVar[str] = "multisine"
+    has_lines: ClassVar[bool] = True
 
     phasing: Literal["random", "schroeder", "optimised"] = choice(
         "random",
         "how phases are chosen: random (crest factor 3 to 4), schroeder (a chirp, 1.7) or optimised (below 1.5)",
     )
-    interleaved: bool = switch(False, "x has every other line of the band, y those between: no line excites both axes")
+    interleaved: bool = switch(False, "of n axes each has every n-th line of the band: no line excites two axes")
     odd: bool = switch(False, "only odd lines, and one of every four of them is left out, so that distortions show")
-    periods: int = quantity(1, "-", "number of equal periods; distortion needs 2 or more", 1, 1000)
+    periods: int = quantity(1, "-", "number of equal periods (of each experiment); distortion needs 2 or more", 1, 1000)
 
-    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
-        """All samples on one axis (m), shape (steps,)."""
+    @model_validator(mode="after")
+    def _lines_suit_the_axes(self) -> Self:
+        if self.interleaved and self.axes in (ORTHOGONAL, *MODES):
+            raise ValueError(
+                f"{self.kind}: interleaved with axes = '{self.axes}' is not allowed: they excite several axes at each "
+                "line; allowed axes: a list of axes, all, in_turn"
+            )
+        return self
+
+    def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2, turn: float = 0.0) -> Sampler:
+        """All samples, made at once; `turn` is added to the phases of all lines (over 2 pi)."""
         if steps % self.periods:
             raise ExcitationError(
                 f"{self.kind}: {steps} samples on an axis cannot hold {self.periods} equal periods; "
                 "allowed: a duration that is a whole multiple of them"
             )
-        return np.tile(self._period(steps // self.periods, sample_rate, axis), self.periods)
+        period = steps // self.periods
+        signal = self._period(period, sample_rate, axis, axes, turn)
+        if self.axes == ORTHOGONAL:
+            signal *= self.amplitude / _highest(self, period, sample_rate, axes)
+        else:
+            signal *= self.amplitude / np.max(np.abs(signal))
+        signal = np.tile(signal, self.periods)
+        return lambda first, stop: signal[first:stop]
 
-    def _period(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
-        """Samples of one period (m), shape (steps,)."""
-        lines = self._excited(steps, sample_rate, axis)
+    def _period(self, steps: int, sample_rate: float, axis: int, axes: int, turn: float) -> NDArray[np.float64]:
+        """One period of lines of magnitude 1, shape (steps,)."""
+        lines = self._excited(steps, sample_rate, axis, axes)
         spectrum = np.zeros(steps // 2 + 1, dtype=complex)
         spectrum[lines] = np.exp(1j * self._phases(lines, axis))
         signal: NDArray[np.float64] = np.fft.irfft(spectrum, steps)
-        if self.phasing != "random":
-            signal = np.roll(signal, -int(np.argmin(np.abs(signal))))
-        signal *= self.amplitude / np.max(np.abs(signal))
-        return signal
+        # The start is that without a turn: in all experiments the same.
+        start = 0 if self.phasing == "random" else _start(np.abs(signal), axis // 2, -(-axes // 2))
+        if turn:
+            signal = np.fft.irfft(spectrum * np.exp(2j * np.pi * turn), steps)
+        return np.roll(signal, -start) if start else signal
 
-    def _excited(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.int_]:
+    def _excited(self, steps: int, sample_rate: float, axis: int, axes: int) -> NDArray[np.int_]:
         """Excited lines of a period of some steps."""
         band = self.lines(steps, sample_rate)
         lines = np.arange(band.start, band.stop)
@@ -146,9 +159,10 @@ class Multisine(_Band):
             left_out = [lot.choice(lines[n : n + _GROUP]) for n in range(0, len(lines), _GROUP)]
             lines = np.setdiff1d(lines, left_out)
         if self.interleaved:
-            lines = lines[axis::2]
+            lines = lines[axis::axes]
         if not len(lines):
-            wish = "odd needs four odd lines" if self.odd else "interleaved needs two lines"
+            needed = f"interleaved needs {axes} lines"
+            wish = "odd needs four odd lines" if self.odd else needed
             resolution = sample_rate / steps
             there = f"{band.start * resolution:g} Hz"
             if band.stop - band.start > 1:
@@ -161,17 +175,34 @@ class Multisine(_Band):
 
     def _phases(self, lines: NDArray[np.int_], axis: int) -> NDArray[np.float64]:
         if self.phasing == "schroeder":
-            return -schroeder_phases(lines) if axis else schroeder_phases(lines)
+            return -schroeder_phases(lines) if axis % 2 else schroeder_phases(lines)
         phases = self.random(axis).uniform(0.0, 2.0 * np.pi, len(lines))
         return phases if self.phasing == "random" else optimised_phases(lines, phases)
+
+
+@lru_cache(maxsize=8)  # requested for each of the signals that share it
+def _highest(multisine: Multisine, steps: int, sample_rate: float, axes: int) -> float:
+    """Highest magnitude of a period of lines of magnitude 1, over all axes and orthogonal experiments."""
+    periods = (
+        multisine._period(steps, sample_rate, axis, axes, float(turn))
+        for axis, of_axis in enumerate(turns(axes))
+        for turn in np.unique(of_axis[of_axis != 0.5])  # half a turn is a sign
+    )
+    return max(float(np.max(np.abs(period))) for period in periods)
+
+
+def _start(magnitude: NDArray[np.float64], part: int, parts: int) -> int:
+    """Where a periodic signal is closest to zero, in one of several equal parts of its period."""
+    first, stop = part * len(magnitude) // parts, (part + 1) * len(magnitude) // parts
+    return first + int(np.argmin(magnitude[first:stop]))
 
 
 class Prbs(_Seeded):
     """Pseudo-random binary sequence between +amplitude and -amplitude.
 
-    A maximum length sequence from a random state of its shift register, each bit held for one period of the clock. x
-    takes the first half of the bits and y the second. The register is the shortest one without a repetition in these
-    bits, so the two axes share no pattern. The spectrum has its first zero at the clock rate and is flat to within 3 dB
+    A maximum length sequence from a random state of its shift register, each bit held for one period of the clock. Of n
+    axes each takes another n-th of the bits, in order. The register is the shortest one without a repetition in these
+    bits, so the axes share no pattern. The spectrum has its first zero at the clock rate and is flat to within 3 dB
     up to 0.44 of it.
     """
 
@@ -184,7 +215,7 @@ class Prbs(_Seeded):
         """Clock rate (Hz)."""
         return self.frequency
 
-    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+    def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
         """The sequence; its bits are kept, eight to a byte."""
         from scipy.signal import max_len_seq  # takes a second to import, and not needed by other kinds
 
@@ -192,10 +223,10 @@ class Prbs(_Seeded):
             return np.floor(self.frequency * np.arange(first, stop) / sample_rate + EDGE_TOLERANCE).astype(np.int64)
 
         count = int(clock(steps - 1, steps)[0]) + 1
-        register = max(2, (2 * count).bit_length())
+        register = max(2, (axes * count).bit_length())
         start = int(np.random.default_rng(self.seed).integers(1, 2**register))
         state = [start >> position & 1 for position in range(register)]
-        sequence, _ = max_len_seq(register, state=state, length=2 * count)
+        sequence, _ = max_len_seq(register, state=state, length=axes * count)
         own = np.packbits(sequence[axis * count : (axis + 1) * count])
 
         def samples(first: int, stop: int) -> NDArray[np.float64]:
@@ -215,12 +246,12 @@ class WhiteNoise(_Band):
 
     amplitude: float = required("m", "rms amplitude", 1e-9, HIGHEST_AMPLITUDE)
 
-    def waveform(self, steps: int, sample_rate: float, axis: int) -> NDArray[np.float64]:
-        """Samples of the noise (m), shape (steps,)."""
+    def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
+        """All samples, made at once."""
         lines = self.lines(steps, sample_rate)
         parts = self.random(axis).standard_normal((2, lines.stop - lines.start))
         spectrum = np.zeros(steps // 2 + 1, dtype=complex)
         spectrum[lines] = parts[0] + 1j * parts[1]
         signal: NDArray[np.float64] = np.fft.irfft(spectrum, steps)
         signal *= self.amplitude / np.sqrt(np.mean(signal**2))
-        return signal
+        return lambda first, stop: signal[first:stop]

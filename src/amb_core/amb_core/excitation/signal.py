@@ -6,21 +6,19 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from amb_core.errors import ExcitationError
+from amb_core.excitation.axes import AXES_DESCRIPTION, ORTHOGONAL, Part, parts_of
+from amb_core.loop.machine import ONE_BEARING, Machine
 from amb_core.parameters import Parameters, choice
-
-Axes = Literal["x", "y", "both", "in_turn"]
 
 Sampler = Callable[[int, int], NDArray[np.float64]]
 """Samples of the signal on one axis (m) from `first` up to `stop` (exclusive), shape (stop - first,)."""
-
-AXES_DESCRIPTION = "axes that are excited; in_turn: x for the first half of the duration, then y"
 
 
 def required(unit: str, description: str, minimum: float, maximum: float) -> Any:
@@ -32,9 +30,10 @@ class Excitation(Parameters):
     """Parameters of one kind of excitation; each kind is a subclass."""
 
     kind: ClassVar[str]
+    has_lines: ClassVar[bool] = False  # a spectrum of lines, whose phases orthogonal experiments may turn
 
     duration: float = required("s", "duration of the whole signal", 1e-3, 600.0)
-    axes: Axes = choice("in_turn", AXES_DESCRIPTION)
+    axes: str = choice("in_turn", AXES_DESCRIPTION)
 
     @property
     @abstractmethod
@@ -47,10 +46,10 @@ class Excitation(Parameters):
         return True
 
     @abstractmethod
-    def sampler(self, steps: int, sample_rate: float, axis: int) -> Sampler:
+    def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
         """Make the signal on one axis, of `steps` samples.
 
-        `axis` is 0 for x and 1 for y: kinds with a random part draw another realisation on each axis.
+        `axis` is its number of `axes`: kinds with a random part draw another realisation on each axis.
         """
 
     def instantaneous_frequency(self, steps: int, sample_rate: float) -> NDArray[np.float64] | None:
@@ -70,10 +69,12 @@ class ExcitationSignal:
         The settings from which it was made.
     sample_time : float
         Sample time for which it was made (s).
-    samples : ndarray, shape (steps, 2)
-        Added to the reference position, axes x and y (m); read-only.
+    samples : ndarray, shape (steps, axes)
+        Added to the reference position, a column for each axis of the machine (m); read-only.
     frequency : ndarray, shape (steps,), or None
         Instantaneous frequency (Hz); None if the kind has none; read-only.
+    machine : Machine
+        The machine for which it was made.
     """
 
     kind: str
@@ -81,6 +82,7 @@ class ExcitationSignal:
     sample_time: float
     samples: NDArray[np.float64]
     frequency: NDArray[np.float64] | None
+    machine: Machine = ONE_BEARING
 
     @property
     def steps(self) -> int:
@@ -88,14 +90,28 @@ class ExcitationSignal:
         return len(self.samples)
 
 
-def steps_of(excitation: Excitation, sample_rate: float) -> int:
+def steps_of(excitation: Excitation, sample_rate: float, machine: Machine | None = None) -> int:
     """Number of samples of an excitation, round(duration * sample_rate).
+
+    Parameters
+    ----------
+    excitation : Excitation
+        Parameters of one kind.
+    sample_rate : float
+        Controller sample rate f_s (Hz).
+    machine : Machine, optional
+        By default one bearing with axes x and y.
 
     Raises
     ------
     ExcitationError
-        If a frequency lies above the Nyquist frequency, or an excited axis has no sample.
+        If a frequency lies above the Nyquist frequency, the machine lacks an axis, or an excited axis has no sample.
     """
+    return excitation_parts(excitation, sample_rate, machine)[-1].stop
+
+
+def excitation_parts(excitation: Excitation, sample_rate: float, machine: Machine | None = None) -> list[Part]:
+    """The parts of an excitation on a machine; parameters and errors as of `steps_of`."""
     if not (math.isfinite(sample_rate) and sample_rate > 0.0):
         raise ExcitationError(f"sample rate {sample_rate!r} Hz is not allowed; it must be positive and finite")
     nyquist = sample_rate / 2.0
@@ -104,21 +120,38 @@ def steps_of(excitation: Excitation, sample_rate: float) -> int:
             f"{excitation.kind}: frequency {excitation.highest_frequency:g} Hz is above the Nyquist frequency "
             f"{nyquist:g} Hz of the sample rate {sample_rate:g} Hz"
         )
-    steps = round(excitation.duration * sample_rate)
-    if any(last <= first for _, first, last in excited_spans(excitation.axes, steps)):
+    if excitation.axes == ORTHOGONAL and not excitation.has_lines:
+        raise ExcitationError(
+            f"{excitation.kind}: axes = '{ORTHOGONAL}' is not allowed; only multisines have such axes"
+        )
+    try:
+        parts = parts_of(excitation.axes, round(excitation.duration * sample_rate), machine)
+    except ExcitationError as problem:
+        raise ExcitationError(f"{excitation.kind}: {problem}") from None
+    if any(part.stop <= part.first for part in parts):
         raise ExcitationError(
             f"{excitation.kind}: duration {excitation.duration:g} s is too short for the sample rate "
             f"{sample_rate:g} Hz; each excited axis needs at least one sample"
         )
-    return steps
+    return parts
 
 
-def excited_spans(axes: Axes, steps: int) -> list[tuple[int, int, int]]:
-    """Excited axis (0 for x, 1 for y), first step and stop step (exclusive) of each span, for a number of steps."""
-    half = steps // 2
-    return {
-        "x": [(0, 0, steps)],
-        "y": [(1, 0, steps)],
-        "both": [(0, 0, steps), (1, 0, steps)],
-        "in_turn": [(0, 0, half), (1, half, steps)],
-    }[axes]
+def experiments_of(excitation: Excitation, sample_rate: float, machine: Machine | None = None) -> list[tuple[int, int]]:
+    """First and stop step of each experiment of a signal, in order; parameters and errors as of `steps_of`.
+
+    Signals `in_turn` and `orthogonal` have one for each axis of the machine, all others one.
+    """
+    parts = excitation_parts(excitation, sample_rate, machine)
+    return list(dict.fromkeys((part.first, part.stop) for part in parts))
+
+
+def excited_spans(signal: ExcitationSignal) -> list[tuple[int, int, int]]:
+    """Excited axis (its number), first and stop step of each span in which it is excited without interruption."""
+    spans: dict[int, list[tuple[int, int, int]]] = {}
+    for part in parts_of(signal.parameters.axes, signal.steps, signal.machine):
+        for axis, _ in part.factors:
+            before = spans.setdefault(axis, [])
+            joins = bool(before) and before[-1][2] == part.first
+            first = before.pop()[1] if joins else part.first
+            before.append((axis, first, part.stop))
+    return [span for axis in sorted(spans) for span in spans[axis]]

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from amb_core.distortion import Distortion, simulate_distortion
 from amb_core.errors import ExcitationError, SpectrumError
 from amb_core.excitation import ExcitationSignal, Multisine
-from amb_core.excitation.signal import excited_spans
 from amb_core.excitation_design.excited_order import ExcitedOrder, excited_order
 from amb_core.excitation_design.limits import Limits, Use, use_of_distortion, use_of_trial
 from amb_core.excitation_design.linear_response import LinearLoop
 from amb_core.excitation_design.measures import AxisMeasure, worst_measures
 from amb_core.excitation_design.multisine_distortion import distortion_settings
+from amb_core.excitation_design.spans import spans_on_one_bearing
 from amb_core.excitation_design.trial import Trial, TrialBench
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
@@ -94,7 +94,7 @@ class Bench:
         self._signal_of, self._progress = signal_of, progress
         first = signal_of(1e-6, 0)
         self.measures_distortion = isinstance(first.parameters, Multisine)
-        self._axes = tuple("xy"[axis] for axis, _, _ in excited_spans(first.parameters.axes, first.steps))
+        self._axes = tuple("xy"[axis] for axis, _, _ in spans_on_one_bearing(first))
         self._seeds = list(range(limits.seeds)) if "seed" in type(first.parameters).model_fields else [0]
         self.tried: list[tuple[float, Region, str]] = []
 
@@ -146,7 +146,7 @@ class Bench:
         ExcitationError
             If both axes carry the same signal, or it determines no model, or none of the given order.
         """
-        if signal.parameters.axes == "both" and (signal.samples[:, 0] == signal.samples[:, 1]).all():
+        if len(self._axes) > 1 and (signal.samples[:, 0] == signal.samples[:, 1]).all():
             raise ExcitationError(
                 f"{signal.kind}: x and y carry the same signal, so their effects cannot be separated; allowed axes: x, "
                 "y, in_turn"

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal
-from amb_core.excitation.signal import excited_spans
 from amb_core.excitation_design.command import ABOVE_A, command, limits
 from amb_core.excitation_design.content import Content, content_of
 from amb_core.excitation_design.linear_response import LinearLoop, effective_current_limit, slew_rate
@@ -15,6 +14,7 @@ from amb_core.excitation_design.load import AxisLoad, amplitude_margin
 from amb_core.excitation_design.notes import made_with, notes_on
 from amb_core.excitation_design.request import Request, request_on
 from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
+from amb_core.excitation_design.spans import spans_on_one_bearing
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import Region
@@ -44,12 +44,13 @@ def check_excitation(
     Raises
     ------
     ExcitationError
-        If the signal is zero throughout on an excited axis.
+        If the signal is made for more than one bearing, or is zero throughout on an excited axis.
     RegionError
         If neither the map nor the caller gives the parameters of the loop.
     PlantError
         If the controller cannot hold the rotor.
     """
+    spans = spans_on_one_bearing(signal)
     controller = controller or made_with(region_map, "controller", ControllerParameters)
     plant = plant or made_with(region_map, "plant", PlantParameters)
     current_limit, rate = effective_current_limit(plant, controller), slew_rate(plant)
@@ -65,7 +66,7 @@ def check_excitation(
                 controller,
                 request_on(axis, (first, last), linear, loop.static_current, current_limit, rate, signal.sample_time),
             )
-            for axis, first, last in excited_spans(signal.parameters.axes, signal.steps)
+            for axis, first, last in spans
         ),
         strict=True,
     )

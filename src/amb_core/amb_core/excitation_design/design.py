@@ -9,6 +9,7 @@ from typing import Any
 from amb_core.distortion import Distortion
 from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
+from amb_core.excitation.axes import ALL, BOTH
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
 from amb_core.excitation_design.certificate import Bench, Certificate, Progress
 from amb_core.excitation_design.check import check_excitation
@@ -135,7 +136,7 @@ def design_excitation(
         Kind of excitation.
     values : Mapping
         Its fields except the amplitude, as in `excitation_from_request`. By default a multisine has optimised phases
-        and, with axes `both`, interleaved lines. Other seeds follow the one given.
+        and, with axes `all`, interleaved lines. Other seeds follow the one given.
     region_map : RegionMap, optional
         Map of the bearing.
     controller, plant : ControllerParameters, PlantParameters, optional
@@ -261,5 +262,5 @@ def _check_options(
 def _fields(kind: str, values: Mapping[str, Any]) -> dict[str, Any]:
     if kind != "multisine":
         return dict(values)
-    interleaved = (values.get("axes") or "both") == "both"
+    interleaved = (values.get("axes") or ALL) in (ALL, BOTH)
     return {"phasing": "optimised", "interleaved": interleaved, **values}

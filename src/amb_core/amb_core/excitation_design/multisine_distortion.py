@@ -13,7 +13,7 @@ import numpy as np
 
 from amb_core.distortion import DistortionSettings
 from amb_core.excitation import ExcitationSignal, Multisine
-from amb_core.excitation.signal import excited_spans
+from amb_core.excitation_design.spans import spans_on_one_bearing
 
 _PERIOD = 0.25  # s, longer than the loop needs to settle; used if the band then has enough lines
 _REST = 0.3  # s, before the excitation
@@ -38,10 +38,9 @@ def distortion_settings(signal: ExcitationSignal, realisations: int) -> Distorti
     # Below half the sample rate, where a line has no phase
     end = min(parameters.frequency_end, 0.499 * rate)
     period = math.ceil(max(_PERIOD, _FEWEST_LINES / band) * rate) / rate
-    rms = max(
-        float(np.sqrt(np.mean(signal.samples[first:last, axis] ** 2)))
-        for axis, first, last in excited_spans(parameters.axes, signal.steps)
-    )
+    spans = spans_on_one_bearing(signal)
+    rms = max(float(np.sqrt(np.mean(signal.samples[first:last, axis] ** 2))) for axis, first, last in spans)
+    at_once = len(spans) == 2 and spans[0][1:] == spans[1][1:]
     return DistortionSettings(
         rms=rms,
         frequency_start=parameters.frequency_start,
@@ -50,5 +49,5 @@ def distortion_settings(signal: ExcitationSignal, realisations: int) -> Distorti
         realisations=realisations,
         seed=parameters.seed % _LARGEST_SEED,
         rest=_REST,
-        axes="both" if parameters.axes == "both" else "in_turn",
+        axes="both" if at_once else "in_turn",
     )

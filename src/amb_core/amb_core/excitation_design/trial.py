@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from amb_core.errors import ExcitationError
 from amb_core.excitation import ExcitationSignal
-from amb_core.excitation.signal import excited_spans
 from amb_core.excitation_design.linear_response import (
     LinearLoop,
     LinearResponse,
@@ -24,6 +23,7 @@ from amb_core.excitation_design.linear_response import (
     slew_rate,
 )
 from amb_core.excitation_design.measures import AxisMeasure, measure_trial
+from amb_core.excitation_design.spans import spans_on_one_bearing
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
@@ -114,13 +114,15 @@ class TrialBench:
         Raises
         ------
         ExcitationError
-            If the signal is made for another sample rate, or excites x on a bearing that pulls along y only.
+            If the signal is made for another sample rate or more than one bearing, or excites x on a bearing that pulls
+            along y only.
         """
         if abs(signal.sample_time * self._controller.sample_rate - 1.0) > 1e-9:
             raise ExcitationError(
                 f"the signal is sampled at {1.0 / signal.sample_time:g} Hz, the loop at "
                 f"{self._controller.sample_rate:g} Hz; generate it at the rate of the loop"
             )
+        spans = spans_on_one_bearing(signal)
         if self._one_axis and signal.samples[:, 0].any():
             raise ExcitationError(
                 f"axes = '{signal.parameters.axes}' is not allowed: the magnets of this bearing pull along y only"
@@ -143,7 +145,7 @@ class TrialBench:
         region = max(classified, Region.B if moved else Region.A)
         measures: tuple[AxisMeasure, ...] = ()
         if record.steps == steps:
-            axes = [axis for axis, _, _ in excited_spans(signal.parameters.axes, signal.steps)]
+            axes = [axis for axis, _, _ in spans]
             measures = measure_trial(record, rest, axes, linear, self.current_limit, self._slew_rate)
         return Trial(region, classified, found.onsets, shift, record, measures)
 
@@ -154,7 +156,7 @@ class TrialBench:
         settling = round(self.regions.settling_time / signal.sample_time)
         before = slice(max(rest - settling, 0), rest)
         shifts = [np.full(2, np.nan)]
-        for first, last in {(first, last) for _, first, last in excited_spans(signal.parameters.axes, signal.steps)}:
+        for first, last in {(first, last) for _, first, last in spans_on_one_bearing(signal)}:
             span = slice(rest + (first + settling if last - first > 2 * settling else first), rest + last)
             if record.steps >= span.stop:
                 moved = record.position[span].mean(axis=0) - record.position[before].mean(axis=0)

@@ -21,6 +21,24 @@ from amb_core.files.regular_files import read_text, shown
 NAMESPACE = "/amb"
 NODES = ("simulator", "pd_controller", "excitation_generator", "recorder", "region_monitor", "identifier")
 """The nodes of the graph, relative to their namespace."""
+CONTROLLERS = ("pd_controller", "state_space_controller")
+"""Nodes of which one controls the machine; by default the first."""
+KNOWN_NODES = (*NODES, *(name for name in CONTROLLERS if name not in NODES))
+"""Nodes that a parameter file may address."""
+
+
+def nodes_with(controller: str) -> tuple[str, ...]:
+    """The nodes of a graph with one of `CONTROLLERS`.
+
+    Raises
+    ------
+    ParameterError
+        If it is none of them.
+    """
+    if controller not in CONTROLLERS:
+        raise ParameterError(f"controller {controller!r} is not allowed; allowed: {', '.join(CONTROLLERS)}")
+    return tuple(controller if name == CONTROLLERS[0] else name for name in NODES)
+
 
 PARAMETERS = "ros__parameters"
 EACH_ENTRY = f"each entry must be a node name with a mapping '{PARAMETERS}'"
@@ -46,7 +64,7 @@ class ParameterFile:
 
     def __init__(self, path: str | Path, nodes: Collection[str] | None = None) -> None:
         self._where = f"parameter file {shown(path)}"
-        self._nodes = tuple(nodes) if nodes is not None else tuple(full_name(name) for name in NODES)
+        self._nodes = tuple(nodes) if nodes is not None else tuple(full_name(name) for name in KNOWN_NODES)
         try:
             content = _parse(read_text(path))
             self._sections = dict(_sections(content))

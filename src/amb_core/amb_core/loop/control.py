@@ -12,7 +12,7 @@ which is the paper's Fig. 10 (derivative on error). With the derivative on measu
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numba
 import numpy as np
@@ -30,6 +30,18 @@ from amb_core.parameters import (
 )
 
 
+def current_limit() -> Any:
+    """Declaration of the limit that every controller has."""
+    return quantity(3.0, "A", "limit on the magnitude of the control current references", 0.0, 100.0, runtime=True)
+
+
+def nominal_reference() -> Any:
+    """Declaration of the nominal reference that every controller has."""
+    return quantities(
+        "m", "nominal reference position of each axis, in their order; empty: 0 on all", -1e-3, 1e-3, runtime=True
+    )
+
+
 class ControllerParameters(Parameters):
     """Parameters of the PD controller: the same gains on all axes (paper, table 1), or others on each."""
 
@@ -44,18 +56,14 @@ class ControllerParameters(Parameters):
     derivative_on: Literal["error", "measurement"] = choice(
         "error", "signal that is differentiated: the position error (paper, Fig. 10) or the measured position"
     )
-    current_limit: float = quantity(
-        3.0, "A", "limit on the magnitude of the control current references", 0.0, 100.0, runtime=True
-    )
+    current_limit: float = current_limit()
     proportional_gains: tuple[float, ...] = quantities(
         "A/m", "K_P of each axis, in the order of the axes; empty: proportional_gain on all", 0.0, 1e6, runtime=True
     )
     derivative_gains: tuple[float, ...] = quantities(
         "A s/m", "K_D of each axis, in the order of the axes; empty: derivative_gain on all", 0.0, 1e4, runtime=True
     )
-    nominal_reference: tuple[float, ...] = quantities(
-        "m", "nominal reference position of each axis, in their order; empty: 0 on all", -1e-3, 1e-3, runtime=True
-    )
+    nominal_reference: tuple[float, ...] = nominal_reference()
 
     def at_rate(self, sample_rate: float) -> Self:
         """The same controller at the sample rate of a machine (Hz).
@@ -77,7 +85,7 @@ class ControllerParameters(Parameters):
         ParameterError
             If `nominal_reference` is given for another number of axes.
         """
-        return _each("nominal_reference", self.nominal_reference, 0.0, axes)
+        return one_each("nominal_reference", self.nominal_reference, 0.0, axes)
 
     def require_axes(self, axes: int) -> None:
         """Raise ParameterError if a list is given for another number of axes."""
@@ -137,11 +145,11 @@ def initial_state(axes: int) -> NDArray[np.float64]:
     return np.zeros(2 * axes + 1)
 
 
-def require_one_rate(parameters: ControllerParameters, sample_rate: float) -> None:
-    """Raise ParameterError unless the controller runs at the sample rate of the plant (Hz)."""
-    if abs(parameters.sample_rate - sample_rate) > 1e-9 * sample_rate:
+def require_one_rate(controller_rate: float, sample_rate: float) -> None:
+    """Raise ParameterError unless the controller runs at the sample rate of the plant (both Hz)."""
+    if abs(controller_rate - sample_rate) > 1e-9 * sample_rate:
         raise ParameterError(
-            f"the controller runs at {parameters.sample_rate:g} Hz, the plant is sampled at {sample_rate:g} Hz; "
+            f"the controller runs at {controller_rate:g} Hz, the plant is sampled at {sample_rate:g} Hz; "
             "the two rates must be equal"
         )
 
@@ -159,8 +167,8 @@ def pack_gains(parameters: ControllerParameters, axes: int) -> NDArray[np.float6
     sample_time = 1.0 / parameters.sample_rate
     span = parameters.derivative_filter + sample_time
     gains = np.empty((axes, 6))
-    gains[:, 0] = _each("proportional_gains", parameters.proportional_gains, parameters.proportional_gain, axes)
-    gains[:, 1] = _each("derivative_gains", parameters.derivative_gains, parameters.derivative_gain, axes)
+    gains[:, 0] = one_each("proportional_gains", parameters.proportional_gains, parameters.proportional_gain, axes)
+    gains[:, 1] = one_each("derivative_gains", parameters.derivative_gains, parameters.derivative_gain, axes)
     gains[:, 2] = parameters.derivative_filter / span
     gains[:, 3] = 1.0 / span
     gains[:, 4] = 1.0 if parameters.derivative_on == "error" else 0.0
@@ -168,8 +176,14 @@ def pack_gains(parameters: ControllerParameters, axes: int) -> NDArray[np.float6
     return gains
 
 
-def _each(name: str, values: tuple[float, ...], default: float, axes: int) -> NDArray[np.float64]:
-    """One value per axis; the default on all where no values are given."""
+def one_each(name: str, values: tuple[float, ...], default: float, axes: int) -> NDArray[np.float64]:
+    """One value per axis, shape (axes,); the default on all where no values are given.
+
+    Raises
+    ------
+    ParameterError
+        If they are given for another number of axes.
+    """
     if values and len(values) != axes:
         raise ParameterError(f"{name} has {len(values)} values; the machine has {axes} axes; allowed: {axes}, or none")
     return np.array(values) if values else np.full(axes, default)
@@ -193,6 +207,11 @@ class PdController:
     def axes(self) -> int:
         """Number of axes."""
         return len(self._current)
+
+    @property
+    def sample_rate(self) -> float:
+        """Sample rate (Hz)."""
+        return self.parameters.sample_rate
 
     def configure(self, parameters: ControllerParameters) -> None:
         """Use new parameters from the next sample onwards; the state is kept.

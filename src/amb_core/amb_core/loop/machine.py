@@ -6,10 +6,11 @@ rotor in two; z after them with a thrust bearing.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from amb_core.errors import MachineError
-from amb_core.loop.records import LoopRecord
+from amb_core.loop.records import LoopRecord, axis_names
 
 MOST_AXES = 16
 HIGHEST_SAMPLE_RATE = 1e6  # Hz
@@ -110,3 +111,16 @@ def first_bearing(record: LoopRecord) -> LoopRecord:
         return record
     reference, position, current = (part[:, :2] for part in (record.reference, record.position, record.current))
     return LoopRecord(record.first_step, record.sample_time, reference, position, current)
+
+
+DIRECTIONS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+"""Unit vectors of the stator frame: x horizontal, y up, z along the shaft."""
+
+ONE_BEARING = Machine(
+    name="one_bearing",
+    source="simulator",
+    sample_rate=10_000.0,
+    axes=tuple(MachineAxis(name, "a", 0.0, 0.0, DIRECTIONS[name], 0.0, math.inf) for name in axis_names(2)),
+    bearings=(MachineBearing("a", math.inf),),
+)
+"""One radial bearing, where only names and directions of axes matter; no claim on its rate, bias or clearance."""

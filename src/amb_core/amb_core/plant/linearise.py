@@ -126,7 +126,7 @@ def linearize(
         If the sample rates of plant and controller differ.
     """
     controller = controller or ControllerParameters()
-    require_one_rate(controller, 1.0 / plant.sample_time)
+    require_one_rate(controller.sample_rate, 1.0 / plant.sample_time)
     point = point_held_by(controller, plant) if position is None else point_at(position, plant)
     continuous = linear_plant(plant, point)
     regular = modulation_is_regular(plant.parameters)

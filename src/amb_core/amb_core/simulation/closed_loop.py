@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from amb_core.errors import ExcitationError, ParameterError
 from amb_core.loop.control import ControllerParameters, PdController, require_one_rate
+from amb_core.loop.law import ControlLaw
 from amb_core.loop.machine import first_bearing
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
@@ -19,7 +20,7 @@ from amb_core.plant import Plant
 
 def simulate(
     plant: Plant,
-    controller: PdController,
+    controller: ControlLaw,
     steps: int,
     excitation: NDArray[np.float64] | None = None,
     excitation_step: int = 0,
@@ -29,7 +30,7 @@ def simulate(
 
     Parameters
     ----------
-    plant, controller : Plant, PdController
+    plant, controller : Plant, ControlLaw
         Both are reset first.
     steps : int
         Number of controller samples.
@@ -52,7 +53,7 @@ def simulate(
     ExcitationError
         If the excitation has another shape, holds a value that is not finite, or begins outside the run.
     """
-    require_one_rate(controller.parameters, 1.0 / plant.sample_time)
+    require_one_rate(controller.sample_rate, 1.0 / plant.sample_time)
     if controller.axes != len(plant.machine.axes):
         raise ParameterError(
             f"the controller has {controller.axes} axes, the machine {len(plant.machine.axes)}: "

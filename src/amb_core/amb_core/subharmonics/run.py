@@ -72,7 +72,7 @@ def check(plant: PlantParameters, controller: ControllerParameters, settings: Su
             f"the amplitudes of the tones add up to {1e6 * reach:g} um; allowed: below the clearance of the backup "
             f"bearing, {1e6 * clearance:g} um"
         )
-    require_one_rate(controller, plant.integration.sample_rate)
+    require_one_rate(controller.sample_rate, plant.integration.sample_rate)
     block_periods(settings, 1.0 / controller.sample_rate)
 
 

@@ -16,16 +16,18 @@ from amb_core.excitation import (
     instantaneous_frequency,
 )
 from amb_core.excitation.playback import Playback
+from amb_core.loop.machine import Machine
 
 M = TypeVar("M", bound=Any)
 
 EXCITATION = "amb_msgs/msg/Excitation"
 
 
-def frequency_from_message(message: Any) -> NDArray[np.float64]:
+def frequency_from_message(message: Any, machine: Machine | None = None) -> NDArray[np.float64]:
     """Instantaneous frequency of each sample of an Excitation message (Hz), shape (steps,); empty where none is known.
 
-    A message of version 0.1 contains it; for later ones it follows from the definition.
+    A message of version 0.1 contains it; for later ones it follows from the definition, with the axes of a machine (by
+    default one bearing).
     """
     if hasattr(message, "frequency"):
         return np.asarray(message.frequency, dtype=np.float64)
@@ -35,18 +37,25 @@ def frequency_from_message(message: Any) -> NDArray[np.float64]:
         return np.zeros(0)
     try:
         excitation = excitation_from_definition(str(message.kind), str(message.description))
-        frequency = instantaneous_frequency(excitation, 1.0 / message.sample_time)
+        frequency = instantaneous_frequency(excitation, 1.0 / message.sample_time, machine)
     except (ExcitationError, ZeroDivisionError):  # of a later version, or also refused by the controller
         return np.zeros(0)
     return np.zeros(0) if frequency is None else frequency
 
 
-def fill_excitation(message: M, excitation: Excitation, run: int, first_step: int, sample_rate: float) -> M:
+def fill_excitation(
+    message: M,
+    excitation: Excitation,
+    run: int,
+    first_step: int,
+    sample_rate: float,
+    machine: Machine | None = None,
+) -> M:
     """Set the fields of an Excitation message to a definition, with number and checksum of its samples.
 
-    For these, the samples are made at a sample rate (Hz), and not kept.
+    For these, the samples are made at a sample rate (Hz) for a machine (by default one bearing), and not kept.
     """
-    playback = Playback(excitation, sample_rate)
+    playback = Playback(excitation, sample_rate, machine)
     message.run, message.first_step, message.sample_time = run, first_step, 1.0 / sample_rate
     message.kind, message.description = excitation.kind, definition_of(excitation)
     message.steps, message.checksum = playback.steps, playback.checksum

@@ -221,7 +221,7 @@ class _Sweeps:
 
 def _check(settings: MapSettings, plant: PlantParameters, controller: ControllerParameters) -> None:
     rate = controller.sample_rate
-    require_one_rate(controller, plant.integration.sample_rate)
+    require_one_rate(controller.sample_rate, plant.integration.sample_rate)
     if settings.frequency_end > 0.5 * rate:
         raise RegionError(
             f"frequency_end = {settings.frequency_end:g} Hz is above the Nyquist frequency of the controller's sample "

@@ -1,0 +1,243 @@
+"""Linear controllers: any discrete state-space law for all axes together, with current limits and anti-windup.
+
+With the state x, the input u, the limited currents i and their values v before the limit,
+
+    v[k] = C x[k] + D u[k],    i[k] = clip(v[k], -i_limit, i_limit),
+    x[k+1] = A x[k] + B u[k] + K (i[k] - v[k]).
+
+u is the position error r - y of each axis, or the reference r of each axis followed by the measured position y of
+each. K acts only while a current is at its limit. Then the state follows the currents that flow instead of those it
+asked for, with the dynamics A - K C: an observer of the controller's own state.
+
+Source: K. J. Astrom and B. Wittenmark, Computer-Controlled Systems, 3rd ed., Prentice Hall, 1997, section 9.4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from amb_core.errors import ParameterError
+from amb_core.loop.control import ControllerParameters, current_limit, nominal_reference, one_each, pack_gains
+from amb_core.model import StateSpaceModel
+from amb_core.parameters import Parameters
+
+ON_THE_CIRCLE = 1e-6  # a pole of magnitude 1 - this or more does not forget what happened at the limit
+
+
+class LinearControllerParameters(Parameters):
+    """Parameters of a linear controller, besides its matrices."""
+
+    current_limit: float = current_limit()
+    nominal_reference: tuple[float, ...] = nominal_reference()
+
+    def require_axes(self, axes: int) -> None:
+        """Raise ParameterError if a list is given for another number of axes."""
+        one_each("nominal_reference", self.nominal_reference, 0.0, axes)
+
+
+@numba.njit(cache=True)
+def linear_update(
+    state: NDArray[np.float64],
+    after: NDArray[np.float64],
+    matrices: tuple[
+        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
+    ],
+    inputs: NDArray[np.float64],
+    offset: NDArray[np.float64],
+    limit: float,
+    current: NDArray[np.float64],
+) -> None:
+    """Advance a linear controller by one sample.
+
+    Parameters
+    ----------
+    state, after : ndarray, shape (n,)
+        State, changed in place; the second is a place to work in.
+    matrices : tuple of ndarray, shapes (n, n), (n, m), (axes, n), (axes, m), (n, axes)
+        A, B, C, D and K.
+    inputs : ndarray, shape (m,)
+        u (m).
+    offset : ndarray, shape (axes,)
+        Added to v (A).
+    limit : float
+        Limit on the magnitude of the currents (A).
+    current : ndarray, shape (axes,)
+        Receives the limited currents (A).
+    """
+    a, b, c, d, k = matrices
+    order, axes = len(state), len(current)
+    for row in range(order):
+        total = 0.0
+        for column in range(order):
+            total += a[row, column] * state[column]
+        for column in range(len(inputs)):
+            total += b[row, column] * inputs[column]
+        after[row] = total
+    for axis in range(axes):
+        wanted = offset[axis]
+        for column in range(order):
+            wanted += c[axis, column] * state[column]
+        for column in range(len(inputs)):
+            wanted += d[axis, column] * inputs[column]
+        current[axis] = min(max(wanted, -limit), limit)
+        excess = current[axis] - wanted
+        if excess != 0.0:
+            for row in range(order):
+                after[row] += k[row, axis] * excess
+    state[:] = after
+
+
+class LinearController:
+    """A linear control law with its state.
+
+    Its first sample finds it at rest: with the state that this sample would have brought about if it had lasted for
+    ever, so that a rotor that starts elsewhere than at its reference causes no jump.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The law: inputs in m, outputs in A, one output per axis. Its K is the anti-windup gain, see `with_anti_windup`.
+    parameters : LinearControllerParameters
+        Limit and nominal reference.
+    axes : int
+        Number of axes of the machine.
+    sample_rate : float
+        That of the machine (Hz).
+
+    Raises
+    ------
+    ParameterError
+        If the model is for another number of axes, other signals or another sample rate.
+    """
+
+    def __init__(
+        self, model: StateSpaceModel, parameters: LinearControllerParameters, axes: int, sample_rate: float
+    ) -> None:
+        _require_fit(model, axes, sample_rate)
+        self.model = model
+        self._sample_rate = sample_rate
+        self._with_errors = len(model.input_names) == axes
+        self._matrices = (model.a, model.b, model.c, model.d, model.k)
+        self._at_rest = np.linalg.pinv(np.eye(model.order) - model.a) @ model.b
+        self._state, self._after = np.zeros((2, model.order))
+        self._inputs, self._current = np.zeros(len(model.input_names)), np.zeros(axes)
+        self._begun = False
+        self.configure(parameters)
+
+    @property
+    def axes(self) -> int:
+        """Number of axes."""
+        return len(self._current)
+
+    @property
+    def sample_rate(self) -> float:
+        """Sample rate (Hz)."""
+        return self._sample_rate
+
+    def configure(self, parameters: LinearControllerParameters) -> None:
+        """Use another limit and nominal reference from the next sample onwards; the state is kept.
+
+        Raises
+        ------
+        ParameterError
+            If a nominal reference is given for another number of axes; nothing changes.
+        """
+        self.nominal_reference = one_each("nominal_reference", parameters.nominal_reference, 0.0, self.axes)
+        self.parameters = parameters
+
+    def reset(self) -> None:
+        """Forget the past: the next sample is the first."""
+        self._begun = False
+
+    def update(self, position: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
+        """Control current references (A), shape (axes,), for a measured and a reference position (m) of each axis."""
+        if self._with_errors:
+            np.subtract(reference, position, out=self._inputs)
+        else:
+            self._inputs[: self.axes] = reference
+            self._inputs[self.axes :] = position
+        self._inputs -= self.model.input_offset
+        if not self._begun:
+            self._begun = True
+            self._state[:] = self._at_rest @ self._inputs
+        linear_update(
+            self._state, self._after, self._matrices, self._inputs, self.model.output_offset,
+            self.parameters.current_limit, self._current,
+        )  # fmt: skip
+        return self._current.copy()
+
+
+def with_anti_windup(model: StateSpaceModel) -> StateSpaceModel:
+    """A controller with an anti-windup gain, unless it has one (K) or forgets by itself what happened at the limit.
+
+    A controller whose poles all lie well inside the unit circle keeps K = 0. For an integrating or unstable one K is
+    the stationary Kalman gain for white noise of equal variance on its inputs and outputs: A - K C is stable.
+
+    Raises
+    ------
+    ParameterError
+        If no gain makes it stable: a pole on or outside the unit circle that its outputs do not show.
+    """
+    if model.k.any() or not len(model.a) or np.abs(model.poles()).max() < 1.0 - ON_THE_CIRCLE:
+        return model
+    from scipy.linalg import solve_discrete_are
+
+    outputs = len(model.c)
+    try:
+        covariance = solve_discrete_are(model.a.T, model.c.T, model.b @ model.b.T, np.eye(outputs))
+    except (ValueError, np.linalg.LinAlgError) as problem:
+        raise ParameterError(f"no anti-windup gain is found for the controller: {problem}; give it as K") from None
+    k = model.a @ covariance @ model.c.T @ np.linalg.inv(model.c @ covariance @ model.c.T + np.eye(outputs))
+    return replace(model, k=k)
+
+
+def pd_as_linear(parameters: ControllerParameters, axes: int = 2) -> StateSpaceModel:
+    """The decentralised PD controller (`PdController`, without its limit) as a linear one, two inputs an axis.
+
+    With u = r - y, or u = -y for the derivative on measurement, filter pole a and weight w: s[k+1] = a s[k] + u[k],
+    d[k] = w (a - 1) s[k] + w u[k], i = K_P (r - y) + K_D d.
+    """
+    gains = pack_gains(parameters, axes)
+    proportional, derivative, pole, weight, on_error = (np.diag(column) for column in gains[:, :5].T)
+    one, none = np.eye(axes), np.zeros((axes, axes))
+    return StateSpaceModel(
+        a=pole,
+        b=np.hstack([on_error, -one]),
+        c=derivative @ weight @ (pole - one),
+        d=np.hstack([proportional + derivative @ weight @ on_error, -proportional - derivative @ weight]),
+        k=none,
+        innovation_covariance=none,
+        input_offset=np.zeros(2 * axes),
+        output_offset=np.zeros(axes),
+        initial_state=np.zeros(axes),
+        sample_time=1.0 / parameters.sample_rate,
+        input_names=tuple(f"r_{number}" for number in range(axes)) + tuple(f"y_{number}" for number in range(axes)),
+        output_names=tuple(f"i_{number}" for number in range(axes)),
+        input_units=("m",) * (2 * axes),
+        output_units=("A",) * axes,
+        method="pd",
+    )
+
+
+def _require_fit(model: StateSpaceModel, axes: int, sample_rate: float) -> None:
+    inputs, outputs = len(model.input_names), len(model.output_names)
+    if outputs != axes or inputs not in (axes, 2 * axes):
+        raise ParameterError(
+            f"the controller has {inputs} inputs and {outputs} outputs, the machine {axes} axes; allowed: {axes} "
+            f"outputs, and {axes} inputs (errors) or {2 * axes} (references, then positions)"
+        )
+    if abs(model.sample_time * sample_rate - 1.0) > 1e-6:
+        raise ParameterError(
+            f"the controller is made for a sample time of {model.sample_time:g} s; that of the machine is "
+            f"{1.0 / sample_rate:g} s"
+        )
+    units = {*model.input_units, "/", *model.output_units}
+    if units - {"/", "m", "A", ""} or "A" in model.input_units or "m" in model.output_units:
+        raise ParameterError(
+            f"the controller takes {', '.join(model.input_units)} and gives {', '.join(model.output_units)}; allowed: "
+            "m and A"
+        )
