@@ -118,10 +118,11 @@ class ExcitationGeneratorNode(Node):
         from amb_core.regions import Region
 
         notes: list[str] = []
-        sample_rate = self._machine().sample_rate
+        machine = self._machine()
+        sample_rate = machine.sample_rate
         controller = self._live_set(ControllerParameters, self._settings.controller, notes)
         check = check_excitation(
-            generate(self._excitation(request), sample_rate),
+            generate(self._excitation(request), sample_rate, machine),
             self._region_map(request.map),
             controller and controller.at_rate(sample_rate),
             self._live_set(PlantParameters, self._settings.simulator, notes),
@@ -167,7 +168,8 @@ class ExcitationGeneratorNode(Node):
 
     def _message(self, excitation: ExcitationParameters, run: int, first_step: int) -> Excitation:
         """The definition of an excitation, with number and checksum of its samples; the samples are not kept."""
-        return fill_excitation(Excitation(), excitation, run, first_step, self._machine().sample_rate)
+        machine = self._machine()
+        return fill_excitation(Excitation(), excitation, run, first_step, machine.sample_rate, machine)
 
     def _machine(self) -> Machine:
         return self._machine_input.wait(self._settings.answer_timeout)

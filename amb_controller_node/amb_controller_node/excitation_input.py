@@ -173,7 +173,8 @@ class ExcitationInput:
         excitation, checksum = pending.checked.excitation, pending.checked.checksum
         assert excitation is not None
         try:
-            playback = Playback(excitation, pending.machine.sample_rate, cancelled=lambda: pending is not self._pending)
+            machine = pending.machine
+            playback = Playback(excitation, machine.sample_rate, machine, lambda: pending is not self._pending)
             if checksum and checksum != playback.checksum:
                 pending.problem = (
                     f"the samples made from its description have checksum {playback.checksum}, those of the sender "

@@ -97,7 +97,7 @@ def check(message: Excitation, machine: Machine, run: int, step: int) -> Checked
         if message.kind == WAVEFORM or message.axes:
             return _inline(message, axes)
         excitation = excitation_from_definition(message.kind, message.description)
-        steps = steps_of(excitation, sample_rate)
+        steps = steps_of(excitation, sample_rate, machine)
         if message.steps != steps:
             raise ExcitationError(f"steps = {message.steps}, but its description makes {steps}")
         return Checked(steps, message.checksum, excitation, np.zeros((0, len(axes))))

@@ -11,7 +11,7 @@ import time
 from amb_bringup.client import AmbClient
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.telemetry import merge_blocks
-from amb_core.plant import Plant
+from amb_core.plant import Plant, PlantParameters, RotorParameters
 from amb_core.recording.messages.loop_samples import block_from_message, steps_in
 from amb_core.simulation import simulate
 from amb_msgs.msg import LoopSamples
@@ -23,9 +23,19 @@ DOMAIN = 94
 
 
 def measure() -> dict[str, float | bool]:
-    """Time of a step (us), simulated over wall-clock time for 5 s, and whether the samples are those without ROS."""
+    """One bearing: time of a step (us), simulated over wall-clock time for 5 s, and whether the samples are right."""
+    return _measure(PlantParameters())
+
+
+def measure_four_axes() -> dict[str, float | bool]:
+    """The same for a rigid rotor in two bearings."""
+    return _measure(PlantParameters(rotor=RotorParameters(model="rigid")))
+
+
+def _measure(parameters: PlantParameters) -> dict[str, float | bool]:
     environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
-    process = subprocess.Popen([sys.executable, "-m", "amb_bringup.composed_loop"], env=environment)
+    rotor = ["--ros-args", "-p", f"simulator:rotor.model:={parameters.rotor.model}"]
+    process = subprocess.Popen([sys.executable, "-m", "amb_bringup.composed_loop", *rotor], env=environment)
     blocks: list[LoopSamples] = []
     try:
         with AmbClient(domain_id=DOMAIN) as amb:
@@ -41,11 +51,12 @@ def measure() -> dict[str, float | bool]:
         process.send_signal(signal.SIGINT)
         process.wait(30.0)
     record = merge_blocks([block_from_message(block) for block in blocks if block.run == run], 0, STEPS)
-    controller = PdController(ControllerParameters())
+    plant = Plant(parameters)
+    controller = PdController(ControllerParameters(), len(plant.machine.axes))
     return {
         "step_us": wall / STEPS * 1e6,
         "realtime_factor": STEPS * record.sample_time / wall,
-        "bit_identical": record.identical_to(simulate(Plant(), controller, STEPS)),
+        "bit_identical": record.identical_to(simulate(plant, controller, STEPS)),
     }
 
 

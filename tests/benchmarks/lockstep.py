@@ -53,8 +53,9 @@ class Timed:
 class Ping(Node):
     """Sends a position, waits for the current reference of the same step, sends the next."""
 
-    def __init__(self) -> None:
+    def __init__(self, axes: int) -> None:
         super().__init__("ping", namespace="amb")
+        self._position = [1e-6] * axes
         self.starts: list[float] = []
         self._done: Future | None = None
         self._last = 0
@@ -70,7 +71,7 @@ class Ping(Node):
 
     def _send(self) -> None:
         self.starts.append(time.perf_counter())
-        self.publisher.publish(pack_position(1, self._step, 1e-4 * self._step, (1e-6, 2e-6)))
+        self.publisher.publish(pack_position(1, self._step, 1e-4 * self._step, self._position))
 
     def _on_pong(self, data: bytes) -> None:
         _, step, _ = unpack_current(data)
@@ -84,16 +85,26 @@ class Ping(Node):
 
 
 def measure() -> dict[str, float | bool]:
-    """Medians in us: step, plant within the step, bare round trip; and (step - plant) / round trip."""
+    """One bearing, medians in us: step, plant within the step, bare round trip; and (step - plant) / round trip."""
+    return _measure("point_mass")
+
+
+def measure_four_axes() -> dict[str, float | bool]:
+    """The same for a rigid rotor in two bearings, with round trips of messages for four axes."""
+    return _measure("rigid")
+
+
+def _measure(rotor: str) -> dict[str, float | bool]:
     environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
     pong = [sys.executable, str(Path(__file__).with_name("pong.py"))]
     children = [
         subprocess.Popen(command, env=environment)
         for command in ([sys.executable, "-m", "amb_controller_node.pd_controller"], pong)
     ]
-    rclpy.init(domain_id=DOMAIN)
+    rclpy.init(args=["--ros-args", "-p", f"simulator:rotor.model:={rotor}"], domain_id=DOMAIN)
     executor = EventsExecutor()
-    simulator, ping = SimulatorNode(), Ping()
+    simulator = SimulatorNode()
+    ping = Ping(len(simulator._plant.machine.axes))
     try:
         executor.add_node(simulator)
         executor.add_node(ping)

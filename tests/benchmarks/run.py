@@ -28,6 +28,8 @@ BENCHMARKS: dict[str, list[Callable[[], dict[str, float | bool]]]] = {
     "simulator": [plant.measure, c_kernel.measure, averaged_plant.measure, first_call.measure],
     "lockstep": [lockstep.measure],
     "composed": [composed.measure],
+    "composed4": [composed.measure_four_axes],
+    "lockstep4": [lockstep.measure_four_axes],
     "map": [region_map.measure],
     "monitor": [region_monitor.measure],
 }

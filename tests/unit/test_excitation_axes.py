@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from amb_core.excitation import (
 )
 from amb_core.excitation.signal import excited_spans
 from amb_core.loop.machine import DIRECTIONS, Machine, MachineAxis, MachineBearing
+from amb_core.recording.messages.excitation import fill_excitation, frequency_from_message
 
 RATE = 10_000.0
 
@@ -108,6 +110,16 @@ def test_in_turn_each_axis_has_an_equal_share_and_the_last_one_the_remaining_sam
     frequency = instantaneous_frequency(signal.parameters, RATE, RIG)
     assert frequency is not None
     assert frequency[[0, 2_500, 5_000, 7_500]] == pytest.approx(11.0)
+
+
+def test_the_frequency_of_a_recorded_definition_is_that_on_the_axes_of_the_machine() -> None:
+    sweep = make("sweep")
+    message = fill_excitation(SimpleNamespace(axes=[]), sweep, 1, 0, RATE, RIG)
+    recorded = frequency_from_message(message, RIG)
+    assert recorded.tobytes() == instantaneous_frequency(sweep, RATE, RIG).tobytes()  # type: ignore[union-attr]
+    assert recorded[2_500] == pytest.approx(11.0)
+    assert frequency_from_message(message)[2_500] == pytest.approx(205.5, rel=1e-3)  # half way on the first of two axes
+    assert message.checksum == Playback(sweep, RATE, RIG).checksum
 
 
 def test_signals_on_all_axes_are_one_experiment() -> None:

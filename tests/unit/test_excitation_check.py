@@ -21,6 +21,7 @@ from amb_core.excitation_design.notes import made_with
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
+from amb_core.plant.machine import machine_of
 from amb_core.regions import Region
 from amb_core.regions.region_map import RegionMap
 
@@ -89,6 +90,28 @@ def test_the_amplitude_of_a_band_does_not_depend_on_the_length_of_the_record() -
     # Bands of 20 Hz have 40 lines in 2 s: one more or less is 1 %. Below that, edges of bands fall between lines.
     wide = short.frequency > 80.0
     assert scaled[0][wide] == pytest.approx(scaled[1][long.frequency > 80.0], rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("spelled", "axes"), [("bearing_a", "all"), ("x,y", "all"), ("both", "all"), ("translate_y", "y")]
+)
+def test_however_the_axes_are_spelled_the_check_is_of_the_same_signal(spelled: str, axes: str) -> None:
+    assert check("white_noise", axes=spelled).verdict == check("white_noise", axes=axes).verdict
+
+
+def test_orthogonal_experiments_are_checked_as_one_signal_on_each_axis() -> None:
+    found = check("multisine", axes="orthogonal")
+    assert [axis.axis for axis in found.axes] == ["x", "y"]
+    assert [axis.rms for axis in found.axes] == pytest.approx(
+        signal("multisine", axes="orthogonal").samples.std(axis=0)
+    )
+
+
+def test_a_signal_for_two_bearings_is_refused() -> None:
+    rig = machine_of(validate(PlantParameters, {"rotor.model": "rigid"}))
+    four = generate(excitation_from_request("prbs", {"amplitude": 10e-6, "duration": 2.0}), RATE, rig)
+    with pytest.raises(ExcitationError, match=r"the signal is for the axes x_a, y_a, x_b, y_b; .* one bearing"):
+        check_excitation(four, MAP)
 
 
 # -- regions, shares and loads

@@ -154,7 +154,7 @@ def test_a_signal_at_another_rate_and_a_bearing_without_x_are_refused(bench: Tri
         ("square", {}, {"tolerance": 2.0}, "tolerance = 2.0 is not allowed"),
         ("square", {}, {"model_order": 0}, "model_order = 0 is not allowed; it must be 1 or more"),
         ("square", {"axes": "both"}, {}, "x and y carry the same signal, so their effects cannot be separated"),
-        ("square", {"axes": "z"}, {}, "'axes' = 'z' is not allowed; allowed: one of x, y, both, in_turn"),
+        ("square", {"axes": "z"}, {}, "axes = 'z' is not allowed; allowed: x, y, bearing_a"),
         ("multisine", {"frequency_end": 6_000.0}, {}, "frequency 6000 Hz is above the Nyquist frequency 5000 Hz"),
         (
             "multisine",

@@ -16,7 +16,11 @@ from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder
 from amb_bringup.demo import DemoSummary, run_demo
 from amb_bringup.launcher import own_domain
+from amb_bringup.machine_demo import MachineDemoSummary, run_machine_demo
 from amb_bringup.node_parameters import check_parameter_file
+from amb_core.parameters import load_parameters
+from amb_core.plant.machine import machine_of
+from amb_sim_node.parameters import SimulatorParameters
 
 
 def demo(
@@ -25,22 +29,32 @@ def demo(
 ) -> None:
     """Levitate the bearing over ROS 2 topics, shake it with square waves, record, identify, validate.
 
+    A machine of more than two axes is excited with an orthogonal multisine; its model is compared with the linearised
+    plant by frequency response and modes.
+
     Results of an earlier demo in the folder are replaced. The graph runs in its own DDS domain, or in ROS_DOMAIN_ID.
     """
     console = Console()
     check_parameter_file(parameter_file(params))  # a wrong file must not delete the results of an earlier demo
     make_folder(out)
     _clear(out)
+    path = parameter_file(params).absolute()
+    axes = len(machine_of(load_parameters(SimulatorParameters, path, "simulator")).axes)
     with Stages(console) as stages:
-        summary = run_demo(out, parameter_file(params).absolute(), own_domain(), stages.update)
-    console.print(_table(summary))
-    console.print(f"bag, model.json, summary.json, orbit and response as .png and .html: {out}")
+        if axes == 2:
+            console_table = _table(run_demo(out, path, own_domain(), stages.update))
+        else:
+            console_table = _machine_table(run_machine_demo(out, path, own_domain(), stages.update))
+    console.print(console_table)
+    figures = "orbit and response" if axes == 2 else "orbit, response and Bode diagram"
+    console.print(f"bag, model.json, summary.json, {figures} as .png and .html: {out}")
 
 
 def _clear(folder: Path) -> None:
     """Remove the results of a demo, and nothing else."""
     shutil.rmtree(folder / "bag", ignore_errors=True)
-    for name in ("model.json", "orbit.png", "orbit.html", "response.png", "response.html", "summary.json"):
+    figures = [f"{name}.{ending}" for name in ("orbit", "response", "bode") for ending in ("png", "html")]
+    for name in ("model.json", "summary.json", *figures):
         (folder / name).unlink(missing_ok=True)
 
 
@@ -56,4 +70,23 @@ def _table(summary: DemoSummary) -> Table:
     table.add_row("model order", str(summary.order))
     table.add_row("closed-loop fit", f"x {summary.fit_x:.2f} %, y {summary.fit_y:.2f} %")
     table.add_row("unstable plant poles", str(summary.unstable_poles))
+    return table
+
+
+def _machine_table(summary: MachineDemoSummary) -> Table:
+    table = Table("quantity", "value", title=f"The machine over ROS 2 topics: {', '.join(summary.axes)}")
+    table.add_row("steps over topics", f"{summary.steps:,} in {summary.wall_s:.1f} s ({summary.steps_per_s:,.0f} 1/s)")
+    table.add_row("node processes", str(summary.processes))
+    table.add_row("samples equal to those without ROS", "bit for bit" if summary.bit_identical else "[red]NO[/red]")
+    table.add_row("running speed", f"{60.0 * summary.running_speed:.0f} r/min")
+    table.add_row("model order", str(summary.order))
+    table.add_row("closed-loop fit", ", ".join(f"{name} {value:.2f} %" for name, value in summary.fit.items()))
+    table.add_row("unstable plant poles", f"{summary.unstable_poles} (linearised: {summary.unstable_poles_computed})")
+    table.add_row("frequency response against the linearised plant", summary.frf_worst)
+    for mode in summary.modes:
+        table.add_row(
+            f"mode in the loop{', ' + mode['kind'] if mode['kind'] else ''}, {mode['computed_whirl']}",
+            f"{mode['identified_natural_hz']:.2f} Hz, damping ratio {mode['identified_damping_ratio']:.3f} "
+            f"({mode['frequency_error_percent']:+.2f} % of the computed frequency)",
+        )
     return table

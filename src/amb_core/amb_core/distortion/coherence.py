@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.distortion.records import require_one_bearing
 from amb_core.errors import SpectrumError
 from amb_core.loop.records import LoopRecord
 
@@ -108,10 +109,12 @@ def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
     Raises
     ------
     SpectrumError
-        If a sample is not finite, the reference does not move, or it has too few lines.
+        If a sample is not finite, the axes are not those of one bearing, the reference does not move, or it has too few
+        lines.
     """
     if not records:
         raise SpectrumError("no coherence: there are no samples")
+    require_one_bearing(records)
     record = max(records, key=lambda item: item.steps)
     if not (np.isfinite(record.reference).all() and np.isfinite(record.position).all()):
         raise SpectrumError("no coherence: a reference or position is not finite")

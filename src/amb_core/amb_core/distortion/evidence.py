@@ -94,6 +94,10 @@ def find_evidence(records: Sequence[LoopRecord], window: Sequence[LoopRecord] | 
     window : sequence of LoopRecord, optional
         The samples for the coherence, by default the same.
     """
+    axes = len(records[0].axes)
+    if axes != 2:
+        only_two = f"distortion and coherence are measured for two axes, the machine has {axes}"
+        return Evidence(None, None, only_two, only_two)
     distortion, coherence, problem, coherence_problem = None, None, "", ""
     try:
         distortion = measure_recorded(records)

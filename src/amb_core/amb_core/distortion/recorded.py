@@ -14,6 +14,7 @@ from amb_core.distortion.periods import (
     settled_responses,
     without_repetitions,
 )
+from amb_core.distortion.records import require_one_bearing
 from amb_core.distortion.result import Distortion
 from amb_core.errors import SpectrumError
 from amb_core.loop.records import LoopRecord
@@ -41,8 +42,9 @@ def measure_recorded(records: Sequence[LoopRecord]) -> Distortion:
     Raises
     ------
     SpectrumError
-        If the recording does not permit it; the message says what is needed.
+        If the recording does not permit it, or has the axes of more than one bearing; the message says what is needed.
     """
+    require_one_bearing(records)
     records = [record for record in records if np.isfinite(record.reference).all()]
     period, parts = find_periodic_parts([record.reference for record in records])
     if not parts:

@@ -53,7 +53,7 @@ def simulate_closed_loop(
     DivergenceError
         If the position leaves the range of 10 mm; the message gives the step.
     """
-    axes = _axes(model, controller)
+    axes = loop_axes(model, controller)
     reference = np.ascontiguousarray(reference, dtype=np.float64)
     position, current = np.zeros_like(reference), np.zeros_like(reference)
     gains, state = pack_gains(controller, axes), initial_state(axes)
@@ -83,7 +83,7 @@ def closed_loop_poles(model: StateSpaceModel, controller: ControllerParameters) 
     IdentificationError
         If model and controller do not fit together.
     """
-    axes = _axes(model, controller)
+    axes = loop_axes(model, controller)
     proportional, derivative, keep, weight = (np.diag(gain) for gain in pack_gains(controller, axes)[:, :4].T)
     n = model.order
     # Controller: d+ = keep d + weight (h - y), h+ = y, u = -proportional y + derivative d+, with h the previous y.
@@ -95,7 +95,7 @@ def closed_loop_poles(model: StateSpaceModel, controller: ControllerParameters) 
     return poles[np.argsort(-np.abs(poles), kind="stable")]
 
 
-def _axes(model: StateSpaceModel, controller: ControllerParameters) -> int:
+def loop_axes(model: StateSpaceModel, controller: ControllerParameters) -> int:
     """Number of axes of the loop."""
     inputs, outputs = model.b.shape[1], model.c.shape[0]
     if inputs != outputs:

@@ -50,5 +50,11 @@ def _at(controller: ControllerParameters, sample_rate: float | None) -> Controll
 
 
 def needs_controller(data: IdentificationData) -> bool:
-    """Whether the data come from the closed loop of the bearing: currents in A and positions in m."""
-    return data.input_units == ("A", "A") and data.output_units == ("m", "m")
+    """Whether the data come from the closed loop of a machine: currents in A and positions in m.
+
+    Those of two axes always do. Others do if each current has the name of its axis: i_x_a for x_a.
+    """
+    axes = len(data.output_names)
+    if data.input_units != ("A",) * axes or data.output_units != ("m",) * axes:
+        return False
+    return axes == 2 or data.input_names == tuple(f"i_{name}" for name in data.output_names)

@@ -237,7 +237,7 @@ def _controller(data: IdentificationData, controller: ControllerParameters | Non
     if controller is not None:
         units = ", ".join(unit or "unknown" for unit in (*data.input_units, *data.output_units))
         raise IdentificationError(
-            f"a controller from two positions in m to two currents in A does not suit data in {units}; "
+            f"a controller from positions in m to as many currents in A does not suit data in {units}; "
             "give the data their units, or no controller"
         )
     return None

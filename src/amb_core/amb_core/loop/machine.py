@@ -105,6 +105,24 @@ class Machine:
         return tuple(axis.name for axis in self.axes)
 
 
+def radial_bearings(record: LoopRecord) -> list[LoopRecord]:
+    """The samples of each radial bearing, two axes each; those of a thrust bearing are left out."""
+    if len(record.axes) <= 2:
+        return [record]
+    pairs = [slice(first, first + 2) for first in range(0, len(record.axes) - 1, 2)]
+    return [
+        LoopRecord(
+            record.first_step,
+            record.sample_time,
+            record.reference[:, pair],
+            record.position[:, pair],
+            record.current[:, pair],
+            record.axes[pair],
+        )
+        for pair in pairs
+    ]
+
+
 def first_bearing(record: LoopRecord) -> LoopRecord:
     """The samples of a machine's first radial bearing, as axes x and y; the record itself if it has only these."""
     if len(record.axes) == 2:

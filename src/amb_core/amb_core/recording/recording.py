@@ -223,12 +223,13 @@ class Recording:
             this version of the library does not know.
         """
         known = {(int(item.run), int(item.id)): item for item in self._excitations}
+        machine = self.machine()
         frequency = np.full(max(stop, 0), np.nan)
         for answer in self.excitations(run):
             if answer.accepted:  # also for a stop: an excitation ends where the next one begins
                 frequency[answer.first_step :] = np.nan
                 excitation = known.get((answer.run, answer.id))
-                part = np.zeros(0) if excitation is None else frequency_from_message(excitation)
+                part = np.zeros(0) if excitation is None else frequency_from_message(excitation, machine)
                 part = part[: max(len(frequency) - answer.first_step, 0)]
                 frequency[answer.first_step : answer.first_step + len(part)] = part
         return frequency[first_step:]

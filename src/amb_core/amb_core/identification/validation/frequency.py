@@ -135,7 +135,7 @@ def _in_open_loop(data: IdentificationData) -> bool:
 def response_of_plant(
     parameters: PlantParameters, controller: ControllerParameters | None, frequencies: NDArray[np.float64]
 ) -> FrequencyResponse:
-    """Response of the plant linearised at the operating point, from i_x, i_y (A) to x, y (m), bearing A.
+    """Response of the plant linearised at the operating point, from the control currents (A) to the positions (m).
 
     Raises
     ------
@@ -145,12 +145,19 @@ def response_of_plant(
     from amb_core.plant import Plant, linearize
 
     discrete = linearize(Plant(parameters), controller).discrete
-    inputs, outputs = discrete.input_labels, discrete.output_labels
-    if not {"x", "y"} <= set(outputs):
+    outputs = discrete.output_labels
+    if len(outputs) < 2:
         raise PlantError("the plant has one axis only")
     response = np.moveaxis(discrete(np.exp(2j * np.pi * frequencies * discrete.dt), squeeze=False), -1, 0)
-    rows, columns = [outputs.index(name) for name in "xy"], [inputs.index(name) for name in ("i_x", "i_y")]
-    return FrequencyResponse(frequencies, response[:, rows][:, :, columns], "plant, linearised")
+    return FrequencyResponse(
+        frequencies,
+        response,
+        "plant, linearised",
+        input_names=tuple(discrete.input_labels),
+        output_names=tuple(outputs),
+        input_units=("A",) * len(outputs),
+        output_units=("m",) * len(outputs),
+    )
 
 
 def _bands(

@@ -1,0 +1,28 @@
+"""Modes of an identified model in the loop of its controller, to compare with those of the computed loop."""
+
+from __future__ import annotations
+
+from amb_core.identification.closed_loop import loop_axes
+from amb_core.loop.control import ControllerParameters
+from amb_core.model.modes import Modes, modes_of
+from amb_core.model.state_space import StateSpaceModel
+from amb_core.plant.linearise import close_loop
+
+
+def closed_loop_modes(model: StateSpaceModel, controller: ControllerParameters) -> Modes:
+    """Modes of the loop of an identified model and the PD controller without its limit.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Without direct feedthrough, as many inputs as outputs. `modes_of(model.to_control())` gives those without loop.
+    controller : ControllerParameters
+        Of the experiment, or any other with its sample rate.
+
+    Raises
+    ------
+    IdentificationError
+        If model and controller do not fit together.
+    """
+    loop_axes(model, controller)
+    return modes_of(close_loop(model.to_control(), controller)[0])

@@ -1,0 +1,209 @@
+"""The modes of a linear discrete-time model: natural frequency, damping ratio, whirl direction and mode shape.
+
+A pole z of the model has the rate s = ln(z) / T, the natural frequency |s| and the damping ratio -Re(s) / |s|; its
+mode shape is C v with the eigenvector v: the complex displacements at the sensors. The part of the velocity response
+that belongs to the mode, s C v w B / (z - z_i), has at its peak the gain |s| |C v w B| / |1 - |z_i||, which tells modes
+of the machine from states that hardly matter: velocities of slow and of fast modes have one scale, displacements do
+not.
+
+Of a machine with negative stiffness the plant alone has real poles instead of rigid body modes; these oscillate in the
+loop. Bending modes are in both.
+
+Sources: Schweitzer, Maslen (eds.), "Magnetic Bearings", Springer 2009, ch. 7 (rigid modes, nutation and precession) and
+10 (bending); Genta, "Dynamics of Rotating Systems", Springer 2005, ch. 3 and 4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from amb_core.model.mode_kinds import with_kinds
+from amb_core.model.whirl import Whirl, ellipticity, sensor_planes, whirl_of
+
+LEAST_GAIN = 0.01
+"""Peak gain of a mode, over the largest of all modes, below which a table of modes leaves it out."""
+OSCILLATING = 0.98
+"""Damping ratio above which a complex pair counts as not oscillating: its orbit fades before it can turn."""
+_SAME_RATE = 1e-4
+_TWO_PI = 2.0 * math.pi
+
+
+class DiscreteSystem(Protocol):
+    """A discrete-time model as `control.StateSpace` has it."""
+
+    A: NDArray[np.float64]
+    B: NDArray[np.float64]
+    C: NDArray[np.float64]
+    dt: float
+    output_labels: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """One mode: a complex pair of poles, or a real pole.
+
+    Attributes
+    ----------
+    rate : complex
+        s = ln(z) / T (1/s), the pole of the pair with positive imaginary part.
+    shape : ndarray, shape (p,)
+        Complex displacements at the outputs; the largest is 1.
+    gain : float
+        Peak gain of its part of the velocity response, over that of the mode where it is largest (-).
+    whirl : str
+        `forward`, `backward`, `planar`, `mixed`, or `none` for a mode that does not oscillate or has no orbit.
+    kind : str
+        `translation`, `tilt`, `nutation`, `precession` or `bending`; empty where it cannot be decided.
+    """
+
+    rate: complex
+    shape: NDArray[np.complex128]
+    gain: float
+    whirl: Whirl
+    kind: str = ""
+
+    @property
+    def natural_hz(self) -> float:
+        """Natural frequency |s| / 2 pi (Hz); of a real pole its rate over 2 pi."""
+        return abs(self.rate) / _TWO_PI
+
+    @property
+    def damped_hz(self) -> float:
+        """Frequency of the oscillation, Im(s) / 2 pi (Hz); 0 for a real pole."""
+        return self.rate.imag / _TWO_PI
+
+    @property
+    def damping_ratio(self) -> float:
+        """-Re(s) / |s|: negative for an unstable mode, 1 and -1 for real poles."""
+        return -self.rate.real / abs(self.rate) if self.rate else 0.0
+
+    @property
+    def stable(self) -> bool:
+        """Whether the mode decays."""
+        return self.rate.real < 0.0
+
+    @property
+    def oscillates(self) -> bool:
+        """Whether it is a complex pair with a damping ratio that lets it turn."""
+        return self.rate.imag > 0.0 and abs(self.damping_ratio) < OSCILLATING
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The modes of a model, slowest first.
+
+    Attributes
+    ----------
+    modes : tuple of Mode
+        Those slower than half the sample rate; faster poles have no oscillation in the samples.
+    output_names : tuple of str
+        Names of the outputs, in the order of the shapes.
+    """
+
+    modes: tuple[Mode, ...]
+    output_names: tuple[str, ...]
+
+    @property
+    def stable(self) -> bool:
+        """Whether all of them decay."""
+        return all(mode.stable for mode in self.modes)
+
+    def of_kind(self, *kinds: str) -> tuple[Mode, ...]:
+        """The modes of these kinds."""
+        return tuple(mode for mode in self.modes if mode.kind in kinds)
+
+    def selected(self, least_gain: float = LEAST_GAIN) -> Modes:
+        """Only those with at least this relative gain."""
+        return replace(self, modes=tuple(mode for mode in self.modes if mode.gain >= least_gain))
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """A mapping per mode; `shape` has magnitude and phase (degrees) by output, `orbit` the ratio of the half axes
+        by sensor plane, positive for a forward orbit.
+        """
+        return [self._entry(mode) for mode in self.modes]
+
+    def _entry(self, mode: Mode) -> dict[str, Any]:
+        return {
+            "kind": mode.kind,
+            "natural_hz": mode.natural_hz,
+            "damped_hz": mode.damped_hz,
+            "damping_ratio": mode.damping_ratio,
+            "stable": mode.stable,
+            "whirl": mode.whirl,
+            "gain": mode.gain,
+            "shape": {
+                name: [abs(value), math.degrees(np.angle(value))]
+                for name, value in zip(self.output_names, mode.shape.tolist(), strict=True)
+            },
+            "orbit": {plane.name: ellipticity(mode.shape, plane) for plane in sensor_planes(self.output_names)}
+            if mode.oscillates
+            else {},
+        }
+
+
+def modes_of(system: DiscreteSystem) -> Modes:
+    """All modes of a discrete-time model.
+
+    Parameters
+    ----------
+    system : control.StateSpace
+        Discrete, from currents or references to positions: `linearize(plant, controller).discrete` or `.closed_loop`,
+        `model.to_control()` of an identified one, or its `close_loop`.
+    """
+    poles, left, right = linalg.eig(system.A, left=True, right=True)
+    names = tuple(system.output_labels)
+    planes = sensor_planes(names)
+    with np.errstate(divide="ignore"):
+        rates = np.log(np.abs(poles)) / system.dt + 1j * np.angle(poles) / system.dt
+    slow = np.flatnonzero((np.abs(rates) < math.pi / system.dt) & (rates.imag >= 0.0))
+    modes = []
+    for group in _groups(rates, slow):
+        shapes, drives = _separated(system.C @ right[:, group], _dual(left[:, group], right[:, group]) @ system.B)
+        for number, shape, drive in zip(group, shapes.T, drives, strict=True):
+            largest = shape[np.argmax(np.abs(shape))]
+            residue = np.linalg.norm(shape) * np.linalg.norm(drive)
+            gain = residue * abs(rates[number]) / max(abs(1.0 - abs(poles[number])), 1e-300)
+            mode = Mode(complex(rates[number]), shape / largest if largest else shape, float(gain), "none")
+            modes.append(replace(mode, whirl=whirl_of(mode.shape, planes)) if mode.oscillates else mode)
+    most = max((mode.gain for mode in modes), default=0.0) or 1.0
+    ordered = sorted((replace(mode, gain=mode.gain / most) for mode in modes), key=lambda mode: abs(mode.rate))
+    return Modes(with_kinds(tuple(ordered), planes, LEAST_GAIN), names)
+
+
+def _groups(rates: NDArray[np.complex128], slow: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """The numbers in `slow`, those of the same rate together."""
+    groups, left = [], list(slow)
+    while left:
+        same = [n for n in left if abs(rates[n] - rates[left[0]]) <= _SAME_RATE * abs(rates[left[0]])]
+        groups.append(np.array(same))
+        left = [n for n in left if n not in same]
+    return groups
+
+
+def _dual(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Left eigenvectors as rows, scaled so that their product with the right ones is the identity."""
+    return np.asarray(np.linalg.pinv(left.conj().T @ right) @ left.conj().T)
+
+
+def _separated(
+    shapes: NDArray[np.complex128], drives: NDArray[np.complex128]
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Shapes (columns) and drives (rows) of modes of one rate, each shape the only one that moves one of the outputs.
+
+    Any mixture of modes of one rate is a mode again, so the eigenvectors are an accident; a rotor alike along x and y
+    at standstill gets its modes along x and along y.
+    """
+    if shapes.shape[1] == 1:
+        return shapes, drives
+    _, triangle, pivots = linalg.qr(shapes.T, pivoting=True, mode="economic")
+    sizes = np.abs(np.diag(triangle))
+    if len(sizes) < shapes.shape[1] or sizes[-1] < 1e-6 * sizes[0]:
+        return shapes, drives  # fewer shapes than modes: they cannot be told apart
+    square = shapes[np.sort(pivots[: shapes.shape[1]])]
+    return shapes @ np.linalg.inv(square), square @ drives
