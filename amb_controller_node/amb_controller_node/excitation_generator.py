@@ -113,17 +113,19 @@ class ExcitationGeneratorNode(Node):
     ) -> PreviewExcitation.Response:
         # Imported here: a generator that only starts excitations does not need it.
         from amb_core.excitation_design import check_excitation
+        from amb_core.excitation_design.notes import made_with
         from amb_core.loop.control import ControllerParameters
         from amb_core.plant import PlantParameters
         from amb_core.regions import Region
 
         notes: list[str] = []
-        machine = self._machine()
-        sample_rate = machine.sample_rate
+        excitation, region_map, machine = self._excitation(request), self._region_map(request.map), self._machine_input
         controller = self._live_set(ControllerParameters, self._settings.controller, notes)
+        of_map = made_with(region_map, "controller", ControllerParameters).sample_rate
+        sample_rate = of_map if machine.machine is None else machine.machine.sample_rate
         check = check_excitation(
-            generate(self._excitation(request), sample_rate, machine),
-            self._region_map(request.map),
+            generate(excitation, sample_rate, machine.machine),
+            region_map,
             controller and controller.at_rate(sample_rate),
             self._live_set(PlantParameters, self._settings.simulator, notes),
         )

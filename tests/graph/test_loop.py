@@ -192,7 +192,10 @@ def test_stop_returns_the_reference_to_nominal(separate):
         ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "frequency": 5_001.0}, "Nyquist"),
         ({"kind": "sweep", "amplitude": 1e-5, "duration": 1.0, "frequency_end": 6_000.0}, "Nyquist"),
         ({"kind": "square", "amplitude": 1e-5}, "no default for 'duration'"),
-        ({"kind": "square", "amplitude": 1e-5, "duration": 1.0, "axes": "z"}, "'axes' = 'z' is not allowed"),
+        (
+            {"kind": "square", "amplitude": 1e-5, "duration": 1.0, "axes": "z"},
+            "axes = 'z' is not allowed; allowed: x, y, bearing_a",
+        ),
         (
             {"kind": "square", "amplitude": 1e-5, "duration": 1.0, "first_step": 99},
             "in the past; allowed: 100 or later",

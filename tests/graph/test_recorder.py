@@ -111,7 +111,7 @@ def test_everything_published_after_the_start_is_in_the_bag(loop: Loop, graph: G
     assert not bag.truncated
     record = bag.telemetry(3)
     assert (record.first_step, record.steps) == (0, 100 * BLOCK)
-    np.testing.assert_array_equal(record.position[:, 1], np.sin(np.arange(100 * BLOCK) + 3))
+    np.testing.assert_array_equal(record.position[:, 1], np.sin(np.arange(100 * BLOCK) + 4))
     assert [(item.first_step, item.stop) for item in bag.excitations()] == [(200, 800)]
     assert bag.experiment().steps == 600
     assert bag.parameters()["/amb/pd_controller"]["proportional_gain"] == 21_000.0
@@ -210,7 +210,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_chunk(loop: Loop, graph: Grap
     assert bag.truncated
     record = bag.telemetry()
     assert record.steps >= 50 * BLOCK
-    np.testing.assert_array_equal(record.position[:, 0], np.sin(np.arange(record.steps) + 2))
+    np.testing.assert_array_equal(record.position[:, 0], np.sin(np.arange(record.steps) + 1))
 
 
 def _bag_on_disk(uri: str) -> Recording | None:

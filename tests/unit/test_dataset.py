@@ -143,7 +143,9 @@ def test_parts_that_do_not_fit_are_refused(make: Callable[[], object], message: 
 def test_data_without_reference_or_other_signals_are_no_record_of_the_loop() -> None:
     with pytest.raises(IdentificationError, match="lack"):
         IdentificationData.from_arrays(np.zeros((5, 2)), np.zeros((5, 2)), 1e-4).record()
-    with pytest.raises(IdentificationError, match=r"two outputs in m; these data have u1 and y1 \[um\]"):
+    with pytest.raises(
+        IdentificationError, match=r"as many inputs in A as outputs in m; these data have u1 and y1 \[um\]"
+    ):
         signal = np.zeros(5)
         IdentificationData.from_arrays(signal, signal, 1e-4, reference=signal, output_units=["um"]).record()
 

@@ -17,9 +17,9 @@ import pytest
 
 import amb_core
 from amb_bringup.client import NODES
-from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
+from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters, StateSpaceControllerParameters
 from amb_core.excitation import KINDS, Excitation
-from amb_core.parameters import Declaration, Parameters, declarations
+from amb_core.parameters import Declaration, Parameters, declarations, own_declarations
 from amb_ident_node.identifier import IdentifierParameters
 from amb_ident_node.recorder import RecorderParameters
 from amb_ident_node.region_monitor import RegionMonitorParameters
@@ -48,7 +48,7 @@ def parameter_table(parameters: type[Parameters]) -> str:
         "| name | default | unit | allowed | description | change |",
         "|---|---|---|---|---|---|",
     ]
-    for item in declarations(parameters):
+    for item in own_declarations(parameters):
         change = "runtime" if item.runtime else "read-only"
         cells = (f"`{item.name}`", _value(item.default), item.unit, _allowed(item), item.description, change)
         lines.append(f"| {' | '.join(cells)} |")
@@ -71,6 +71,7 @@ TABLES: dict[str, tuple[Callable[[type[Parameters]], str], type[Parameters]]] = 
         for parameters in (
             SimulatorParameters,
             PdControllerParameters,
+            StateSpaceControllerParameters,
             GeneratorParameters,
             RecorderParameters,
             RegionMonitorParameters,
@@ -209,6 +210,8 @@ def test_topics_in_the_readme_are_those_of_the_nodes(package: str) -> None:
     code = "\n".join(sources(package).values())
     used = {TOPIC_NAMES[name] for name in re.findall(r"\btopics\.([A-Z_]+)", code) if name in TOPIC_NAMES}
     used |= set(re.findall(r'"(/\w+)"', code))
+    if "MachineInput(" in code:
+        used.add(topics.MACHINE)
     if "topics.clock(" in code:
         used.add(topics.clock(f"/{topics.NAMESPACE}"))
     if "diagnostics." in code:

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.signal import butter, lfilter
 from typer.testing import CliRunner
 
@@ -40,6 +39,7 @@ from amb_core.recording import BagWriter, Recording
 from amb_core.regions import Region
 from amb_core.report.recording import recording_report
 from amb_core.simulation import simulate
+from tests.bag_messages import TELEMETRY, definition, telemetry
 
 Signal = NDArray[np.float64]
 
@@ -210,20 +210,11 @@ def test_the_chart_of_a_coherence_has_its_numbers() -> None:
     assert chart.figure().axes
 
 
-TYPES = get_typestore(Stores.ROS2_JAZZY)
-for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
-    TYPES.register(get_types_from_msg(file.read_text(), f"amb_msgs/msg/{file.stem}"))
-TELEMETRY = "amb_msgs/msg/LoopSamples"
-
-
 def write_bag(folder: Path, record: LoopRecord) -> Path:
     """A bag with one message of telemetry."""
-    header = TYPES.types["std_msgs/msg/Header"](TYPES.types["builtin_interfaces/msg/Time"](0, 0), "")
-    columns = np.hstack([record.reference, record.position, record.current]).T.copy()
     with BagWriter(folder) as bag:
-        bag.add_topic("/amb/telemetry", TELEMETRY, TYPES.generate_msgdef(TELEMETRY, ros_version=2)[0])
-        content = TYPES.types[TELEMETRY](header, 1, 0, record.sample_time, *columns)
-        bag.write("/amb/telemetry", bytes(TYPES.serialize_cdr(content, TELEMETRY)), 0)
+        bag.add_topic("/amb/telemetry", TELEMETRY, definition(TELEMETRY))
+        bag.write("/amb/telemetry", telemetry(record), 0)
     return folder
 
 

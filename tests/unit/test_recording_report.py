@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner, Result
 
 from amb_bringup.cli import app
@@ -18,23 +17,16 @@ from amb_core.loop.records import LoopRecord
 from amb_core.recording import BagWriter, Recording
 from amb_core.report import Prose
 from amb_core.report.recording import recording_report
-
-TYPES = get_typestore(Stores.ROS2_JAZZY)
-for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
-    TYPES.register(get_types_from_msg(file.read_text(), f"amb_msgs/msg/{file.stem}"))
-TELEMETRY, PARAMETERS = "amb_msgs/msg/LoopSamples", "rcl_interfaces/msg/ParameterEvent"
+from tests.bag_messages import PARAMETERS, TELEMETRY, definition, telemetry
 
 
 def write_bag(folder: Path, record: LoopRecord, controller: bool = True) -> Path:
-    header = TYPES.types["std_msgs/msg/Header"](TYPES.types["builtin_interfaces/msg/Time"](0, 0), "")
-    columns = np.hstack([record.reference, record.position, record.current]).T.copy()
     with BagWriter(folder) as bag:
         for topic, kind in (("/amb/telemetry", TELEMETRY), ("/parameter_events", PARAMETERS)):
-            bag.add_topic(topic, kind, TYPES.generate_msgdef(kind, ros_version=2)[0])
+            bag.add_topic(topic, kind, definition(kind))
         if controller:
             bag.write_parameters("/parameter_events", "/amb/pd_controller", ControllerParameters().model_dump(), 0)
-        content = TYPES.types[TELEMETRY](header, 1, 0, record.sample_time, *columns)
-        bag.write("/amb/telemetry", bytes(TYPES.serialize_cdr(content, TELEMETRY)), 0)
+        bag.write("/amb/telemetry", telemetry(record), 0)
     return folder
 
 

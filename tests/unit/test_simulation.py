@@ -18,7 +18,9 @@ def run(steps: int = 20, excitation: np.ndarray | None = None, first: int = 0) -
 
 @pytest.mark.parametrize("shape", [(5,), (5, 1), (2, 5), (5, 3)])
 def test_an_excitation_has_a_column_for_each_axis(shape: tuple[int, ...]) -> None:
-    with pytest.raises(ExcitationError, match=r"the excitation has shape .*; allowed: \(n, 2\), axes x and y"):
+    with pytest.raises(
+        ExcitationError, match=r"the excitation has shape .*; allowed: \(n, 2\), axes x, y, zeros on an axis at rest"
+    ):
         run(excitation=np.zeros(shape))
 
 

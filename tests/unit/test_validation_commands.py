@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner, Result
 
 from amb_bringup.cli import app
@@ -20,11 +19,7 @@ from amb_core.identification.data import IdentificationData, write_data
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import BagWriter
-
-TYPES = get_typestore(Stores.ROS2_JAZZY)
-for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
-    TYPES.register(get_types_from_msg(file.read_text(), f"amb_msgs/msg/{file.stem}"))
-TELEMETRY, PARAMETERS = "amb_msgs/msg/LoopSamples", "rcl_interfaces/msg/ParameterEvent"
+from tests.bag_messages import PARAMETERS, TELEMETRY, definition, telemetry
 
 
 def amb(*words: object) -> Result:
@@ -32,22 +27,16 @@ def amb(*words: object) -> Result:
 
 
 def write_bag(folder: Path, record: LoopRecord, controller: ControllerParameters | None, plant: bool = False) -> Path:
-    columns = np.hstack([record.reference, record.position, record.current]).T.copy()
-    header = TYPES.types["std_msgs/msg/Header"](TYPES.types["builtin_interfaces/msg/Time"](0, 0), "")
     with BagWriter(folder) as bag:
         for topic, kind in (("/amb/telemetry", TELEMETRY), ("/parameter_events", PARAMETERS)):
-            definition, _ = TYPES.generate_msgdef(kind, ros_version=2)
-            bag.add_topic(topic, kind, definition)
+            bag.add_topic(topic, kind, definition(kind))
         if controller is not None:
             bag.write_parameters("/parameter_events", "/amb/pd_controller", controller.model_dump(), 0)
         if plant:
             bag.write_parameters("/parameter_events", "/amb/simulator", {"rotor.gravity": 9.0}, 0)
-        for first in range(0, record.steps, 100):
-            part = slice(first, first + 100)
-            content = TYPES.types[TELEMETRY](
-                header, 1, first, record.sample_time, *columns[:, part],
-            )  # fmt: skip
-            bag.write("/amb/telemetry", bytes(TYPES.serialize_cdr(content, TELEMETRY)), first)
+        for first in range(record.first_step, record.first_step + record.steps, 100):
+            steps = min(100, record.first_step + record.steps - first)
+            bag.write("/amb/telemetry", telemetry(record.window(first, steps)), first)
     return folder
 
 

@@ -135,6 +135,7 @@ def _joined(paths: list[Path], loops: list[RecordedLoop]) -> tuple[Identificatio
                 f"{path} lacks the controller's parameters; name it with --controller: {PAPER}, or a ROS parameter "
                 "file (.yaml)"
             )
+    data = merge(loop.data for loop in loops)
     controllers = {path: loop.controller for path, loop in zip(paths, loops, strict=True) if loop.controller}
     for path, recorded in controllers.items():
         first, known = next(iter(controllers.items()))
@@ -142,7 +143,7 @@ def _joined(paths: list[Path], loops: list[RecordedLoop]) -> tuple[Identificatio
             raise IdentificationError(
                 f"{first} and {path} were recorded with different controllers; identify from them one at a time"
             )
-    return merge(loop.data for loop in loops), next(iter(controllers.values()), None)
+    return data, next(iter(controllers.values()), None)
 
 
 def _cost(now: IdentificationProgress) -> str:

@@ -127,21 +127,24 @@ def mode_factors(mode: str, machine: Machine) -> tuple[tuple[int, float], ...]:
     return tuple((int(axis), float(factor)) for axis, factor in zip(acting, shape, strict=True) if factor)
 
 
-def orthogonal_matrix(count: int) -> NDArray[np.complex128]:
-    """Factors on the lines of each axis (row) in each experiment (column), W W^H = count I; shape (count, count)."""
-    from scipy.linalg import dft, hadamard  # slow to import, and not needed by other excitations
-
-    power_of_two = count & (count - 1) == 0
-    return np.asarray(hadamard(count) if power_of_two else dft(count).conj(), dtype=complex)
-
-
 def turns(count: int) -> NDArray[np.float64]:
-    """Angles of the factors of `orthogonal_matrix` over 2 pi, 0 up to 1; shape (count, count)."""
-    return np.round(np.angle(orthogonal_matrix(count)) / (2.0 * np.pi) * count * 2.0) / (2.0 * count) % 1.0
+    """Angles over 2 pi of the factors W on each axis (row) in each experiment (column), W W^H = count I.
+
+    Returns
+    -------
+    ndarray, shape (count, count)
+        0 or more, less than 1; half a turn is a change of sign.
+    """
+    if count & (count - 1):  # no power of two
+        number = np.arange(count)
+        return np.outer(number, number) % count / count
+    from scipy.linalg import hadamard  # slow to import, and not needed by other excitations
+
+    return np.asarray((1.0 - hadamard(count)) / 4.0)
 
 
 def _orthogonal(steps: int, count: int) -> list[Part]:
-    """Experiments of equal length: all axes excited in each, with the factors of `orthogonal_matrix`."""
+    """Experiments of equal length: all axes excited in each, with factors as of `turns`."""
     if steps % count:
         below = steps - steps % count
         raise ExcitationError(
