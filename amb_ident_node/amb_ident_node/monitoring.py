@@ -5,10 +5,16 @@ from __future__ import annotations
 import math
 
 from amb_core.errors import RegionError
-from amb_core.loop.machine import first_bearing
+from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, describe_gaps
-from amb_core.regions import RegionClassifier, RegionParameters, RegionState
+from amb_core.regions import (
+    RegionClassifier,
+    RegionParameters,
+    RegionState,
+    layout_of,
+    layout_without_machine,
+)
 
 
 class RegionWatch:
@@ -51,17 +57,18 @@ class RegionWatch:
         self.refused = 0
         self.problem = ""
         self._classifier: RegionClassifier | None = None
+        self._used_machine = False  # in this run
         self.next_step = 0
         self._repeated = RepeatedSteps()
         self._standing: tuple[int, int] | None = None  # run, and the step at which the simulator stands still
         self._told_step = 0  # next_step when a state was last returned
+        self._machine: Machine | None = None
+        self._step_at_machine = 0  # next_step when it arrived
         self._delevitated: tuple[int, int] | None = None  # run, and the step before which the rotor delevitated
         self._told_periods = -1
 
     def add_block(self, run: int, block: LoopRecord) -> list[RegionState]:
         """Process a block of telemetry. Returns the states to publish, oldest first.
-
-        Of a machine with more than one bearing it is the first one that is classified.
 
         A block of another run starts a new classification. A block that does not continue the last one restarts it.
 
@@ -70,7 +77,6 @@ class RegionWatch:
         RegionError
             If the block cannot be classified, for example because a sample is not finite; it is left out.
         """
-        block = first_bearing(block)
         try:
             if run != self.run or block.sample_time != self.sample_time or self._classifier is None:
                 self._start(run, block)
@@ -85,6 +91,25 @@ class RegionWatch:
         self.next_step = block.first_step + block.steps
         self._repeated.add(run, block)
         return self._returned(self._worth_telling(states) + self._end_of_run())
+
+    def use(self, machine: Machine) -> None:
+        """Take the bearings and clearances of a machine, from the next run on."""
+        self._machine, self._step_at_machine = machine, self.next_step
+
+    @property
+    def machine_problem(self) -> str:
+        """How the bearings of the present run are not those of the machine; empty if they are."""
+        if self._classifier is None:
+            return ""
+        layout = self._classifier.layout
+        if self._machine is not None and layout == layout_of(self._machine):
+            return ""
+        if self._machine is not None and self._used_machine:
+            if self.next_step <= self._step_at_machine:  # the run may be over
+                return ""
+            return f"the machine changed within run {self.run}; its bearings hold from the next run on"
+        bearings = "; ".join(f"{bearing.name}: {', '.join(bearing.axes)}" for bearing in layout.bearings)
+        return f"run {self.run} is classified without its machine, with bearings by the names of the axes ({bearings})"
 
     @property
     def conflict(self) -> str:
@@ -112,7 +137,11 @@ class RegionWatch:
         self.run, self.sample_time = run, block.sample_time
         self.state, self.problem = None, ""
         self._classifier = None
-        self._classifier = RegionClassifier(self._thresholds, block.sample_time)
+        self._used_machine = self._machine is not None and self._machine.axis_names == block.axes
+        layout = layout_without_machine(block.axes)
+        if self._machine is not None and self._used_machine:
+            layout = layout_of(self._machine)
+        self._classifier = RegionClassifier(self._thresholds, block.sample_time, layout)
         self.next_step, self._told_step = block.first_step, 0
         self._told_periods = -1
 
@@ -155,6 +184,6 @@ def _marks(state: RegionState) -> tuple[object, ...]:
     """What is published at once when it changes."""
     axes = [
         (axis.region, axis.since.step, axis.sampling_beat, axis.drift is None, axis.oscillation is None, axis.frozen)
-        for axis in (state.x, state.y)
+        for axis in state.axes
     ]
     return (state.region, state.since.step, state.settled, *axes)

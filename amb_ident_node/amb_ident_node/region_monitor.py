@@ -1,4 +1,4 @@
-"""Node `region_monitor`: the region in which the bearing runs, live, and region maps as an action.
+"""Node `region_monitor`: the region in which the machine runs, live, and region maps as an action.
 
 The classifier processes telemetry in the node's own thread. A map is built in a worker while the classification
 continues.
@@ -6,8 +6,8 @@ continues.
 
 from __future__ import annotations
 
-import math
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -23,15 +23,18 @@ from amb_core.plant import PlantParameters
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.region_map import fill_region_map, map_settings_from_message
 from amb_core.recording.messages.region_state import fill_region_state
-from amb_core.regions import AxisState, Region, RegionParameters, RegionState
+from amb_core.regions import Region, RegionParameters, RegionState
 from amb_core.regions.rehearsal import rehearse
+from amb_ident_node.machine_wait import MachineWait
 from amb_ident_node.monitoring import RegionWatch
 from amb_ident_node.recorded_topics import REGION_MESSAGES
+from amb_ident_node.region_report import MEANINGS, shown
 from amb_msgs.action import BuildMap
-from amb_msgs.msg import LoopSamples, RegionMap, SimulatorState
+from amb_msgs.msg import AxisRegion, BearingRegion, LoopSamples, RegionMap, SimulatorState
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_ros import diagnostics, topics
 from amb_ros.actions import create_action
+from amb_ros.machine import MachineInput
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
@@ -39,15 +42,11 @@ from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
+    from amb_core.loop.machine import Machine
     from amb_core.regions.region_map import MapProgress
     from amb_core.regions.region_map import RegionMap as FoundMap
 
-MEANINGS = {
-    Region.A: "A, steady bias",
-    Region.B: "B, the bias drifts",
-    Region.C: "C, slow oscillation",
-    Region.D: "D, delevitated",
-}
+WAIT_PERIOD = 0.1  # s of wall-clock time between looks at what waits for the machine
 
 
 class RegionMonitorParameters(RegionParameters):
@@ -57,6 +56,14 @@ class RegionMonitorParameters(RegionParameters):
     simulator: str = choice("simulator", "node whose parameters describe the plant of a map, relative or full name")
     controller: str = choice(
         "pd_controller", "node whose parameters describe the controller of a map, relative or full name"
+    )
+    machine_timeout: float = quantity(
+        5.0,
+        "s",
+        "longest wait for the machine once telemetry of its axes arrives; without it bearings follow from the names "
+        "of the axes, with a clearance of 250 um",
+        0.0,
+        60.0,
     )
     parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of either", 0.05, 10.0)
 
@@ -72,6 +79,7 @@ class RegionMonitorNode(Node):
         self._regions = part_of(RegionParameters, self._settings.model_dump())
         rehearse()  # nothing is compiled once telemetry arrives
         self._watch = RegionWatch(self._regions, self._settings.publish_period)
+        self._wait = MachineWait(self._settings.machine_timeout)
         self._malformed = 0
         self._sequence = 0  # of the last message on region
         self._maps = 0  # published
@@ -82,11 +90,15 @@ class RegionMonitorNode(Node):
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="region_monitor")
         self._region_publisher = self.create_publisher(RegionStateMessage, topics.REGION, HISTORY)
         self._map_publisher = self.create_publisher(RegionMap, topics.REGION_MAP, LATCHED)
+        self._machine_input = MachineInput(self, self._on_machine)
         self._telemetry_subscription = create_subscription(
-            self, LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
+            self, LoopSamples, topics.TELEMETRY, self._on_message, HISTORY
         )
         self._state_subscription = create_subscription(
-            self, SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, EVERY_STATE
+            self, SimulatorState, topics.SIMULATOR_STATE, self._on_message, EVERY_STATE
+        )
+        self._wait_timer = self.create_timer(
+            WAIT_PERIOD, self._on_wait_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
         self._build_map = create_action(
             self, BuildMap, "~/build_map", self._on_build_map, self._worker, self._check_goal
@@ -103,6 +115,23 @@ class RegionMonitorNode(Node):
         super().destroy_node()
 
     # -- topics
+
+    def _on_machine(self, machine: Machine) -> None:
+        self._watch.use(machine)
+        self._process(self._wait.use(machine, time.monotonic()))
+
+    def _on_message(self, message: LoopSamples | SimulatorState) -> None:
+        self._process(self._wait.add(message, time.monotonic()))
+
+    def _on_wait_timer(self) -> None:
+        self._process(self._wait.expire(time.monotonic()))
+
+    def _process(self, messages: list[LoopSamples | SimulatorState]) -> None:
+        for message in messages:
+            if isinstance(message, LoopSamples):
+                self._on_telemetry(message)
+            else:
+                self._on_simulator_state(message)
 
     def _on_telemetry(self, message: LoopSamples) -> None:
         restarts = self._watch.restarts
@@ -130,7 +159,7 @@ class RegionMonitorNode(Node):
         if run is None or not self.context.ok():  # asked to stop during a burst of telemetry
             return
         for state in states:
-            message = fill_region_state(RegionStateMessage(), state, run, sample_time)
+            message = fill_region_state(RegionStateMessage(), AxisRegion, BearingRegion, state, run, sample_time)
             self._sequence += 1
             message.sequence, message.next_step = self._sequence, self._watch.next_step
             self._region_publisher.publish(message)
@@ -233,47 +262,32 @@ class RegionMonitorNode(Node):
             "malformed blocks": self._malformed,
             "region map": self._building or "none in progress",
         }
-        if watch.state is None:
-            level, summary = diagnostics.OK, "no region yet"
-        else:
-            state = watch.state
-            level = {Region.A: diagnostics.OK, Region.D: diagnostics.ERROR}.get(state.region, diagnostics.WARN)
-            summary = f"region {MEANINGS[state.region]}"
-            values |= {
-                "step": state.step,
-                "region": state.region.name,
-                "since": f"{state.since.time:.3f} s",
-                "input frequency at its start": f"{state.since.input_frequency:.1f} Hz",
-                "region x": state.x.region.name,
-                "region y": state.y.region.name,
-                "beats with the sample rate": state.x.sampling_beat or state.y.sampling_beat,
-            }
-            for name, axis in (("x", state.x), ("y", state.y)):
-                values |= _evidence(name, axis)
-            frozen = [name for name, axis in (("x", state.x), ("y", state.y)) if axis.frozen]
+        level, summary = diagnostics.OK, "no region yet"
+        if watch.state is not None:
+            region = watch.state.region
+            level = {Region.A: diagnostics.OK, Region.D: diagnostics.ERROR}.get(region, diagnostics.WARN)
+            summary = f"region {MEANINGS[region]}"
+            values |= shown(watch.state)
+            frozen = [axis.name for axis in watch.state.axes if axis.frozen]
             if frozen:
                 problem = f"position {' and '.join(frozen)} does not change while the reference moves: sensor frozen?"
                 return diagnostics.ERROR, problem, values
         if watch.conflict:
             return diagnostics.ERROR, f"{summary}; {watch.conflict}", values
-        problem = watch.problem or (f"{self._malformed} malformed blocks of telemetry" if self._malformed else "")
-        if problem:
-            return max(level, diagnostics.WARN), f"{summary}; {problem}", values
+        malformed = f"{self._malformed} malformed blocks of telemetry" if self._malformed else ""
+        problems = [problem for problem in (watch.problem or malformed, self._machine_problem()) if problem]
+        if problems:
+            return max(level, diagnostics.WARN), "; ".join([summary, *problems]), values
         return level, summary, values
 
-
-def _evidence(name: str, axis: AxisState) -> dict[str, object]:
-    """What an axis shows besides its region."""
-    values: dict[str, object] = {}
-    if axis.drift is not None:
-        values[f"drift {name} since"] = f"{axis.drift.time:.3f} s"
-    if axis.oscillation is not None:
-        values[f"oscillation {name} since"] = f"{axis.oscillation.time:.3f} s"
-    if axis.steady_amplitude > 0.0:
-        values[f"steady line {name}"] = f"{axis.steady_amplitude * 1e6:.2f} um at {axis.steady_frequency:.2f} Hz"
-    if not math.isnan(axis.even_distortion):
-        values[f"distortion {name}"] = f"even {axis.even_distortion:.1%}, odd {axis.odd_distortion:.1%}"
-    return values
+    def _machine_problem(self) -> str:
+        """What the monitor waits for, or how it goes on without it; empty with the machine of the present run."""
+        machine = self._machine_input.machine
+        if not self._wait.missing:
+            return self._watch.machine_problem if self._watch.run is not None else self._machine_input.problem
+        why = self._machine_input.problem if machine is None else f"the machine has {', '.join(machine.axis_names)}"
+        waiting = f"{self._wait.steps} steps of telemetry of the axes {', '.join(self._wait.missing)}"
+        return f"{waiting} wait for their machine; {why}"
 
 
 def _new_file(path: str) -> Path | None:

@@ -46,7 +46,9 @@ def measure() -> dict[str, float]:
             lags.append(time.perf_counter() - published[state.step + 1 - BLOCK])
 
     environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
-    process = subprocess.Popen([sys.executable, "-m", "amb_ident_node.region_monitor"], env=environment)
+    # no machine is published: nothing may wait for one
+    without_wait = ["--ros-args", "-p", "machine_timeout:=0.0"]
+    process = subprocess.Popen([sys.executable, "-m", "amb_ident_node.region_monitor", *without_wait], env=environment)
     try:
         with AmbClient(domain_id=DOMAIN) as amb:
             publisher = amb.node.create_publisher(LoopSamples, "telemetry", HISTORY)

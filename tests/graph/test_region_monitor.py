@@ -13,6 +13,8 @@ import pytest
 
 from amb_core.excitation import Sweep
 from amb_core.loop.records import LoopRecord
+from amb_core.plant.machine import machine_of
+from amb_core.plant.parameters import PlantParameters, RotorParameters
 from amb_core.recording import Recording
 from amb_core.recording.messages.loop_samples import fill_loop_samples, steps_in
 from amb_core.recording.messages.region_state import region_state_from_message
@@ -20,7 +22,7 @@ from amb_core.regions import Classification, Region, classify
 from amb_msgs.msg import AxisSamples, LoopSamples, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import EVERY_STATE, HISTORY
-from tests.graph.bearing import Bearing
+from tests.graph.bearing import Bearing, machine_message, machine_publisher
 from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
@@ -74,7 +76,7 @@ def told(states: Classification) -> list[Any]:
             state.region, state.since.step, state.settled,
             *(
                 (axis.region, axis.since.step, axis.sampling_beat, axis.drift is None, axis.oscillation is None)
-                for axis in (state.x, state.y)
+                for axis in state.axes
             ),
         )  # fmt: skip
         if marks != last or (state.step + 1) % PERIOD == 0:
@@ -129,7 +131,8 @@ def test_a_live_sweep_drifts_and_then_delevitates(sweep: LiveSweep) -> None:
     drift = next(message for message in sweep.messages if message.region == Region.B)
     assert drift.since.input_frequency == pytest.approx(147.0, rel=0.02)
     assert not drift.since.resonance
-    assert (drift.x.region, drift.y.region) == (Region.A, Region.B)
+    assert [(axis.name, axis.region) for axis in drift.axes] == [("x", Region.A), ("y", Region.B)]
+    assert [(bearing.name, bearing.region) for bearing in drift.bearings] == [("a", Region.B)]
     last = sweep.messages[-1]
     assert last.region == Region.D
     assert last.since.step == sweep.end, "the step whose position is in no telemetry"
@@ -218,7 +221,7 @@ class Monitored:
     def __init__(self, graph: Graph) -> None:
         self.loop, self.listener, self.bearing = Loop(graph), Listener(graph), Bearing(graph)
         self._runs = itertools.count(1)
-        graph.start(MONITOR)
+        graph.start(MONITOR, parameters={"machine_timeout": 0.1})  # no machine is published
         graph.wait_until(self.listener.subscription.get_publisher_count, "the monitor")
 
     def play(self, *records: LoopRecord, block: int = 100) -> int:
@@ -276,3 +279,36 @@ def test_samples_that_are_not_finite_are_reported_and_left_out(monitored: Monito
     run = monitored.play(drifting)
     assert monitored.listener.wait_for(run, drifting.steps - 1)[-1].region == Region.B
     assert all(map(same, monitored.listener.of(run), told(classify(drifting)))), "the next run is not touched"
+
+
+# -- the machine
+
+
+@pytest.fixture
+def touching() -> LoopRecord:
+    """Four axes, of which y_b goes 220 um from the centre after 1 s."""
+    steps = 12_000
+    position = 1e-8 * np.random.default_rng(1).normal(size=(steps, 4))
+    position[10_000:, 3] = 220e-6
+    return LoopRecord(0, 1e-4, np.zeros((steps, 4)), position, np.zeros((steps, 4)))
+
+
+def test_telemetry_waits_for_its_machine_and_is_judged_by_its_clearances(graph: Graph, touching: LoopRecord) -> None:
+    loop, listener, bearing = Loop(graph), Listener(graph), Bearing(graph)
+    machines = machine_publisher(graph.node)
+    graph.start(MONITOR, parameters={"machine_timeout": 60.0})
+    graph.wait_until(listener.subscription.get_publisher_count, "the monitor")
+    loop.publish(1, touching)
+    waits = "12000 steps of telemetry of the axes x_a, y_a, x_b, y_b wait for their machine; waiting for the machine on"
+    graph.wait_until(
+        lambda: any(waits in status.message for status in bearing.diagnostics), "what the monitor waits for"
+    )
+    assert not listener.messages
+    machine = machine_of(PlantParameters(rotor=RotorParameters(model="rigid", backup_bearing_radius=200e-6)))
+    machines.publish(machine_message(machine))
+    messages = listener.wait_for(1, touching.steps - 1)
+    expected = told(classify(touching, machine=machine))
+    assert len(messages) == len(expected)
+    assert all(map(same, messages, expected))
+    assert [(part.name, part.region) for part in messages[-1].bearings] == [("a", Region.A), ("b", Region.D)]
+    assert messages[-1].since.step == 10_000

@@ -42,9 +42,9 @@ def classification() -> Classification:
     for stop in range(100, STEPS + 1, 100):
         region, since = (Region.B, DRIFT) if stop > 9_000 else (Region.A, linear)
         axis = AxisState(region, since, *[0.0] * 8, sampling_beat=15_000 < stop <= 15_500)
-        states.append(RegionState(stop - 1, axis, axis, region, since, 0.0, stop > 500))
+        states.append(RegionState(stop - 1, (axis, axis), (), region, since, 0.0, stop > 500))
     last = replace(states[-1], region=Region.D, since=END)
-    return Classification([*states, last], {Region.B: DRIFT, Region.D: END}, ({}, {Region.B: DRIFT}))
+    return Classification([*states, last], {Region.B: DRIFT, Region.D: END}, {"x": {}, "y": {Region.B: DRIFT}})
 
 
 def of_kind(panel: Panel, kind: type) -> list:

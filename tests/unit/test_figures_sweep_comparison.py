@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,10 +25,10 @@ def case(name: str, begins: dict[Region, int]) -> SweepCase:
         region = max((one for one, begin in begins.items() if begin <= step), default=Region.A)
         since = onsets.get(region, Onset(0, 0.0, math.nan, False))
         axis = AxisState(region, since, *[0.0] * 8, sampling_beat=False)
-        states.append(RegionState(step, axis, axis, region, since, 0.0, True))
+        states.append(RegionState(step, (axis, replace(axis, name="y")), (), region, since, 0.0, True))
     position = np.column_stack([np.zeros(STEPS), 1e-5 * np.sin(0.1 * np.arange(STEPS))])
     record = LoopRecord(0, 1e-4, position, position, position)
-    return SweepCase(name, record, FREQUENCY, Classification(states, onsets, ({}, onsets)))
+    return SweepCase(name, record, FREQUENCY, Classification(states, onsets, {"x": {}, "y": onsets}))
 
 
 FALLS = case("falls", {Region.B: 5_000, Region.D: STEPS - 1})

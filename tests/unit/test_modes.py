@@ -127,6 +127,15 @@ def test_free_free_shaft_on_soft_springs_has_the_bending_of_the_closed_form():
     assert [mode.kind for mode in modes.modes[:4]] == ["translation", "translation", "tilt", "tilt"]
 
 
+def test_rigid_modes_keep_their_names_beside_bending_modes_of_hardly_any_damping():
+    """Their velocities are a hundred times as large."""
+    data = uniform_shaft(0.6, 0.06, (-0.2, 0.2), bending_modes=3, damping_ratio=1e-5)
+    modes = on_springs(modal_rotor(data, 9.81, 100.0), damping=1.0)
+    kinds = [mode.kind for mode in modes.modes]
+    assert sorted(kinds[:4]) == ["nutation", "precession", "translation", "translation"]
+    assert kinds[4:] == ["bending"] * 6
+
+
 def test_bending_splits_forward_and_backward_at_speed():
     data = uniform_shaft(0.6, 0.1, (-0.25, 0.25), bending_modes=1, damping_ratio=0.002)
     modes = on_springs(modal_rotor(data, 9.81, 300.0), stiffness=1e5, damping=100.0)

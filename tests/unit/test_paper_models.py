@@ -54,7 +54,7 @@ def errors(first: float, last: float) -> SweepError:
 
 
 def regions(*found: Region) -> Classification:
-    return Classification([], {region: Onset(0, 1.0, 100.0, False) for region in found}, ({}, {}))
+    return Classification([], {region: Onset(0, 1.0, 100.0, False) for region in found}, {"x": {}, "y": {}})
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def swept(y: np.ndarray) -> SweptBearing:
     """A sweep with a given response on y (m)."""
     position = np.column_stack([np.zeros(STEPS), y])
     record = LoopRecord(0, 1e-4, np.zeros((STEPS, 2)), position, np.zeros((STEPS, 2)))
-    return SweptBearing(Plant(), ControllerParameters(), record, FREQUENCY, Classification([], {}, ({}, {})))
+    return SweptBearing(Plant(), ControllerParameters(), record, FREQUENCY, Classification([], {}, {"x": {}, "y": {}}))
 
 
 @pytest.mark.parametrize(

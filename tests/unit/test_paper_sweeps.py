@@ -47,10 +47,10 @@ def swept(plant: Plant):
             region = max((one for one, begin in begins.items() if begin <= step), default=Region.A)
             since = onsets.get(region, Onset(0, 0.0, math.nan, False))
             axis = AxisState(region, since, 0.0, 0.0, 0.0, 1e-6, slow, FREQUENCY[step], 1e-6, response, False)
-            states.append(RegionState(step, axis, axis, region, since, 0.0, True))
+            states.append(RegionState(step, (axis, replace(axis, name="y")), (), region, since, 0.0, True))
         samples = np.zeros((STEPS, 2))
         record = LoopRecord(0, 1e-4, samples, samples, samples)
-        found = Classification(states, onsets, ({}, onsets))
+        found = Classification(states, onsets, {"x": {}, "y": onsets})
         return SweptBearing(plant, ControllerParameters(), record, FREQUENCY, found)
 
     return make
@@ -133,8 +133,9 @@ def test_the_force_law_is_the_cause_of_what_remains_without_limits(swept, with_f
 
 def test_the_rotor_is_slower_where_region_a_ends_if_it_responds_less(swept) -> None:
     run = swept(BEGINS)
-    axes = [replace(state.y, response_amplitude=1e-3 / state.y.input_frequency**2) for state in run.found.states]
-    states = [replace(state, y=axis) for state, axis in zip(run.found.states, axes, strict=True)]
+    axes = [state.axis("y") for state in run.found.states]
+    axes = [replace(axis, response_amplitude=1e-3 / axis.input_frequency**2) for axis in axes]
+    states = [replace(state, axes=(axis,)) for state, axis in zip(run.found.states, axes, strict=True)]
     slowing = replace(run, found=replace(run.found, states=states))
     assert motion_claim("causes", rotor_speed(slowing), slowing).verdict == "does not agree"
     assert motion_claim("causes", rotor_speed(run), run).verdict == "agrees"  # as far at every frequency: ever faster

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -14,14 +15,15 @@ from amb_core.recording.messages.region_map import (
     region_map_from_message,
 )
 from amb_core.recording.messages.region_state import fill_region_state, region_state_from_message
-from amb_core.regions import AxisState, Onset, Region, RegionState
+from amb_core.regions import AxisState, BearingState, Onset, Region, RegionState
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
 from amb_msgs.action import BuildMap
+from amb_msgs.msg import AxisRegion, BearingRegion
 from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.msg import RegionState as RegionStateMessage
 
 
-def axis(region: Region, seed: float) -> AxisState:
+def axis(name: str, region: Region, seed: float) -> AxisState:
     features = [seed * number for number in range(1, 9)]
     drift = Onset(4, 4e-4, 2_000.0, False) if region is Region.C else None
     return AxisState(
@@ -33,6 +35,7 @@ def axis(region: Region, seed: float) -> AxisState:
         steady_frequency=15.9,
         steady_amplitude=2e-6,
         even_distortion=0.03,
+        name=name,
     )
 
 
@@ -46,31 +49,43 @@ def region_map() -> RegionMap:
 
 
 STATE = RegionState(
-    12_345, axis(Region.A, 1.5), axis(Region.C, -0.1), Region.C, Onset(5, 5e-4, 330.0, False), 1e-4, True
+    12_345,
+    (axis("x_a", Region.A, 1.5), axis("y_a", Region.C, -0.1), axis("z", Region.B, 0.3)),
+    (BearingState("a", Region.C, 1e-4), BearingState("t", Region.B, 2e-4)),
+    Region.C,
+    Onset(5, 5e-4, 330.0, False),
+    1e-4,
+    True,
 )
 
 
+def message_of(state: RegionState) -> RegionStateMessage:
+    return fill_region_state(RegionStateMessage(), AxisRegion, BearingRegion, state, run=3, sample_time=1e-4)
+
+
 def test_a_state_comes_back_as_it_was() -> None:
-    message = fill_region_state(RegionStateMessage(), STATE, run=3, sample_time=1e-4)
+    message = message_of(STATE)
     assert (message.run, message.header.stamp.sec, message.header.stamp.nanosec) == (3, 1, 234_500_000)
     assert repr(region_state_from_message(message)) == repr(STATE)
 
 
-def test_a_state_of_a_bag_of_version_0_1_has_no_evidence_beside_its_region() -> None:
-    new = {"drifting", "drift", "oscillating", "oscillation", "even_distortion", "odd_distortion"}
+def test_a_state_of_version_0_1_has_the_axes_x_and_y_without_evidence_beside_their_region() -> None:
+    new = {"name", "drifting", "drift", "oscillating", "oscillation", "even_distortion", "odd_distortion"}
     new |= {"steady_frequency", "steady_amplitude", "frozen"}
-    message = fill_region_state(RegionStateMessage(), STATE, run=3, sample_time=1e-4)
-    for name in "xy":
-        axis = getattr(message, name)
-        known = {field: getattr(axis, field) for field in axis.get_fields_and_field_types() if field not in new}
-        old = SimpleNamespace(**known)
-        state = getattr(region_state_from_message(SimpleNamespace(**_attributes(message) | {"x": old, "y": old})), name)
-        assert (state.drift, state.oscillation, state.steady_amplitude) == (None, None, 0.0)
-        assert math.isnan(state.even_distortion)
+    message = message_of(STATE)
+    x, y = (SimpleNamespace(**_attributes(part, without=new)) for part in message.axes[:2])
+    old = SimpleNamespace(**_attributes(message, without={"axes", "bearings"}), x=x, y=y)
+    state = region_state_from_message(old)
+    assert [(part.name, part.region) for part in state.axes] == [("x", Region.A), ("y", Region.C)]
+    assert (state.bearings, state.region, state.since, state.radius) == ((), Region.C, STATE.since, STATE.radius)
+    for part, original in zip(state.axes, STATE.axes, strict=False):
+        assert (part.bias, part.oscillation_frequency) == (original.bias, original.oscillation_frequency)
+        assert (part.drift, part.oscillation, part.steady_amplitude) == (None, None, 0.0)
+        assert math.isnan(part.even_distortion)
 
 
-def _attributes(message: RegionStateMessage) -> dict[str, object]:
-    return {field: getattr(message, field) for field in message.get_fields_and_field_types()}
+def _attributes(message: Any, without: set[str]) -> dict[str, object]:
+    return {field: getattr(message, field) for field in message.get_fields_and_field_types() if field not in without}
 
 
 def test_regions_have_the_numbers_of_the_library() -> None:

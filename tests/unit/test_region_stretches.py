@@ -16,7 +16,7 @@ INTERVAL = 100
 def state(step: int, region: Region, since: int, settled: bool = True, beat: bool = False) -> RegionState:
     onset = Onset(since, since * 1e-4, math.nan, False)
     axis = AxisState(region, onset, *[0.0] * 8, sampling_beat=beat)
-    return RegionState(step, axis, axis, region, onset, 0.0, settled)
+    return RegionState(step, (axis, axis), (), region, onset, 0.0, settled)
 
 
 def run(regions: str, first_step: int = 0, onsets: dict[str, int] | None = None) -> list[RegionState]:
@@ -58,6 +58,6 @@ def test_shares_are_those_of_the_time_judged() -> None:
 def test_beats_are_spans_of_states() -> None:
     states = run("AAAAAA")
     for n in (1, 2, 5):
-        beating = replace(states[n].x, sampling_beat=True)
-        states[n] = replace(states[n], x=beating)
+        still, beating = states[n].axes[0], replace(states[n].axes[1], sampling_beat=True)
+        states[n] = replace(states[n], axes=(still, beating))
     assert beats(states) == [(199, 299), (599, 599)]

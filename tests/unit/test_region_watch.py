@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from amb_core.errors import RegionError
-from amb_core.loop.records import LoopRecord
+from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
+from amb_core.loop.records import LoopRecord, axis_names
 from amb_core.regions import Region, RegionParameters, RegionState
 from amb_ident_node.monitoring import RegionWatch
 
@@ -86,3 +87,65 @@ def test_a_sample_time_too_long_for_the_classifier_is_refused(watch: RegionWatch
             watch.add_block(7, slow)
     assert watch.state is None
     assert watch.add_block(8, quiet), "the next run is judged"
+
+
+# -- the machine
+
+
+def machine(axes: int = 4, clearance: float = 200e-6) -> Machine:
+    names = axis_names(axes)
+    bearings = [name[2:] or "a" for name in names]
+    return Machine(
+        "rig",
+        "bridge",
+        1e4,
+        tuple(
+            MachineAxis(name, bearing, 0.0, 0.0, (1.0, 0.0, 0.0), 3.0, 3.0)
+            for name, bearing in zip(names, bearings, strict=True)
+        ),
+        tuple(MachineBearing(name, clearance) for name in dict.fromkeys(bearings)),
+    )
+
+
+@pytest.fixture
+def touching() -> LoopRecord:
+    """Four axes, of which y_b goes 220 um from the centre at the end."""
+    position = 1e-8 * np.random.default_rng(1).normal(size=(STEPS, 4))
+    position[-500:, 3] = 220e-6
+    return LoopRecord(0, 1e-4, np.zeros((STEPS, 4)), position, np.zeros((STEPS, 4)))
+
+
+def test_a_bearing_is_judged_by_the_clearance_of_the_machine(watch: RegionWatch, touching: LoopRecord) -> None:
+    watch.use(machine())
+    state = watch.add_block(7, touching)[-1]
+    assert [(bearing.name, bearing.region) for bearing in state.bearings] == [("a", Region.A), ("b", Region.D)]
+    assert (state.region, watch.machine_problem) == (Region.D, "")
+
+
+def test_a_run_without_its_machine_has_bearings_by_names(watch: RegionWatch, touching: LoopRecord) -> None:
+    watch.use(machine(2))
+    state = watch.add_block(7, touching)[-1]
+    assert [axis.name for axis in state.axes] == ["x_a", "y_a", "x_b", "y_b"]
+    assert state.region is not Region.D, "220 um are less than the default clearance"
+    assert watch.machine_problem == (
+        "run 7 is classified without its machine, with bearings by the names of the axes (a: x_a, y_a; b: x_b, y_b)"
+    )
+
+
+def test_a_machine_that_changes_holds_from_the_next_run_on(watch: RegionWatch, touching: LoopRecord) -> None:
+    watch.use(machine(clearance=250e-6))
+    watch.add_block(7, touching.window(0, 2_000))
+    watch.use(machine(clearance=200e-6))
+    assert watch.machine_problem == "", "the run may be over"
+    states = watch.add_block(7, touching.window(2_000, 4_000))
+    assert states[-1].region is not Region.D
+    assert watch.machine_problem.startswith("the machine changed within run 7")
+    assert watch.add_block(8, touching)[-1].region is Region.D
+    assert watch.machine_problem == ""
+
+
+def test_other_axes_within_a_run_are_refused(watch: RegionWatch, quiet: LoopRecord, touching: LoopRecord) -> None:
+    watch.add_block(7, touching.window(0, 2_000))
+    with pytest.raises(RegionError, match="the axes are x, y at step 2000; the classifier was made for x_a"):
+        watch.add_block(7, quiet.window(2_000, 100))
+    assert watch.refused == 1

@@ -156,18 +156,18 @@ def test_other_sample_rates() -> None:
 
 def test_regions_follow_one_another(eventful: LoopRecord) -> None:
     found = classify(eventful)
-    assert {region: onset.time for region, onset in found.axis_onsets[1].items()} == pytest.approx(
+    assert {region: onset.time for region, onset in found.axis_onsets["y"].items()} == pytest.approx(
         {Region.B: 1.0, Region.C: 1.7, Region.D: 2.605}, abs=0.02
     )
-    assert found.onsets == found.axis_onsets[1]
-    assert found.axis_onsets[0] == {Region.D: found.onsets[Region.D]}
+    assert found.onsets == found.axis_onsets["y"]
+    assert found.axis_onsets["x"] == {Region.D: found.onsets[Region.D]}
 
 
 def test_delevitation_is_told_at_its_step(eventful: LoopRecord) -> None:
     states = classify(eventful).states
     first = next(state for state in states if state.region is Region.D)
     assert first.step == first.since.step == 26_050
-    assert first.x.region is Region.D
+    assert first.axis("x").region is Region.D
     left = next(state for state in states if state.step > first.step and state.region is not Region.D)
     assert left.step == pytest.approx(27_000 + PARAMETERS.hold_time * RATE, abs=201)
 
@@ -182,7 +182,7 @@ def test_delevitation_counts_from_the_centre_in_any_direction() -> None:
 def test_features_of_a_slow_oscillation() -> None:
     time = seconds(1.5)
     reference = tone(1_000.0, 20e-6, time)
-    state = classify(telemetry(-50e-6 + 0.1 * reference + tone(63.0, 4e-6, time), reference)).states[-1].y
+    state = classify(telemetry(-50e-6 + 0.1 * reference + tone(63.0, 4e-6, time), reference)).states[-1].axis("y")
     assert state.region is Region.C
     assert state.oscillation_amplitude == pytest.approx(4e-6, rel=0.05)
     assert state.oscillation_frequency == pytest.approx(63.0, abs=2.5)
@@ -195,7 +195,7 @@ def test_features_of_a_slow_oscillation() -> None:
 def test_features_of_a_drift() -> None:
     time = seconds(1.5)
     reference = tone(1_000.0, 20e-6, time)
-    state = classify(telemetry(-50e-6 - 30e-6 * time, reference)).states[-1].y
+    state = classify(telemetry(-50e-6 - 30e-6 * time, reference)).states[-1].axis("y")
     assert state.region is Region.B
     assert state.trend == pytest.approx(-30e-6, rel=0.02)
     assert state.trend_significance > 1.0
@@ -216,7 +216,7 @@ def test_beating_of_a_steady_tone_is_no_slow_oscillation(frequency: float) -> No
     beat = tone(order * frequency - RATE, 10e-6, time)
     found = classify(telemetry(beat, reference))
     assert found.onsets == {}
-    assert found.states[-1].y.sampling_beat
+    assert found.states[-1].axis("y").sampling_beat
     sets_in_without_input = classify(telemetry(np.where(time > 0.7, beat, 0.0)))
     assert Region.C in sets_in_without_input.onsets
 
@@ -233,7 +233,7 @@ def test_harmonics_of_a_square_are_no_slow_oscillation(frequency: float) -> None
     reference = 20e-6 * np.sign(tone(frequency, 1.0, time + 1e-6))
     found = classify(telemetry(tone(2.0 * frequency, 10e-6, time), reference))
     assert found.onsets == {}
-    assert found.states[-1].y.oscillation_amplitude == pytest.approx(10e-6, rel=0.1)
+    assert found.states[-1].axis("y").oscillation_amplitude == pytest.approx(10e-6, rel=0.1)
     another = np.where(time > 0.7, tone(1.5 * frequency, 10e-6, time), 0.0)
     assert Region.C in classify(telemetry(another, reference)).onsets
 
@@ -258,7 +258,7 @@ def test_an_axis_without_input_of_its_own_answers_the_other() -> None:
     time = seconds(1.5)
     reference = tone(500.0, 20e-6, time)
     found = classify(telemetry(0.2 * reference, reference)).states[-1]
-    assert found.x.input_frequency == found.y.input_frequency
+    assert found.axis("x").input_frequency == found.axis("y").input_frequency
 
 
 def test_a_jump_of_the_bias_is_drift() -> None:
@@ -283,7 +283,7 @@ def test_frequency_of_a_sweep_is_tracked() -> None:
     assert sweep.frequency is not None
     for state in states[10:]:
         # told for the middle of an interval or two in the past
-        assert state.y.input_frequency == pytest.approx(sweep.frequency[state.step - 50], rel=0.05)
+        assert state.axis("y").input_frequency == pytest.approx(sweep.frequency[state.step - 50], rel=0.05)
 
 
 # -- on the simulated bearing
@@ -348,6 +348,6 @@ def test_derivative_on_measurement_shows_beats_only() -> None:
     record = sweep_of_bearing(50e-6, ControllerParameters(derivative_on="measurement"))
     found = classify(record)
     assert found.onsets == {}
-    beats = [state.y.input_frequency for state in found.states if state.y.sampling_beat]
+    beats = [state.axis("y").input_frequency for state in found.states if state.axis("y").sampling_beat]
     assert any(abs(frequency - RATE / 3.0) < 20.0 for frequency in beats)
     assert any(abs(frequency - RATE / 2.5) < 20.0 for frequency in beats)

@@ -47,8 +47,8 @@ def since(start: float) -> NDArray[np.float64]:
 @pytest.mark.parametrize(("frequency", "amplitude"), [(50.0, 2e-6), (15.9, 3e-6), (30.0, 10e-6), (100.0, 5e-6)])
 def test_hum_and_unbalance_leave_region_a(frequency: float, amplitude: float) -> None:
     found = classify(record(line(frequency, amplitude) + line(2.0 * frequency, 0.2 * amplitude)))
-    assert found.axis_onsets == ({}, {})
-    state = found.states[-1].y
+    assert found.axis_onsets == {"x": {}, "y": {}}
+    state = found.states[-1].axis("y")
     assert state.steady_frequency == pytest.approx(frequency, abs=0.1)
     assert state.steady_amplitude == pytest.approx(amplitude, rel=0.1)
 
@@ -67,11 +67,11 @@ def test_a_line_that_sets_in_is_an_oscillation_with_or_without_input() -> None:
 
 def test_an_oscillation_hides_no_drift() -> None:
     found = classify(record(np.where(TIME > 3.0, line(40.0, 3e-6), 0.0) - 20e-6 * since(4.0)))
-    state = found.states[-1].y
+    state = found.states[-1].axis("y")
     assert state.region is Region.C
     assert state.drift.time == pytest.approx(4.0, abs=0.05)
     assert state.oscillation.time == pytest.approx(3.0, abs=0.05)
-    assert found.axis_onsets[1][Region.B] == state.drift
+    assert found.axis_onsets["y"][Region.B] == state.drift
 
 
 def test_a_known_running_speed_needs_no_rest() -> None:
@@ -113,8 +113,8 @@ def test_a_line_whose_frequency_changes_is_followed() -> None:
 def test_slow_oscillations_are_found_down_to_a_hertz(frequency: float) -> None:
     starts = np.where(TIME > 1.5, 3e-6 * np.sin(2.0 * np.pi * frequency * since(1.5)), 0.0)
     found = classify(record(starts))
-    assert found.axis_onsets[1][Region.C].time == pytest.approx(1.5, abs=0.6 / frequency + 0.05)
-    state = found.states[-1].y
+    assert found.axis_onsets["y"][Region.C].time == pytest.approx(1.5, abs=0.6 / frequency + 0.05)
+    state = found.states[-1].axis("y")
     assert state.oscillation is not None
 
 
@@ -128,7 +128,7 @@ def test_a_lightly_damped_linear_mode_is_no_oscillation(kind: str, natural: floa
     mode = Loop._discrete([angular**2], angular, 0.01)
     quiet = record(np.zeros(60_000), kind)
     ringing = lfilter(*mode, quiet.reference[:, 1])
-    assert Region.C not in classify(record(0.5 * ringing, kind)).axis_onsets[1]
+    assert Region.C not in classify(record(0.5 * ringing, kind)).axis_onsets["y"]
 
 
 def test_a_mode_explains_its_ringing_and_not_a_line_that_sets_in() -> None:
@@ -152,7 +152,7 @@ def test_the_state_shows_the_distortion_of_the_response_to_a_sine() -> None:
     position[:, 1] = 5e-6 * (np.sin(phase + 0.3) + 0.04 * np.cos(2.0 * phase) + 0.02 * np.sin(3.0 * phase))
     position += np.random.default_rng(5).normal(scale=0.02e-6, size=position.shape)
     state = classify(LoopRecord(0, 1.0 / RATE, reference, position, np.zeros_like(position))).states[-1]
-    assert state.y.region is Region.A
-    assert state.y.even_distortion == pytest.approx(0.04, abs=0.003)
-    assert state.y.odd_distortion == pytest.approx(0.02, abs=0.003)
-    assert math.isnan(state.x.even_distortion)
+    assert state.axis("y").region is Region.A
+    assert state.axis("y").even_distortion == pytest.approx(0.04, abs=0.003)
+    assert state.axis("y").odd_distortion == pytest.approx(0.02, abs=0.003)
+    assert math.isnan(state.axis("x").even_distortion)

@@ -25,4 +25,4 @@ def measure() -> dict[str, object]:
 def regions(number: int) -> set[Region]:
     """The regions of a case, on either axis."""
     case = draw_constant_line(np.random.default_rng([SEED, number]), drift=False)
-    return {region for onsets in classify(case.record).axis_onsets for region in onsets}
+    return {region for onsets in classify(case.record).axis_onsets.values() for region in onsets}

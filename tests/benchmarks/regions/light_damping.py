@@ -19,4 +19,4 @@ def measure() -> dict[str, object]:
 def oscillates(number: int) -> bool:
     """Whether a case is in region C at some time."""
     case = draw_light_mode(np.random.default_rng([SEED, number]))
-    return Region.C in classify(case.record).axis_onsets[1]
+    return Region.C in classify(case.record).axis_onsets["y"]

@@ -19,5 +19,5 @@ def measure() -> dict[str, object]:
 def found(number: int) -> bool:
     """Whether region C of a case begins, after its oscillation has set in, less a tenth of a second."""
     case = draw_slow_line(np.random.default_rng([SEED, number]))
-    onset = classify(case.record).axis_onsets[1].get(Region.C)
+    onset = classify(case.record).axis_onsets["y"].get(Region.C)
     return onset is not None and onset.step >= case.onset - 1000

@@ -26,14 +26,14 @@ from amb_core.regions.stretches import beats, shares, stretches
 def regions(
     bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
     run: Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")] = None,
-    axes: Annotated[str, typer.Option(help="Axes to draw, x, y or xy; by default those that are excited.")] = "",
+    axes: Annotated[
+        str, typer.Option(help="Axes to draw, such as x,y or x_a,y_b; by default those that are excited.")
+    ] = "",
     out: Annotated[Path, typer.Option(help="Folder for sweep.png, sweep.html and summary.json.")] = (
         Path("results/regions")
     ),
 ) -> None:
     """Show where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions."""
-    if axes not in ("", "x", "y", "xy"):
-        raise ParameterError(f"--axes {axes} is not allowed; it must be x, y or xy")
     console = Console()
     make_folder(out)
     recording = Recording.read(bag)
@@ -41,12 +41,13 @@ def regions(
         console.print(f"[yellow]bag {bag} is incomplete: {recording.truncated}[/yellow]")
     with working(console, "classifying"):
         found = classify_run(recording, run)
+    drawn = _drawn_axes(axes, found.record.axes)
     with working(console, "measuring distortion"):
         evidence = evidence_or_reason(recording, found.run)
     summary = {**_summary(found, bag), "distortion": evidence.as_dict()}
     _print(console, found, summary)
     console.print(evidence.brief)
-    _write(out, found, summary, axes)
+    _write(out, found, summary, drawn)
     console.print(f"sweep.png, sweep.html, summary.json: {out}")
 
 
@@ -54,7 +55,6 @@ def _summary(found: RecordedRegions, bag: Path) -> dict[str, Any]:
     """The result as plain JSON values, times in s and frequencies in Hz."""
     record, told = found.record, found.classification
     parts = stretches(told.states)
-    axis_x, axis_y = told.axis_onsets
     return {
         "bag": str(bag),
         "run": found.run,
@@ -67,7 +67,7 @@ def _summary(found: RecordedRegions, bag: Path) -> dict[str, Any]:
         "shares": {region.name: share for region, share in shares(parts).items()},
         "onsets": {
             part: {region.name: _onset(region, onset) for region, onset in onsets.items()}
-            for part, onsets in (("rotor", told.onsets), ("x", axis_x), ("y", axis_y))
+            for part, onsets in (("rotor", told.onsets), *told.axis_onsets.items())
         },
         "sampling_beats": [
             [_frequency(found, first), _frequency(found, last), first * record.sample_time, last * record.sample_time]
@@ -139,7 +139,15 @@ def _table(summary: dict[str, Any]) -> Table:
     return table
 
 
-def _write(out: Path, found: RecordedRegions, summary: dict[str, Any], axes: str) -> None:
+def _drawn_axes(wanted: str, known: tuple[str, ...]) -> tuple[str, ...]:
+    """The axes of an option: names with commas between them, or `xy` for both axes of a single bearing."""
+    names = ("x", "y") if wanted == "xy" else tuple(name.strip() for name in wanted.split(",") if name.strip())
+    if any(name not in known for name in names):
+        raise ParameterError(f"--axes {wanted} is not allowed; the axes of the run: {', '.join(known)}")
+    return names
+
+
+def _write(out: Path, found: RecordedRegions, summary: dict[str, Any], axes: tuple[str, ...]) -> None:
     """Write figure and summary; over frequency if the input is one rising sweep, else over time."""
     response = (found.record, found.classification, found.frequency)
     over = "frequency" if rises(found.frequency) else "time"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import RegionError
+from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import part_of
 from amb_core.recording.recording import SIMULATOR_NODE
@@ -43,7 +44,8 @@ class RecordedRegions:
     delevitated : bool
         Whether the simulator ended the run because the rotor delevitated.
     parameters : RegionParameters
-        Thresholds: those of the recorded region monitor, otherwise defaults with the radius of the recorded bearing.
+        Thresholds: those of the recorded region monitor, otherwise defaults; with the radius of the recorded bearing if
+        they leave it to a machine that is not recorded.
     """
 
     run: int
@@ -73,13 +75,14 @@ def classify_run(recording: Recording, run: int | None = None) -> RecordedRegion
     first_step, stop = spans[0][0], spans[-1][1]
     frequency = recording.input_frequency(first_step, stop, run)
     ended = recording.delevitation(run)
-    parameters = _parameters(recording)
     records = [recording.telemetry(run, start, end) for start, end in spans]
+    machine = _machine(recording, records[0].axes)
+    parameters = _parameters(recording, machine)
     usable = [part for record in records for part in _finite_parts(record)]
     parts = []
     for part in usable or records:
         try:
-            parts.append(classify(part, parameters, delevitated=ended == part.first_step + part.steps))
+            parts.append(classify(part, parameters, machine=machine, delevitated=ended == part.first_step + part.steps))
         except RegionError as problem:
             raise RegionError(f"bag {recording.path}, run {run}: {problem}") from None
     return RecordedRegions(
@@ -108,22 +111,29 @@ def _between(spans: Sequence[tuple[int, int]], first_step: int, stop: int) -> li
     return [(end, start) for (_, end), (start, _) in pairwise(ends) if start > end]
 
 
-def _parameters(recording: Recording) -> RegionParameters:
-    monitor = recording.parameters_of(MONITOR_NODE)
-    if monitor is not None:
-        return part_of(RegionParameters, monitor)
+def _machine(recording: Recording, axes: tuple[str, ...]) -> Machine | None:
+    """The recorded machine, if the run has its axes."""
+    machine = recording.machine()
+    return machine if machine is not None and machine.axis_names == axes else None
+
+
+def _parameters(recording: Recording, machine: Machine | None) -> RegionParameters:
+    parameters = part_of(RegionParameters, recording.parameters_of(MONITOR_NODE) or {})
     radius = (recording.parameters_of(SIMULATOR_NODE) or {}).get("rotor.backup_bearing_radius")
-    return part_of(RegionParameters, {} if radius is None else {"backup_bearing_radius": radius})
+    if machine is not None or radius is None or parameters.backup_bearing_radius > 0.0:
+        return parameters
+    return parameters.model_copy(update={"backup_bearing_radius": radius})
 
 
 def _joined(records: Sequence[LoopRecord]) -> LoopRecord:
     """One record from the first step to the last, NaN where there is none."""
     first, last = records[0], records[-1]
-    signals = np.full((3, last.first_step + last.steps - first.first_step, 2), np.nan)
+    signals = np.full((3, last.first_step + last.steps - first.first_step, len(first.axes)), np.nan)
     for record in records:
         start = record.first_step - first.first_step
         signals[:, start : start + record.steps] = record.reference, record.position, record.current
-    return LoopRecord(first.first_step, first.sample_time, *signals)
+    reference, position, current = signals
+    return LoopRecord(first.first_step, first.sample_time, reference, position, current, first.axes)
 
 
 def _joined_classification(
@@ -143,5 +153,5 @@ def _joined_classification(
     return Classification(
         [state for part in parts for state in part.states],
         first(part.onsets for part in parts),
-        (first(part.axis_onsets[0] for part in parts), first(part.axis_onsets[1] for part in parts)),
+        {axis: first(part.axis_onsets[axis] for part in parts) for axis in parts[0].axis_onsets},
     )

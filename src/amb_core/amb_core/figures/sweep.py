@@ -45,7 +45,7 @@ def sweep_chart(
     *,
     over: Literal["time", "frequency"] = "time",
     model: LoopRecord | None = None,
-    axes: str = "",
+    axes: Sequence[str] = (),
     title: str = "Response to a sweep",
 ) -> Chart:
     """Position over time or over the instantaneous input frequency, in the colours of the regions.
@@ -65,29 +65,34 @@ def sweep_chart(
         What the horizontal axis is; samples without a frequency are left out over frequency.
     model : LoopRecord, optional
         Response of a model to the same reference from the same step on, drawn over it.
-    axes : str, optional
-        Axes to show, `x`, `y` or `xy`; by default those that are excited.
+    axes : sequence of str, optional
+        Names of the axes to show; by default those that are excited.
     title : str
         Title of the figure.
 
     Raises
     ------
     RegionError
-        If it is to be drawn over frequency, and the frequency is not given or does not rise.
+        If it is to be drawn over frequency, and the frequency is not given or does not rise; if there is no such axis.
     """
+    axes = tuple(axes) or _excited(record)
+    unknown = [name for name in axes if name not in record.axes]
+    if unknown:
+        raise RegionError(f"no axis {', '.join(unknown)} in the record; its axes: {', '.join(record.axes)}")
     abscissa = _over_time(record) if over == "time" else _over_frequency(record, frequency)
     regions = _regions(classification, abscissa)
     panels = []
-    for name in axes or _excited(record):
-        curves = _curves(record, model, abscissa, "xy".index(name), sweeping=frequency is not None)
+    for name in axes:
+        column = record.axes.index(name)
+        curves = _curves(record, model, abscissa, column, sweeping=frequency is not None)
         heights = np.concatenate([curve.y for curve in curves])
         low, high = np.nanmin(heights), np.nanmax(heights)
         margin = max(HEADROOM * (high - low), 1e-3)
         limits = (float(low - margin), float(high + margin))
-        beats = _beats(classification, abscissa, "xy".index(name), limits[0] + 0.3 * margin)
+        beats = _beats(classification, abscissa, column, limits[0] + 0.3 * margin)
         panels.append(Panel(abscissa.axis, Axis(f"{name} (µm)", limits=limits), (*regions, *curves, *beats)))
-    size = (8.0, 4.8 if len(panels) == 1 else 6.8)
-    alt = _alt(record, classification, model is not None, "".join(axes or _excited(record)))
+    size = (8.0, 4.8 if len(panels) == 1 else 3.4 * len(panels))
+    alt = _alt(record, classification, model is not None, axes)
     return Chart(title, alt, tuple(panels), shared_x=True, size=size, table=_onset_table(classification))
 
 
@@ -123,10 +128,10 @@ def _over_frequency(record: LoopRecord, frequency: NDArray[np.float64] | None) -
     return _Abscissa(axis, shown, x, record.first_step + int(known[0]))
 
 
-def _excited(record: LoopRecord) -> str:
-    """Axes whose reference moves, both where none does."""
+def _excited(record: LoopRecord) -> tuple[str, ...]:
+    """Axes whose reference moves, all where none does."""
     moved = np.nanmax(record.reference, axis=0) > np.nanmin(record.reference, axis=0)
-    return "".join(name for name, moves in zip("xy", moved, strict=True) if moves) or "xy"
+    return tuple(name for name, moves in zip(record.axes, moved, strict=True) if moves) or record.axes
 
 
 def _regions(classification: Classification, abscissa: _Abscissa) -> list[Item]:
@@ -165,14 +170,14 @@ def _beats(classification: Classification, abscissa: _Abscissa, axis: int, heigh
     """A bar at the bottom where the input beats with the sample rate."""
     last = abscissa.first_step + len(abscissa.x)
     shown = [state for state in classification.states if abscissa.first_step <= state.step < last]
-    beating = [(state.x, state.y)[axis].sampling_beat for state in shown]
+    beating = [state.axes[axis].sampling_beat for state in shown]
     if not any(beating):
         return []
     x = np.array([abscissa.at(state.step) for state in shown])
     return [Curve(x, np.where(beating, height, np.nan), "input beats with the sample rate", BEAT)]
 
 
-def _alt(record: LoopRecord, classification: Classification, with_model: bool, axes: str) -> str:
+def _alt(record: LoopRecord, classification: Classification, with_model: bool, axes: Sequence[str]) -> str:
     reach = UM * np.nanmax(np.abs(record.position))
     text = (
         f"Rotor position on {' and '.join(axes)} from {record.time[0]:.1f} s to {record.time[-1]:.1f} s; it "
@@ -193,8 +198,7 @@ def _onset_table(classification: Classification) -> Table:
     rows: list[tuple[str, ...]] = []
     of_parts: Sequence[tuple[str, dict[Region, Onset]]] = (
         ("rotor", classification.onsets),
-        ("x", classification.axis_onsets[0]),
-        ("y", classification.axis_onsets[1]),
+        *classification.axis_onsets.items(),
     )
     for part, onsets in of_parts:
         rows += [

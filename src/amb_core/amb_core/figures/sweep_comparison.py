@@ -54,19 +54,21 @@ def sweep_comparison_chart(cases: Sequence[SweepCase], axis: str = "y", title: s
     cases : sequence of SweepCase
         At least one, from top to bottom.
     axis : str
-        `x` or `y`.
+        Its name.
     title : str
         Title of the figure.
 
     Raises
     ------
     RegionError
-        If the frequency of a case does not rise.
+        If the frequency of a case does not rise, or a case has no such axis.
     """
-    number = "xy".index(axis)
     for case in cases:
+        if axis not in case.record.axes:
+            raise RegionError(f"{case.name}: no axis {axis!r}; its axes: {', '.join(case.record.axes)}")
         if not rises(case.frequency):
             raise RegionError(f"{case.name}: sweeps are compared only where the frequency of their input rises")
+    number = cases[0].record.axes.index(axis)
     frequencies = np.concatenate([case.frequency[np.isfinite(case.frequency)] for case in cases])
     horizontal = Axis(
         "input frequency (Hz)", log=True, limits=(float(frequencies.min()), ROOM * float(frequencies.max()))

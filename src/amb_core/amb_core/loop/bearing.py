@@ -1,12 +1,4 @@
-"""What plant and region classifier both declare about the bearing."""
+"""What plant and region classifier both take for granted about a bearing of which nothing else is known."""
 
-from __future__ import annotations
-
-from typing import Any
-
-from amb_core.parameters import quantity
-
-
-def backup_bearing_radius(meaning: str) -> Any:
-    """Declare the radial displacement at which the rotor touches the backup bearing (m), with what it means there."""
-    return quantity(250e-6, "m", meaning, 1e-6, 1e-2)
+BACKUP_BEARING_RADIUS = 250e-6
+"""Radial displacement at which the rotor touches the backup bearing (m)."""

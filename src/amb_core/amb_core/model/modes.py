@@ -1,10 +1,10 @@
 """The modes of a linear discrete-time model: natural frequency, damping ratio, whirl direction and mode shape.
 
 A pole z of the model has the rate s = ln(z) / T, the natural frequency |s| and the damping ratio -Re(s) / |s|; its
-mode shape is C v with the eigenvector v: the complex displacements at the sensors. The part of the velocity response
-that belongs to the mode, s C v w B / (z - z_i), has at its peak the gain |s| |C v w B| / |1 - |z_i||, which tells modes
-of the machine from states that hardly matter: velocities of slow and of fast modes have one scale, displacements do
-not.
+mode shape is C v with the eigenvector v: the complex displacements at the sensors. The part of the response that
+belongs to the mode, C v w B / (z - z_i), has at its peak the gain |C v w B| / |1 - |z_i||. Modes of the machine have a
+large gain of the displacement, or of the velocity, |s| times as much: soft modes stand out in the one, fast ones with
+little damping in the other. States that hardly matter are small in both.
 
 Of a machine with negative stiffness the plant alone has real poles instead of rigid body modes; these oscillate in the
 loop. Bending modes are in both.
@@ -55,7 +55,8 @@ class Mode:
     shape : ndarray, shape (p,)
         Complex displacements at the outputs; the largest is 1.
     gain : float
-        Peak gain of its part of the velocity response, over that of the mode where it is largest (-).
+        Peak gain of its part of the response in displacement or in velocity, over that of the mode where it is largest
+        (-); the larger of the two.
     whirl : str
         `forward`, `backward`, `planar`, `mixed`, or `none` for a mode that does not oscillate or has no orbit.
     kind : str
@@ -167,13 +168,18 @@ def modes_of(system: DiscreteSystem) -> Modes:
         shapes, drives = _separated(system.C @ right[:, group], _dual(left[:, group], right[:, group]) @ system.B)
         for number, shape, drive in zip(group, shapes.T, drives, strict=True):
             largest = shape[np.argmax(np.abs(shape))]
-            residue = np.linalg.norm(shape) * np.linalg.norm(drive)
-            gain = residue * abs(rates[number]) / max(abs(1.0 - abs(poles[number])), 1e-300)
+            gain = np.linalg.norm(shape) * np.linalg.norm(drive) / max(abs(1.0 - abs(poles[number])), 1e-300)
             mode = Mode(complex(rates[number]), shape / largest if largest else shape, float(gain), "none")
             modes.append(replace(mode, whirl=whirl_of(mode.shape, planes)) if mode.oscillates else mode)
-    most = max((mode.gain for mode in modes), default=0.0) or 1.0
-    ordered = sorted((replace(mode, gain=mode.gain / most) for mode in modes), key=lambda mode: abs(mode.rate))
-    return Modes(with_kinds(tuple(ordered), planes, LEAST_GAIN), names)
+    ordered = tuple(sorted(_relative(modes), key=lambda mode: abs(mode.rate)))
+    return Modes(with_kinds(ordered, planes, LEAST_GAIN), names)
+
+
+def _relative(modes: list[Mode]) -> list[Mode]:
+    """The modes with the larger of their gains of displacement and velocity, each over the largest of all modes."""
+    gains = np.array([[mode.gain, mode.gain * abs(mode.rate)] for mode in modes]).reshape(len(modes), 2)
+    largest = gains.max(axis=0, initial=np.finfo(np.float64).tiny)
+    return [replace(mode, gain=float(gain)) for mode, gain in zip(modes, (gains / largest).max(axis=1), strict=True)]
 
 
 def _groups(rates: NDArray[np.complex128], slow: NDArray[np.intp]) -> list[NDArray[np.intp]]:

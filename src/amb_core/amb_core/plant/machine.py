@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 
-from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
+from amb_core.loop.machine import DIRECTIONS, Machine, MachineAxis, MachineBearing
 from amb_core.loop.records import axis_names
 from amb_core.plant.parameters import PlantParameters
-
-_DIRECTIONS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 def machine_of(parameters: PlantParameters) -> Machine:
@@ -26,7 +24,7 @@ def machine_of(parameters: PlantParameters) -> Machine:
             bearing=bearings[number // 2],
             sensor_position=_axial(parameters, "sensor", bearings[number // 2]),
             actuator_position=_axial(parameters, "bearing", bearings[number // 2]),
-            direction=_DIRECTIONS[number % 2],
+            direction=DIRECTIONS["xy"[number % 2]],
             bias_current=amplifier.bias_current,
             current_limit=min(limits),
         )

@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from amb_core.loop.bearing import backup_bearing_radius
+from amb_core.loop.bearing import BACKUP_BEARING_RADIUS
 from amb_core.parameters import Parameters, choice, quantity, switch
 
 
@@ -159,8 +159,8 @@ class RotorParameters(Parameters):
     external_force_frequency: float = quantity(
         0.0, "Hz", "frequency of the external force, a cosine starting at the reset; 0 for a constant force", 0.0, 1e5
     )
-    backup_bearing_radius: float = backup_bearing_radius(
-        "radial rotor displacement at which it touches the backup bearing"
+    backup_bearing_radius: float = quantity(
+        BACKUP_BEARING_RADIUS, "m", "radial rotor displacement at which it touches the backup bearing", 1e-6, 1e-2
     )
     initial_x: float = quantity(0.0, "m", "rotor position at reset, x axis", -1e-2, 1e-2)
     initial_y: float = quantity(0.0, "m", "rotor position at reset, y axis", -1e-2, 1e-2)

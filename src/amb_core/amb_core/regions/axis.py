@@ -40,11 +40,11 @@ class AxisClassifier:
     Parameters
     ----------
     axis : int
-        0 for x, 1 for y.
+        Its column in arrays of samples.
     parameters : RegionParameters
         Thresholds and times.
     front_end : FrontEnd
-        Windows of both axes.
+        Windows of all axes.
     history : InputHistory
         Inputs of the past, for the onsets.
     sample_time : float

@@ -1,9 +1,10 @@
-"""The streaming classifier of regions, and the classification of a record as a whole."""
+"""The streaming classifier of regions: of all axes and bearings of a machine."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +12,22 @@ from numpy.typing import NDArray
 from amb_core.errors import RegionError
 from amb_core.loop.records import LoopRecord
 from amb_core.regions.axis import AxisClassifier, gain
+from amb_core.regions.contact import Contact
 from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory
 from amb_core.regions.input_signal import ExcitationChange, InputKind
+from amb_core.regions.layout import ONE_BEARING, Layout, MonitoredBearing
 from amb_core.regions.parameters import RegionParameters
 from amb_core.regions.slow_signal import PER_INTERVAL, TAPS
-from amb_core.regions.state import AxisState, Onset, Region, RegionState
+from amb_core.regions.state import AxisState, BearingState, Onset, Region, RegionState
 
 
 class RegionClassifier:
     """Classifies streamed telemetry in blocks of any size: the states depend on the samples alone.
 
-    It returns a state at every multiple of the update interval, and also at the step at which the rotor delevitates.
+    It returns a state at every multiple of the update interval, and also at the step at which the rotor touches a
+    bearing. An axis without an input of its own may respond to that of any other axis. While the rotor touches one
+    bearing, and while the loop settles after an excitation of any axis, B and C are evaluated on no axis.
 
     Parameters
     ----------
@@ -30,6 +35,8 @@ class RegionClassifier:
         Thresholds and times.
     sample_time : float
         Controller sample time (s).
+    layout : Layout, optional
+        Axes and bearings; by default x and y of a single bearing.
 
     Attributes
     ----------
@@ -44,11 +51,14 @@ class RegionClassifier:
         If an update interval has fewer than ten steps.
     """
 
-    def __init__(self, parameters: RegionParameters, sample_time: float) -> None:
+    def __init__(self, parameters: RegionParameters, sample_time: float, layout: Layout = ONE_BEARING) -> None:
         if not (math.isfinite(sample_time) and sample_time > 0.0):
             raise RegionError(f"sample time {sample_time!r} s is not allowed; it must be positive and finite")
         self.parameters = parameters
         self.sample_time = sample_time
+        self.layout = layout
+        self._count = len(layout.axes)
+        self._neighbours = layout.neighbours()
         self._factor = round(parameters.update_interval / sample_time / PER_INTERVAL)
         if self._factor < 1:
             raise RegionError(
@@ -62,7 +72,7 @@ class RegionClassifier:
         self.gaps: list[tuple[int, int]] = []
         self.returns: list[tuple[int, int]] = []
         self._next: int | None = None
-        self._held = np.empty((self._interval, 4))
+        self._held = np.empty((self._interval, 2 * self._count))
         self._restart(0)
 
     def feed(self, block: LoopRecord) -> list[RegionState]:
@@ -73,7 +83,7 @@ class RegionClassifier:
         Raises
         ------
         RegionError
-            If a sample is not finite (the whole block is then ignored) or the sample time differs.
+            If a sample is not finite (the whole block is then ignored), or the sample time or the axes differ.
         """
         self._check(block)
         if block.steps == 0:
@@ -94,18 +104,22 @@ class RegionClassifier:
             taken = min(self._interval - filled, block.steps - done)
             self._held[filled : filled + taken] = signals[done : done + taken]
             self._next = block.first_step + done + taken
-            states += self._watch_radius(signals[done : done + taken, 2:], self._next - taken)
+            states += self._watch_contact(signals[done : done + taken, self._count :], self._next - taken)
             if filled + taken == self._interval:
                 self._update()
                 states.append(self._state())
-                self._radius = 0.0
+                for contact in self._contacts:
+                    contact.radius = 0.0
             done += taken
         return states
 
     def delevitate(self) -> RegionState:
-        """Register that the rotor delevitated at the next step, for which there is no sample."""
-        if self._delevitation is None:
-            self._begin_delevitation(0 if self._next is None else self._next)
+        """Register that the rotor delevitated at the next step, for which there is no sample.
+
+        Of several bearings it is the one in which the last position was closest to its clearance.
+        """
+        if not self._touching:
+            self._begin_delevitation(0 if self._next is None else self._next, [self._closest_contact()])
         return self._state()
 
     def _check(self, block: LoopRecord) -> None:
@@ -114,32 +128,36 @@ class RegionClassifier:
                 f"telemetry: the sample time is {block.sample_time:g} s at step {block.first_step}; "
                 f"the classifier was made for {self.sample_time:g} s"
             )
+        if block.axes != self.layout.axes:
+            raise RegionError(
+                f"telemetry: the axes are {', '.join(block.axes)} at step {block.first_step}; "
+                f"the classifier was made for {', '.join(self.layout.axes)}"
+            )
         for name, signal in (("reference", block.reference), ("position", block.position)):
             wrong = np.argwhere(~np.isfinite(signal))
             if len(wrong):
                 row, axis = wrong[0]
                 raise RegionError(
-                    f"telemetry: {name} {'xy'[axis]} is {signal[row, axis]} at step {block.first_step + row}; "
+                    f"telemetry: {name} {block.axes[axis]} is {signal[row, axis]} at step {block.first_step + row}; "
                     "samples must be finite"
                 )
 
     def _restart(self, step: int) -> None:
         """Forget everything: the next sample is the first."""
         parameters = self.parameters
-        self._front_end = FrontEnd(self.sample_time, self._factor, self._samples)
-        self._history = InputHistory(self.sample_time, parameters.resonance_gain)
+        self._front_end = FrontEnd(self.sample_time, self._factor, self._samples, self._neighbours)
+        self._history = InputHistory(self.sample_time, parameters.resonance_gain, self._count)
         self._axes = [
             AxisClassifier(axis, parameters, self._front_end, self._history, self.sample_time, self._interval)
-            for axis in range(2)
+            for axis in range(self._count)
         ]
         # an interval without its start is left out
         self._first_whole = math.ceil(step / self._interval) * self._interval
-        self._delevitation: Onset | None = None
-        self._clear = 0
-        self._radius = 0.0
+        self._contacts = [self._contact(bearing) for bearing in self.layout.bearings]
+        self._contact_of = {column: contact for contact in self._contacts for column in contact.columns}
         self._judged = step
-        self._linear = [Onset(step, step * self.sample_time, math.nan, False)] * 2
-        self._changes = [ExcitationChange(self._interval * self.sample_time) for _ in range(2)]
+        self._linear = [Onset(step, step * self.sample_time, math.nan, False)] * self._count
+        self._changes = [ExcitationChange(self._interval * self.sample_time) for _ in range(self._count)]
         self._settle()
 
     def _settle(self) -> None:
@@ -149,39 +167,60 @@ class RegionClassifier:
         for axis in self._axes:
             axis.reset()
 
-    def _watch_radius(self, position: NDArray[np.float64], first_step: int) -> list[RegionState]:
-        """Region D: the rotor at the backup bearing."""
-        radius = np.hypot(position[:, 0], position[:, 1])
-        beyond = radius >= self.parameters.backup_bearing_radius
+    def _contact(self, bearing: MonitoredBearing) -> Contact:
+        """A bearing without contact; `backup_bearing_radius` replaces the clearance of every radial one."""
+        radius = self.parameters.backup_bearing_radius
+        clearance = radius if radius > 0.0 and bearing.radial else bearing.clearance
+        return Contact(bearing.name, self.layout.columns(bearing), clearance)
+
+    @property
+    def _touching(self) -> list[Contact]:
+        return [contact for contact in self._contacts if contact.since is not None]
+
+    def _closest_contact(self) -> Contact:
+        """The bearing in which the last position was closest to its clearance; the first one before any position."""
+        if self._next is None:
+            return self._contacts[0]
+        row = (self._next - 1) % self._interval
+        position = self._held[row : row + 1, self._count :]
+        return max(self._contacts, key=lambda contact: float(contact.displacement(position)[0]) / contact.clearance)
+
+    def _watch_contact(self, position: NDArray[np.float64], first_step: int) -> list[RegionState]:
+        """Region D: the rotor at a backup bearing."""
+        displacements = [contact.displacement(position) for contact in self._contacts]
+        rows = [contact.touched(part) for contact, part in zip(self._contacts, displacements, strict=True)]
         states: list[RegionState] = []
-        if self._delevitation is None and beyond.any():
-            at = int(np.argmax(beyond))
-            self._radius = max(self._radius, float(radius[: at + 1].max()))
-            self._begin_delevitation(first_step + at)
-            states.append(self._state(first_step + at))
-        self._radius = max(self._radius, float(radius.max()))
+        for row in sorted({row for row in rows if row is not None}):
+            for contact, part in zip(self._contacts, displacements, strict=True):
+                contact.note(part[: row + 1])
+            touched = [contact for contact, at in zip(self._contacts, rows, strict=True) if at == row]
+            self._begin_delevitation(first_step + row, touched)
+            states.append(self._state(first_step + row))
+        for contact, part in zip(self._contacts, displacements, strict=True):
+            contact.note(part)
         return states
 
-    def _begin_delevitation(self, step: int) -> None:
-        if not self._unsettled:
+    def _begin_delevitation(self, step: int, contacts: Sequence[Contact]) -> None:
+        if not self._unsettled and not self._touching:
             for axis in self._axes:
                 axis.conclude(self._judged)
-        self._delevitation = self._onset(step)
+        for contact in contacts:
+            contact.begin(self._onset(step, contact.columns))
 
     def _leave_backup_bearing(self) -> None:
         """Region D ends when the rotor has stayed clear of the backup bearing for the hold time."""
-        if self._delevitation is None:
-            return
-        self._clear = 0 if self._radius >= self.parameters.backup_bearing_radius else self._clear + 1
-        if self._clear * self._interval * self.sample_time > self.parameters.hold_time:
-            self._delevitation = None
+        touching = self._touching
+        for contact in touching:
+            if contact.count_clear() * self._interval * self.sample_time > self.parameters.hold_time:
+                contact.since = None
+        if touching and not self._touching:
             self._settle()
 
-    def _onset(self, step: int) -> Onset:
-        """An onset of the rotor, with the input of the axis that responds most; y if both are alike."""
-        onsets = [self._history.onset(step, axis) for axis in (1, 0)]
+    def _onset(self, step: int, axes: Sequence[int]) -> Onset:
+        """An onset of a bearing, with the input of the axis that responds most; the last one if all are alike."""
+        onsets = [self._history.onset(step, axis) for axis in reversed(axes)]
         onset = max(onsets, key=lambda onset: (onset.resonance, not math.isnan(onset.input_frequency)))
-        return replace(onset, resonance=onset.resonance or any(self._follows(axis) for axis in range(2)))
+        return replace(onset, resonance=onset.resonance or any(self._follows(axis) for axis in axes))
 
     def _follows(self, axis: int) -> bool:
         """Whether an axis moves with an input that is not (yet) a sine, as at the slow start of a sweep."""
@@ -197,15 +236,15 @@ class RegionClassifier:
         if self._next - self._interval < self._first_whole:
             return
         self._leave_backup_bearing()
-        if not self._front_end.take(self._held[:, :2], self._held[:, 2:]):
+        if not self._front_end.take(self._held[:, : self._count], self._held[:, self._count :]):
             return
         self._follow_steady_lines()
         self._note_inputs()
         self._unsettled = max(self._unsettled - 1, 0)
-        if self._unsettled or self._delevitation is not None:
+        if self._unsettled or self._touching:
             return
         self._judged = self._next - 1 - self._front_end.delay
-        for axis in range(2):
+        for axis in range(self._count):
             before = self._axes[axis].drift or self._axes[axis].oscillation
             self._axes[axis].update(self._judged)
             if before and not (self._axes[axis].drift or self._axes[axis].oscillation):
@@ -228,16 +267,16 @@ class RegionClassifier:
 
     def _adopt_steady_lines(self, before: int) -> None:
         """Steady lines of the quiet time, which ended that many decimated samples ago."""
-        quiet = self._front_end.past.latest(self._quiet + before)
+        quiet = self._front_end.past.positions(self._quiet + before)
         for number, axis in enumerate(self._axes):
-            axis.adopt_steady_lines(quiet[: len(quiet) - before, 2 + number], before)
+            axis.adopt_steady_lines(quiet[: len(quiet) - before, number], before)
 
     def _note_inputs(self) -> None:
         """Store the inputs for the onsets, and settle again if the excitation changed."""
         assert self._next is not None
         steps, frequencies, gains = [], [], []
         changed = False
-        for axis in range(2):
+        for axis in range(self._count):
             source = self._front_end.input_of(axis)
             sine = source.kind == InputKind.SINE
             steps.append(self._next - 1 - source.span * self._interval // 2)
@@ -246,19 +285,28 @@ class RegionClassifier:
             changed = self._changes[axis].update(self._front_end.inputs[axis]) or changed
         self._history.add(steps, frequencies, gains)
         if changed:
-            for axis in range(2):
+            for axis in range(self._count):
                 if self._axes[axis].drift or self._axes[axis].oscillation:
                     self._linear[axis] = self._history.onset(self._next - 1, axis)
             self._settle()
 
     def _state(self, step: int | None = None) -> RegionState:
         """The state at a step, by default the latest one."""
-        axes = [self._axis_state(axis) for axis in range(2)]
+        axes = [self._axis_state(axis) for axis in range(self._count)]
         region = max(axis.region for axis in axes)
         onsets = sorted((axis.since for axis in axes if axis.region == region), key=lambda onset: onset.step)
         since = onsets[-1] if region is Region.A else onsets[0]
         step = (self._next or 1) - 1 if step is None else step
-        return RegionState(step, axes[0], axes[1], region, since, self._radius, self._unsettled == 0)
+        bearings = tuple(
+            BearingState(contact.name, max(axes[column].region for column in contact.columns), contact.radius)
+            for contact in self._contacts
+        )
+        return RegionState(step, tuple(axes), bearings, region, since, self._radius(), self._unsettled == 0)
+
+    def _radius(self) -> float:
+        """Largest radial position since the last update (m); of a machine without a radial bearing any displacement."""
+        radial = [contact.radius for contact in self._contacts if len(contact.columns) > 1]
+        return max(radial or [contact.radius for contact in self._contacts])
 
     def _axis_state(self, axis: int) -> AxisState:
         judged = self._axes[axis]
@@ -267,7 +315,7 @@ class RegionClassifier:
         for candidate, onset in (
             (Region.B, judged.drift),
             (Region.C, judged.oscillation),
-            (Region.D, self._delevitation),
+            (Region.D, self._contact_of[axis].since),
         ):
             if onset is not None:
                 region, since = candidate, onset
@@ -292,88 +340,5 @@ class RegionClassifier:
             even_distortion=self._front_end.distortion[axis][0],
             odd_distortion=self._front_end.distortion[axis][1],
             frozen=self._front_end.is_frozen(axis),
+            name=self.layout.axes[axis],
         )
-
-
-@dataclass(frozen=True)
-class Classification:
-    """Regions of a whole record.
-
-    Attributes
-    ----------
-    states : list of RegionState
-        One per update.
-    onsets : dict of Region to Onset
-        First onset of B, C and D of the rotor; regions that did not occur, or only after a higher one, are missing.
-    axis_onsets : tuple of two dicts
-        First evidence of each region on the axes x and y, also after a higher one.
-    """
-
-    states: list[RegionState]
-    onsets: dict[Region, Onset]
-    axis_onsets: tuple[dict[Region, Onset], dict[Region, Onset]]
-
-
-def classify(
-    record: LoopRecord,
-    parameters: RegionParameters | None = None,
-    *,
-    delevitated: bool = False,
-    frequency: NDArray[np.float64] | None = None,
-) -> Classification:
-    """Classify a record as the streaming classifier does.
-
-    Parameters
-    ----------
-    record : LoopRecord
-        Samples of a loop.
-    parameters : RegionParameters, optional
-        Thresholds and times.
-    delevitated : bool, optional
-        Whether the record ends because the rotor delevitated in its last step (its position there is not recorded).
-    frequency : ndarray, shape (steps,), optional
-        Frequency of the input at each sample (Hz), if it is known. Otherwise it is estimated from the reference, which
-        works for a sweep from about 25 Hz onwards.
-
-    Raises
-    ------
-    RegionError
-        If `frequency` has another length, a sample is not finite, or the sample time too long for the update interval.
-    """
-    if frequency is not None and frequency.shape != (record.steps,):
-        raise RegionError(f"frequency has shape {frequency.shape}; the record has {record.steps} samples")
-    classifier = RegionClassifier(parameters or RegionParameters(), record.sample_time)
-    states = classifier.feed(record)
-    if delevitated:
-        states.append(classifier.delevitate())
-    axes = (_first_onsets([state.x for state in states]), _first_onsets([state.y for state in states]))
-    if frequency is not None:
-        for onsets in axes:
-            for region, onset in onsets.items():
-                row = min(onset.step - record.first_step, record.steps - 1)
-                onsets[region] = replace(onset, input_frequency=float(frequency[row]))
-    rotor: dict[Region, Onset] = {}
-    for region in (Region.B, Region.C, Region.D):
-        found = [onsets[region] for onsets in axes if region in onsets]
-        if found:
-            rotor[region] = min(found, key=lambda onset: onset.step)
-    return Classification(states, _in_order(rotor), axes)
-
-
-def _first_onsets(states: list[AxisState]) -> dict[Region, Onset]:
-    onsets: dict[Region, Onset] = {}
-    for state in states:
-        contact = state.since if state.region is Region.D else None
-        for region, onset in ((Region.B, state.drift), (Region.C, state.oscillation), (Region.D, contact)):
-            if onset is not None:
-                onsets.setdefault(region, onset)
-    return dict(sorted(onsets.items()))
-
-
-def _in_order(onsets: dict[Region, Onset]) -> dict[Region, Onset]:
-    """The onsets without those that come after the onset of a higher region."""
-    return {
-        region: onset
-        for region, onset in sorted(onsets.items())
-        if all(onset.step <= onsets[higher].step for higher in onsets if higher > region)
-    }

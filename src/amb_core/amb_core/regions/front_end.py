@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numba
@@ -87,39 +88,45 @@ def harmonic_ratios(moments: NDArray[np.float64]) -> tuple[float, float]:
 
 
 class Past:
-    """The latest decimated samples: references of both axes, then positions (m).
+    """The latest decimated samples: references of all axes, then positions (m).
 
     Parameters
     ----------
     samples : int
         Samples that are kept.
+    axes : int
+        Number of axes.
     """
 
-    def __init__(self, samples: int) -> None:
+    def __init__(self, samples: int, axes: int) -> None:
         self._samples = samples
-        self._values = np.empty((2 * samples, 4))
+        self._axes = axes
+        self._values = np.empty((2 * samples, 2 * axes))
         self._stop = 0
 
     def add(self, values: NDArray[np.float64]) -> None:
-        """Append samples, shape (n, 4)."""
+        """Append samples, shape (n, 2 axes)."""
         if self._stop + len(values) > len(self._values):
-            kept = self.latest(self._samples).copy()
+            kept = self._latest(self._samples).copy()
             self._values[: len(kept)] = kept
             self._stop = len(kept)
         self._values[self._stop : self._stop + len(values)] = values
         self._stop += len(values)
 
-    def latest(self, samples: int) -> NDArray[np.float64]:
-        """Up to that many samples, the latest last."""
-        return self._values[max(self._stop - samples, 0) : self._stop]
+    def references(self) -> NDArray[np.float64]:
+        """References (m), shape (samples kept, axes), the latest last."""
+        return self._latest(self._samples)[:, : self._axes]
 
-    def all(self) -> NDArray[np.float64]:
-        """All samples that are kept, the latest last."""
-        return self.latest(self._samples)
+    def positions(self, samples: int | None = None) -> NDArray[np.float64]:
+        """Positions (m), shape (samples, axes), the latest last: all that are kept, or up to so many."""
+        return self._latest(self._samples if samples is None else samples)[:, self._axes :]
+
+    def _latest(self, samples: int) -> NDArray[np.float64]:
+        return self._values[max(self._stop - samples, 0) : self._stop]
 
 
 class FrontEnd:
-    """Sliding windows of both axes, advanced by one update interval at a time.
+    """Sliding windows of all axes, advanced by one update interval at a time.
 
     Parameters
     ----------
@@ -129,53 +136,57 @@ class FrontEnd:
         Decimation factor; an update interval has `PER_INTERVAL` times as many steps.
     samples : int
         Decimated samples of the windows.
+    neighbours : sequence of sequence of int
+        For each axis the other axes, in the order in which their inputs are taken for its own if it has none.
 
     Attributes
     ----------
-    position : ndarray, shape (2, samples)
-        Decimated position, axes x and y (m); the latest sample last.
-    reference : ndarray, shape (2, samples + TAPS - 1)
+    position : ndarray, shape (axes, samples)
+        Decimated position (m); the latest sample last.
+    reference : ndarray, shape (axes, samples + TAPS - 1)
         Decimated reference (m).
     origin : list of float
         References at rest (m).
-    phase : ndarray, shape (2, samples)
+    phase : ndarray, shape (axes, samples)
         Phase of the input at the same steps (rad); 0 where it is no sine.
-    frequency : ndarray, shape (2, samples)
+    frequency : ndarray, shape (axes, samples)
         Frequency of the input at the same steps (Hz).
     inputs : list of InputFeatures
-        Inputs on the axes x and y.
+        Inputs on the axes.
     sources : list of int
         For each axis, the axis whose input it responds to.
     response : list of float
-        Amplitudes (m) of the position of both axes at the frequency of their input; 0 where this is no sine.
+        Amplitudes (m) of the position of each axis at the frequency of their input; 0 where this is no sine.
     past : Past
         Decimated signals of the latest seconds.
     distortion : list of tuple of float
         For each axis, second and third harmonic of the position over the first; NaN without a sine on this axis.
     """
 
-    def __init__(self, sample_time: float, factor: int, samples: int) -> None:
+    def __init__(self, sample_time: float, factor: int, samples: int, neighbours: Sequence[Sequence[int]]) -> None:
+        axes = len(neighbours)
+        self._neighbours = neighbours
         self._factor = factor
         self._interval = factor * PER_INTERVAL
         self._sample_time = sample_time
         self._coefficients = decimation_filter(factor)
         self._rows = 18 * factor + 4
-        self._raw = np.zeros((self._rows, 4))
-        self._decimated = np.empty((PER_INTERVAL, 4))
-        self._trackers = [InputTracker(sample_time, self._interval) for _ in range(2)]
-        self._responses = np.zeros((2, SPANS[-1], 9))
-        self._harmonics = np.zeros((2, SPANS[-1], 8, 8))
-        self.distortion = [(math.nan, math.nan)] * 2
+        self._raw = np.zeros((self._rows, 2 * axes))
+        self._decimated = np.empty((PER_INTERVAL, 2 * axes))
+        self._trackers = [InputTracker(sample_time, self._interval) for _ in range(axes)]
+        self._responses = np.zeros((axes, SPANS[-1], 9))
+        self._harmonics = np.zeros((axes, SPANS[-1], 8, 8))
+        self.distortion = [(math.nan, math.nan)] * axes
         self._known = 0
-        self.origin = [0.0, 0.0]
-        self.inputs = [NO_INPUT, NO_INPUT]
-        self.sources = [0, 1]
-        self.response = [0.0, 0.0]
-        self.position = np.zeros((2, samples))
-        self.reference = np.zeros((2, samples + TAPS - 1))
-        self.phase = np.zeros((2, samples))
-        self.frequency = np.zeros((2, samples))
-        self.past = Past(round(PAST / (factor * sample_time)))
+        self.origin = [0.0] * axes
+        self.inputs = [NO_INPUT] * axes
+        self.sources = list(range(axes))
+        self.response = [0.0] * axes
+        self.position = np.zeros((axes, samples))
+        self.reference = np.zeros((axes, samples + TAPS - 1))
+        self.phase = np.zeros((axes, samples))
+        self.frequency = np.zeros((axes, samples))
+        self.past = Past(round(PAST / (factor * sample_time)), axes)
 
     @property
     def delay(self) -> int:
@@ -183,41 +194,47 @@ class FrontEnd:
         return 4 * self._factor
 
     def take(self, reference: NDArray[np.float64], position: NDArray[np.float64]) -> bool:
-        """Add an interval of reference and position (m), shape (interval, 2) each; true if the past suffices."""
-        steps = self._interval
+        """Add an interval of reference and position (m), shape (interval, axes) each; true if the past suffices."""
+        steps, axes = self._interval, len(self.inputs)
         self._raw[:-steps] = self._raw[steps:].copy()
-        self._raw[-steps:, :2] = reference
-        self._raw[-steps:, 2:] = position
+        self._raw[-steps:, :axes] = reference
+        self._raw[-steps:, axes:] = position
         self._known = min(self._known + steps, self._rows + steps)
         if self._known <= self._rows:
             return False
         for axis, tracker in enumerate(self._trackers):
             self.inputs[axis] = tracker.update(self._raw[-steps - 3 :, axis])
-        self.sources = [axis if self.inputs[axis].kind != InputKind.NONE else 1 - axis for axis in range(2)]
+        self.sources = [self._source_of(axis) for axis in range(axes)]
         start = self._rows - 17 * self._factor - 1
         decimate(self._raw[start:], self._coefficients, self._factor, self._decimated)
         for axis, tracker in enumerate(self._trackers):
             _shift(self.reference[axis], self._decimated[:, axis])
             self.origin[axis] = tracker.origin
-            _shift(self.position[axis], self._decimated[:, 2 + axis])
+            _shift(self.position[axis], self._decimated[:, axes + axis])
         self.past.add(self._decimated)
         self._follow_sines(start + 4 * self._factor)
         return True
 
     def input_of(self, axis: int) -> InputFeatures:
-        """The input that an axis responds to: its own, or that of the other axis if it has none."""
+        """The input that an axis responds to: its own, or that of another axis if it has none."""
         return self.inputs[self.sources[axis]]
+
+    def _source_of(self, axis: int) -> int:
+        """The axis itself if it has an input, otherwise the nearest one that has; its neighbour if there is none."""
+        others = self._neighbours[axis]
+        excited = (other for other in (axis, *others) if self.inputs[other].kind != InputKind.NONE)
+        return next(excited, others[0] if others else axis)
 
     def is_frozen(self, axis: int) -> bool:
         """Whether the position of an axis has not changed at all although its reference moves: a sensor that stands."""
         moves = self.inputs[axis].kind != InputKind.NONE
-        return bool(moves and self._known > self._rows and np.ptp(self._raw[:, 2 + axis]) == 0.0)
+        return bool(moves and self._known > self._rows and np.ptp(self._raw[:, len(self.inputs) + axis]) == 0.0)
 
     def _follow_sines(self, first: int) -> None:
         """Phases of the inputs and response to them in the interval that starts at a row of the past."""
         steps = self._interval
         part = slice(first, first + steps)
-        parts = np.zeros((2, 2, steps))
+        parts = np.zeros((len(self.inputs), 2, steps))
         for axis, features in enumerate(self.inputs):
             angular = 2.0 * math.pi * features.frequency * self._sample_time
             phase = np.zeros(PER_INTERVAL)
@@ -228,13 +245,14 @@ class FrontEnd:
                 phase = np.arctan2(parts[axis, 1, :: self._factor], parts[axis, 0, :: self._factor])
             _shift(self.phase[axis], phase)
             _shift(self.frequency[axis], np.full(PER_INTERVAL, features.frequency))
-        for axis in range(2):
+        positions = self._raw[part, len(self.inputs) :]
+        for axis in range(len(self.inputs)):
             cosine, sine = parts[self.sources[axis]]
             moments = self._responses[axis]
             moments[:-1] = moments[1:].copy()
-            response_moments(self._raw[part, 2 + axis], cosine, sine, moments[-1])
+            response_moments(positions[:, axis], cosine, sine, moments[-1])
             self.response[axis] = fitted_amplitude(moments, self.input_of(axis).span)
-            self._note_harmonics(axis, self._raw[part, 2 + axis], cosine, sine)
+            self._note_harmonics(axis, positions[:, axis], cosine, sine)
 
     def _note_harmonics(
         self, axis: int, position: NDArray[np.float64], cosine: NDArray[np.float64], sine: NDArray[np.float64]

@@ -12,7 +12,7 @@ CAPACITY = 4096  # updates; the longest trend test looks back 16 times its short
 
 
 class InputHistory:
-    """Input frequency and response per input of both axes, by step, of the latest updates.
+    """Input frequency and response per input of every axis, by step, of the latest updates.
 
     Parameters
     ----------
@@ -20,24 +20,26 @@ class InputHistory:
         Controller sample time (s).
     resonance_gain : float
         Response per input at or above which the loop is at its resonance.
+    axes : int
+        Number of axes.
     """
 
-    def __init__(self, sample_time: float, resonance_gain: float) -> None:
+    def __init__(self, sample_time: float, resonance_gain: float, axes: int) -> None:
         self._sample_time = sample_time
         self._resonance_gain = resonance_gain
-        self._steps = np.zeros((2, CAPACITY))
-        self._frequency = np.zeros((2, CAPACITY))
-        self._gain = np.zeros((2, CAPACITY))
+        self._steps = np.zeros((axes, CAPACITY))
+        self._frequency = np.zeros((axes, CAPACITY))
+        self._gain = np.zeros((axes, CAPACITY))
         self._count = 0
 
     def add(self, steps: list[int], frequency: list[float], gain: list[float]) -> None:
-        """Store an update: for both axes the step at which frequency (Hz, NaN if none) and gain hold."""
+        """Store an update: for every axis the step at which frequency (Hz, NaN if none) and gain hold."""
         if self._count == CAPACITY:
             half = CAPACITY // 2
             for values in (self._steps, self._frequency, self._gain):
                 values[:, :half] = values[:, half:].copy()
             self._count = half
-        for axis in range(2):
+        for axis in range(len(steps)):
             self._steps[axis, self._count] = max(steps[axis], self._steps[axis, max(self._count - 1, 0)])
             self._frequency[axis, self._count] = frequency[axis]
             self._gain[axis, self._count] = gain[axis]

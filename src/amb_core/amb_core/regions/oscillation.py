@@ -38,11 +38,11 @@ class SlowOscillation:
     Parameters
     ----------
     axis : int
-        0 for x, 1 for y.
+        Its column in arrays of samples.
     parameters : RegionParameters
         Thresholds and times.
     front_end : FrontEnd
-        Windows of both axes.
+        Windows of all axes.
     sample_time : float
         Controller sample time (s).
     interval : int
@@ -162,11 +162,12 @@ class SlowOscillation:
         """Whether a linear mode leaves little of the line, or less than an oscillation that counts."""
         if frequency < SLOWEST_MODE:
             return False
-        past = self._front_end.past.all()
-        source = self._front_end.sources[self._axis]
+        past = self._front_end.past
+        reference = past.references()[:, self._front_end.sources[self._axis]]
+        position = past.positions()[:, self._axis]
         rate = PER_INTERVAL / (self._interval * self._sample_time)
         resolution = 1.0 / self._window_time
-        left = unexplained_amplitude(past[:, source], past[:, 2 + self._axis], frequency, resolution, rate)
+        left = unexplained_amplitude(reference, position, frequency, resolution, rate)
         return left <= max(LINEAR * amplitude, self._parameters.oscillation_threshold)
 
     def _highest_bin(self) -> int:

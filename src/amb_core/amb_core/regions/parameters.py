@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from pydantic import model_validator
 
-from amb_core.loop.bearing import backup_bearing_radius
 from amb_core.parameters import Parameters, quantity
+
+SMALLEST_RADIUS = 1e-6  # m
 
 
 class RegionParameters(Parameters):
     """Parameters of the region classifier; the defaults suit a bearing whose loop has its poles near 60 Hz."""
 
-    backup_bearing_radius: float = backup_bearing_radius(
-        "radial position at or above which the rotor counts as delevitated (region D)"
+    backup_bearing_radius: float = quantity(
+        0.0,
+        "m",
+        "radial position at or above which the rotor counts as delevitated (region D), in every radial bearing; 0: "
+        "the clearance of each bearing as the machine describes it",
+        0.0,
+        1e-2,
     )
     update_interval: float = quantity(0.01, "s", "time from one classification to the next", 0.002, 0.1)
     settling_time: float = quantity(
@@ -77,6 +83,10 @@ class RegionParameters(Parameters):
 
     @model_validator(mode="after")
     def _fits_together(self) -> RegionParameters:
+        if 0.0 < self.backup_bearing_radius < SMALLEST_RADIUS:
+            raise ValueError(
+                f"backup_bearing_radius = {self.backup_bearing_radius:g} m must be 0 or at least {SMALLEST_RADIUS:g} m"
+            )
         highest = 1.5 / self.update_interval
         if self.slow_frequency > highest:
             raise ValueError(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from amb_core.excitation import Excitation, Square, Sweep, generate
 from amb_core.loop.records import LoopRecord
-from amb_core.regions.classifier import classify
+from amb_core.regions.classification import classify
 
 _RATE = 10_000.0  # Hz; the kernels are the same for all rates
 _QUIET, _EXCITED = 1.0, 1.5  # s

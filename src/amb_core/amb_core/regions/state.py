@@ -1,10 +1,12 @@
-"""Output of the classifier: a region per axis and for the rotor, with the features that led to it."""
+"""Output of the classifier: a region per axis, per bearing and for the rotor, with the features that led to it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+
+from amb_core.errors import RegionError
 
 
 class Region(IntEnum):
@@ -50,7 +52,7 @@ class AxisState:
     Attributes
     ----------
     region : Region
-        Region of the axis; D holds for both axes.
+        Region of the axis; D holds for all axes of a bearing that the rotor touches.
     since : Onset
         Where this region begins.
     bias : float
@@ -80,6 +82,8 @@ class AxisState:
     frozen : bool
         Whether the position has not changed at all while the reference moved: the sensor stands, its region means
         nothing.
+    name : str
+        Of the axis.
     """
 
     region: Region
@@ -100,32 +104,73 @@ class AxisState:
     even_distortion: float = math.nan
     odd_distortion: float = math.nan
     frozen: bool = False
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class BearingState:
+    """One bearing at one update.
+
+    Attributes
+    ----------
+    name : str
+        Of the bearing.
+    region : Region
+        The highest of its axes.
+    radius : float
+        Largest displacement since the last update (m): radial, or along the shaft in a thrust bearing.
+    """
+
+    name: str
+    region: Region
+    radius: float
 
 
 @dataclass(frozen=True)
 class RegionState:
-    """Axes and rotor at one update.
+    """Axes, bearings and rotor at one update.
 
     Attributes
     ----------
     step : int
         Last controller step that was processed.
-    x, y : AxisState
-        The axes.
+    axes : tuple of AxisState
+        The axes, in the order of the machine.
+    bearings : tuple of BearingState
+        The bearings, in the order of their axes; empty in bags of version 0.1.
     region : Region
-        Region of the rotor: the higher of those of the axes.
+        Region of the rotor: the highest of its axes.
     since : Onset
         Where the rotor's region begins.
     radius : float
-        Largest radial position since the last update (m).
+        Largest radial position in a radial bearing since the last update (m).
     settled : bool
         Whether B and C were classified; false in the settling time after a start, a gap or a change of the excitation.
     """
 
     step: int
-    x: AxisState
-    y: AxisState
+    axes: tuple[AxisState, ...]
+    bearings: tuple[BearingState, ...]
     region: Region
     since: Onset
     radius: float
     settled: bool
+
+    def axis(self, name: str) -> AxisState:
+        """The axis of this name.
+
+        Raises
+        ------
+        RegionError
+            If there is none.
+        """
+        for axis in self.axes:
+            if axis.name == name:
+                return axis
+        names = ", ".join(axis.name for axis in self.axes)
+        raise RegionError(f"no axis {name!r} at step {self.step}; its axes: {names}")
+
+    @property
+    def sampling_beat(self) -> bool:
+        """Whether the input of an axis beats with the sample rate."""
+        return any(axis.sampling_beat for axis in self.axes)

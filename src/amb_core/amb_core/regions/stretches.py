@@ -53,6 +53,6 @@ def shares(found: Sequence[Stretch]) -> dict[Region, float]:
 
 def beats(states: Sequence[RegionState]) -> list[tuple[int, int]]:
     """Spans (first step, last step) of states in which the input of an axis beat with the sample rate."""
-    beating = [state.x.sampling_beat or state.y.sampling_beat for state in states]
+    beating = [state.sampling_beat for state in states]
     edges = np.flatnonzero(np.diff([False, *beating, False]))
     return [(states[first].step, states[last - 1].step) for first, last in zip(edges[::2], edges[1::2], strict=True)]

@@ -129,7 +129,7 @@ def _regions(found: RecordedRegions) -> Section:
             f"{onset.time:.3f} s",
             "" if np.isnan(onset.input_frequency) else f"{onset.input_frequency:.1f} Hz",
         )
-        for part, onsets in (("rotor", told.onsets), ("x", told.axis_onsets[0]), ("y", told.axis_onsets[1]))
+        for part, onsets in (("rotor", told.onsets), *told.axis_onsets.items())
         for region, onset in onsets.items()
     ]
     time = ", ".join(f"{region_label(region)}: {100.0 * part:.1f} %" for region, part in share.items() if part > 0.0)
@@ -164,7 +164,7 @@ def _motion(record: LoopRecord) -> Section:
         [
             TableBlock(
                 ("axis", "mean", "farthest from the centre"),
-                [(name, f"{mean[axis]:z.1f} µm", f"{reach[axis]:.1f} µm") for axis, name in enumerate("xy")],
+                [(name, f"{mean[axis]:z.1f} µm", f"{reach[axis]:.1f} µm") for axis, name in enumerate(record.axes)],
                 "Rotor position",
             ),
             FigureBlock(orbit_chart(record).page(), "Orbit"),

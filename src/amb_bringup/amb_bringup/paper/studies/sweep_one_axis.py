@@ -76,7 +76,7 @@ class OneAxisSweep(Study):
             fits[figure] = region_a_fit(bearing, model)
             poles[figure] = dominant_pole(found, bearing.controller.sample_rate)
             title = f"One axis, sweep of {1e6 * AMPLITUDE:g} µm: {names[figure]}"
-            chart = sweep_chart(bearing.record, bearing.found, bearing.frequency, model=model, axes="y", title=title)
+            chart = sweep_chart(bearing.record, bearing.found, bearing.frequency, model=model, axes=("y",), title=title)
             figures.append(DrawnFigure.of(figure, chart))
         comparison = sweep_comparison_chart(
             [bearing.case(f"supply voltage {voltage:g} V") for voltage, bearing in scan.items()],
@@ -194,7 +194,9 @@ def order_claim(paper: SweptBearing, slow: SweptBearing) -> Claim:
 def frequency_claim(bearing: SweptBearing, pole: Pole) -> Claim:
     """Whether the slow oscillation has the frequency of the dominant pole."""
     states = bearing.states_in(Region.C)
-    frequency = float(np.median([state.y.oscillation_frequency for state in states])) if states else float("nan")
+    frequency = (
+        float(np.median([state.axis("y").oscillation_frequency for state in states])) if states else float("nan")
+    )
     near = [abs(frequency / other - 1.0) < NEAR for other in (pole.damped, pole.natural)]
     finding = (
         f"the slow oscillation has {frequency:.0f} Hz (median; slow amplifier), the dominant pole of the model's loop "

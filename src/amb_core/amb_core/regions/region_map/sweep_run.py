@@ -103,7 +103,7 @@ def run_sweep(task: SweepTask) -> MapSweep:
 
 def _beats(found: Classification, frequency: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
     """Spans of the input frequency (Hz) over which an axis beat with the sample rate."""
-    beating = [state.x.sampling_beat or state.y.sampling_beat for state in found.states]
+    beating = [state.sampling_beat for state in found.states]
     edges = np.flatnonzero(np.diff([False, *beating, False]))
     steps = [min(state.step, len(frequency) - 1) for state in found.states]
     return tuple(

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from amb_core.errors import AmbError
 from amb_core.identification.data.checks.report import Finding, Severity
 from amb_core.identification.data.dataset import IdentificationData
-from amb_core.loop.machine import radial_bearings
 
 if TYPE_CHECKING:
     from amb_core.regions import Onset, Region, RegionParameters
@@ -19,8 +18,7 @@ _MEANING = {"B": "the bias drifts", "C": "slow oscillation", "D": "delevitated"}
 def check_region(data: IdentificationData, parameters: RegionParameters | None = None) -> Finding:
     """Regions that the classifier finds in the records of the loop; see `amb_core.regions`.
 
-    The check needs the positions in m and currents in A of radial bearings and the reference, at a rate that the
-    classifier supports.
+    The check needs positions in m, as many currents in A and the reference, at a rate that the classifier supports.
     Removed trends are added again, because the position is compared with the backup bearing.
     """
     from amb_core.regions import classify  # this loads filters; programs that only estimate should not wait for it
@@ -29,12 +27,11 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
     judged = False
     for index in range(len(data.experiments)):
         try:
-            classifications = [classify(bearing, parameters) for bearing in radial_bearings(data.record(index))]
+            classification = classify(data.record(index), parameters)
         except AmbError as reason:
             return Finding("region", Severity.INFO, f"not checked: {reason}")
-        for classification in classifications:
-            judged = judged or any(state.settled for state in classification.states)
-            found += [(region, index, onset) for region, onset in classification.onsets.items()]
+        judged = judged or any(state.settled for state in classification.states)
+        found += [(region, index, onset) for region, onset in classification.onsets.items()]
     if found:
         region, index, onset = max(found, key=lambda item: item[0])
         frequency = "" if math.isnan(onset.input_frequency) else f" at {onset.input_frequency:.0f} Hz"

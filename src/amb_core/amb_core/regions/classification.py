@@ -1,0 +1,105 @@
+"""The classification of a record as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.errors import RegionError
+from amb_core.loop.machine import Machine
+from amb_core.loop.records import LoopRecord
+from amb_core.regions.classifier import RegionClassifier
+from amb_core.regions.layout import layout_of, layout_without_machine
+from amb_core.regions.parameters import RegionParameters
+from amb_core.regions.state import AxisState, Onset, Region, RegionState
+
+
+@dataclass(frozen=True)
+class Classification:
+    """Regions of a whole record.
+
+    Attributes
+    ----------
+    states : list of RegionState
+        One per update.
+    onsets : dict of Region to Onset
+        First onset of B, C and D of the rotor; regions that did not occur, or only after a higher one, are missing.
+    axis_onsets : dict of str to dict
+        By name of the axis: first evidence of each region, also after a higher one.
+    """
+
+    states: list[RegionState]
+    onsets: dict[Region, Onset]
+    axis_onsets: dict[str, dict[Region, Onset]]
+
+
+def classify(
+    record: LoopRecord,
+    parameters: RegionParameters | None = None,
+    *,
+    machine: Machine | None = None,
+    delevitated: bool = False,
+    frequency: NDArray[np.float64] | None = None,
+) -> Classification:
+    """Classify a record as the streaming classifier does.
+
+    Parameters
+    ----------
+    record : LoopRecord
+        Samples of a loop.
+    parameters : RegionParameters, optional
+        Thresholds and times.
+    machine : Machine, optional
+        The machine, if it is known: its bearings and their clearances. Otherwise see `layout_without_machine`.
+    delevitated : bool, optional
+        Whether the record ends because the rotor delevitated in its last step (its position there is not recorded).
+    frequency : ndarray, shape (steps,), optional
+        Frequency of the input at each sample (Hz), if it is known. Otherwise it is estimated from the reference, which
+        works for a sweep from about 25 Hz onwards.
+
+    Raises
+    ------
+    RegionError
+        If `frequency` has another length, a sample is not finite, the axes are not those of the machine, or the
+        sample time is too long for the update interval.
+    """
+    if frequency is not None and frequency.shape != (record.steps,):
+        raise RegionError(f"frequency has shape {frequency.shape}; the record has {record.steps} samples")
+    layout = layout_without_machine(record.axes) if machine is None else layout_of(machine)
+    classifier = RegionClassifier(parameters or RegionParameters(), record.sample_time, layout)
+    states = classifier.feed(record)
+    if delevitated:
+        states.append(classifier.delevitate())
+    axes = {name: _first_onsets([state.axes[column] for state in states]) for column, name in enumerate(layout.axes)}
+    if frequency is not None:
+        for onsets in axes.values():
+            for region, onset in onsets.items():
+                row = min(onset.step - record.first_step, record.steps - 1)
+                onsets[region] = replace(onset, input_frequency=float(frequency[row]))
+    rotor: dict[Region, Onset] = {}
+    for region in (Region.B, Region.C, Region.D):
+        found = [onsets[region] for onsets in axes.values() if region in onsets]
+        if found:
+            rotor[region] = min(found, key=lambda onset: onset.step)
+    return Classification(states, _in_order(rotor), axes)
+
+
+def _first_onsets(states: list[AxisState]) -> dict[Region, Onset]:
+    onsets: dict[Region, Onset] = {}
+    for state in states:
+        contact = state.since if state.region is Region.D else None
+        for region, onset in ((Region.B, state.drift), (Region.C, state.oscillation), (Region.D, contact)):
+            if onset is not None:
+                onsets.setdefault(region, onset)
+    return dict(sorted(onsets.items()))
+
+
+def _in_order(onsets: dict[Region, Onset]) -> dict[Region, Onset]:
+    """The onsets without those that come after the onset of a higher region."""
+    return {
+        region: onset
+        for region, onset in sorted(onsets.items())
+        if all(onset.step <= onsets[higher].step for higher in onsets if higher > region)
+    }

@@ -1,0 +1,105 @@
+"""Which axes of a machine belong to which bearing, and where the rotor touches it: the layout that is monitored."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from amb_core.errors import RegionError
+from amb_core.loop.bearing import BACKUP_BEARING_RADIUS
+from amb_core.loop.machine import Machine
+
+
+@dataclass(frozen=True)
+class MonitoredBearing:
+    """One bearing: its name, its axes, and the displacement at which the rotor touches it (m), infinite if unknown."""
+
+    name: str
+    axes: tuple[str, ...]
+    clearance: float
+
+    @property
+    def radial(self) -> bool:
+        """Whether it has more than one axis; a thrust bearing has one."""
+        return len(self.axes) > 1
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Axes, in the order of all arrays of samples, and the bearings to which they belong.
+
+    Raises
+    ------
+    RegionError
+        If there is no axis, or an axis is not in exactly one bearing.
+    """
+
+    axes: tuple[str, ...]
+    bearings: tuple[MonitoredBearing, ...]
+
+    def __post_init__(self) -> None:
+        in_bearings = [axis for bearing in self.bearings for axis in bearing.axes]
+        if not self.axes or sorted(in_bearings) != sorted(self.axes) or len(set(self.axes)) < len(self.axes):
+            raise RegionError(
+                f"axes {', '.join(self.axes) or 'none'} with bearings of the axes {', '.join(in_bearings) or 'none'}; "
+                "allowed: each axis in one bearing"
+            )
+
+    def columns(self, bearing: MonitoredBearing) -> list[int]:
+        """Columns of a bearing in arrays of samples."""
+        return [self.axes.index(axis) for axis in bearing.axes]
+
+    def neighbours(self) -> list[list[int]]:
+        """For each axis the columns of the others, in the order in which their inputs are taken for its own.
+
+        First its bearing, then the same place in the other bearings: the same plane through the shaft.
+        """
+        columns = range(len(self.axes))
+        return [
+            sorted((other for other in columns if other != axis), key=lambda other: self._distance(axis, other))
+            for axis in columns
+        ]
+
+    def _distance(self, axis: int, other: int) -> tuple[bool, bool, bool]:
+        bearing, of_other = self._bearing_of(axis), self._bearing_of(other)
+        places = bearing.axes.index(self.axes[axis]), of_other.axes.index(self.axes[other])
+        return bearing != of_other, bearing.radial != of_other.radial, places[0] != places[1]
+
+    def _bearing_of(self, column: int) -> MonitoredBearing:
+        return next(bearing for bearing in self.bearings if self.axes[column] in bearing.axes)
+
+
+def layout_of(machine: Machine) -> Layout:
+    """The layout of a machine; a clearance that is no positive number is unknown."""
+    bearings = []
+    for bearing in machine.bearings:
+        axes = tuple(axis.name for axis in machine.axes if axis.bearing == bearing.name)
+        if axes:
+            bearings.append(
+                MonitoredBearing(bearing.name, axes, bearing.clearance if bearing.clearance > 0 else math.inf)
+            )
+    return Layout(machine.axis_names, tuple(bearings))
+
+
+def layout_without_machine(axes: tuple[str, ...]) -> Layout:
+    """The layout of records whose machine is not known: two axes are one bearing, x_a and y_a are bearing a.
+
+    The clearance of radial bearings is then the default radius of the backup bearing; any other axis is a bearing by
+    itself, with an unknown clearance.
+    """
+    if len(axes) == 2:
+        return Layout(axes, (MonitoredBearing("a", axes, BACKUP_BEARING_RADIUS),))
+    bearings = []
+    left = list(axes)
+    while left:
+        axis = left.pop(0)
+        partner = "y" + axis[1:]
+        if axis[:2] == "x_" and partner in left:
+            left.remove(partner)
+            bearings.append(MonitoredBearing(axis[2:], (axis, partner), BACKUP_BEARING_RADIUS))
+        else:
+            bearings.append(MonitoredBearing(axis, (axis,), math.inf))
+    return Layout(axes, tuple(bearings))
+
+
+ONE_BEARING = layout_without_machine(("x", "y"))
