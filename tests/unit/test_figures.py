@@ -63,6 +63,6 @@ def test_plot_is_the_chart_that_shows_a_result_best(measured: LoopRecord) -> Non
 
 def test_plot_of_something_else_names_what_has_a_chart() -> None:
     with pytest.raises(
-        AmbError, match=r"there is no chart of a int; allowed: Coherence, Distortion, FrequencyResponse, .*LoopRecord"
+        AmbError, match=r"there is no chart of a int; allowed: Campbell, Coherence, Distortion, .*LoopRecord"
     ):
         plot(3)

@@ -1,4 +1,4 @@
-"""`amb plant`: constants, effects and figures of the plant of a parameter file, without a running graph."""
+"""`amb plant`: constants, effects, figures and modes of the plant of a parameter file, without a running graph."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from amb_bringup.commands import plant_modes
 from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.results import make_folder
@@ -72,6 +73,11 @@ def figures(
             continue
         figure.savefig(out / f"{name}.png")
         typer.echo(f"written to {out / f'{name}.png'}")
+
+
+app.command()(plant_modes.modes)
+app.command()(plant_modes.campbell)
+app.command()(plant_modes.shaft)
 
 
 def _json(description: PlantDescription) -> str:

@@ -4,6 +4,7 @@
 """
 
 from amb_core.figures.bode import bode_chart
+from amb_core.figures.campbell import campbell_chart
 from amb_core.figures.chart import Chart
 from amb_core.figures.coherence import coherence_chart
 from amb_core.figures.comparison import comparison_chart, save_validation_figures
@@ -28,6 +29,7 @@ from amb_core.figures.trial import trial_chart
 __all__ = [
     "Chart",
     "bode_chart",
+    "campbell_chart",
     "coherence_chart",
     "comparison_chart",
     "distortion_chart",

@@ -7,6 +7,7 @@ from functools import singledispatch
 from amb_core.distortion import Coherence, Distortion
 from amb_core.errors import AmbError
 from amb_core.figures.bode import bode_chart
+from amb_core.figures.campbell import campbell_chart
 from amb_core.figures.chart import Chart
 from amb_core.figures.coherence import coherence_chart
 from amb_core.figures.distortion import distortion_chart
@@ -22,6 +23,7 @@ from amb_core.identification.frequency_response import FrequencyResponse
 from amb_core.identification.identify import Identification
 from amb_core.identification.validation import Validation
 from amb_core.loop.records import LoopRecord
+from amb_core.plant.campbell import Campbell
 from amb_core.regions.region_map import RegionMap
 from amb_core.subharmonics import SubharmonicSpectrum, SubharmonicSurface
 
@@ -35,9 +37,9 @@ def plot(result: object) -> Chart:
     Parameters
     ----------
     result : LoopRecord, Identification, Validation, FrequencyResponse, OrderSelection, RegionMap, Distortion, \
-Coherence, SubharmonicSpectrum or SubharmonicSurface
+Coherence, SubharmonicSpectrum, SubharmonicSurface or Campbell
         Drawn are the response, the poles, the residuals, the Bode diagram, the criterion over the order, the map, the
-        lines, the coherence, the spectrum and the surface.
+        lines, the coherence, the spectrum, the surface and the Campbell diagram.
 
     Raises
     ------
@@ -96,3 +98,8 @@ def _(result: SubharmonicSpectrum) -> Chart:
 @plot.register
 def _(result: SubharmonicSurface) -> Chart:
     return surface_chart(result)
+
+
+@plot.register
+def _(result: Campbell) -> Chart:
+    return campbell_chart(result)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.constants import mu_0
 
 from amb_core.errors import PlantError
+from amb_core.files.package_files import located
 from amb_core.files.regular_files import read_text, shown
 
 _LARGEST = 5.0  # T
@@ -23,7 +24,7 @@ def read_bh_table(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.flo
     Parameters
     ----------
     path : str or Path
-        The file.
+        The file; `package://PACKAGE/PATH` for one in the shared folder of a package.
 
     Returns
     -------
@@ -36,7 +37,7 @@ def read_bh_table(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.flo
         If the file cannot be read, is not such a table, or the curve is not physical; gives the file and the line.
     """
     try:
-        lines = read_text(path).splitlines()
+        lines = read_text(located(path)).splitlines()
     except OSError as problem:
         raise PlantError(
             f"bh_table {shown(path)} cannot be read: {problem.strerror}; allowed: a CSV file of H (A/m), B (T)"

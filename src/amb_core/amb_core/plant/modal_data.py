@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
+from amb_core.files.package_files import located
 from amb_core.files.regular_files import open_regular, shown
 
 _SKEW_TOLERANCE = 1e-6
@@ -113,7 +114,7 @@ class ModalData:
 
     @classmethod
     def load(cls, path: str | Path) -> ModalData:
-        """Read a file.
+        """Read a file, named by a path or, in the shared folder of a package, by `package://PACKAGE/PATH`.
 
         Raises
         ------
@@ -121,7 +122,7 @@ class ModalData:
             If the file cannot be read, lacks an array, has an unknown one, or its arrays are refused (see `ModalData`);
             the message names the file.
         """
-        content = _read(Path(path))
+        content = _read(path)
         missing = [name for name in _ARRAYS if name not in content]
         if missing:
             raise PlantError(f"modal data {path}: lacks {', '.join(missing)}; found {', '.join(content) or 'nothing'}")
@@ -185,10 +186,10 @@ class ModalData:
 _ARRAYS = tuple(item.name for item in fields(ModalData) if item.name != "description")
 
 
-def _read(path: Path) -> dict[str, NDArray[np.float64]]:
+def _read(path: str | Path) -> dict[str, NDArray[np.float64]]:
     """All arrays of an .npz file."""
     try:
-        with open_regular(path) as file:
+        with open_regular(located(path)) as file:
             archive = np.load(file, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise PlantError(

@@ -194,7 +194,10 @@ class RigidRotorParameters(Parameters):
 class FlexibleRotorParameters(Parameters):
     """Flexible rotor in two bearings, for `rotor.model: flexible`."""
 
-    modal_data: str = choice("", "file of modal data (.npz), see amb_core.plant.modal_data")
+    modal_data: str = choice(
+        "",
+        "file of modal data (.npz), see amb_core.plant.modal_data; package://NAME/PATH for one of a built package",
+    )
 
 
 class BackupBearingParameters(Parameters):

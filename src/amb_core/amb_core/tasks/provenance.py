@@ -9,6 +9,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
+from amb_core.files.package_files import located
 from amb_core.plant import PlantParameters
 
 LIBRARIES = ("llvmlite", "numba", "numpy", "scipy")
@@ -32,7 +33,7 @@ def code_version(package: str = "amb_core") -> str:
 def file_checksums(plant: PlantParameters) -> dict[str, str]:
     """Checksums of the data files of a plant, by path; OSError if one cannot be read."""
     return {
-        path: hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        path: hashlib.sha256(located(path).read_bytes()).hexdigest()
         for path in (plant.iron.bh_table, plant.flexible_rotor.modal_data)
         if path
     }
