@@ -257,8 +257,7 @@ class Recording:
 
     def machine(self) -> Machine | None:
         """The machine as it was last published, None when it was not recorded (as by version 0.1)."""
-        machines = self._converted(MACHINE, machine_from_message)
-        return machines[-1] if machines else None
+        return self._machines[-1] if self._machines else None
 
     @property
     def sample_rate(self) -> float:
@@ -346,6 +345,10 @@ class Recording:
                 blocks[run] = blocks.pop(run)
             blocks.setdefault(run, []).append(block)
         return blocks
+
+    @cached_property
+    def _machines(self) -> list[Machine]:
+        return self._converted(MACHINE, machine_from_message)
 
     @cached_property
     def _plant_states(self) -> list[Any]:
