@@ -402,3 +402,27 @@ def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(BagError, match="cannot be made: Not a directory"):
         BagWriter(tmp_path / "file" / "bag")
+
+
+def test_telemetry_of_version_0_1_is_read(tmp_path: Path) -> None:
+    """It had two axes with a field for each signal, and the sample rate among the parameters of the controller."""
+    old = get_typestore(Stores.ROS2_JAZZY)
+    text = (Path(__file__).parent / "data" / "LoopSamples_0_1.msg").read_text()
+    old.register(get_types_from_msg(text, LOOP_SAMPLES))
+    header = old.types["std_msgs/msg/Header"](old.types["builtin_interfaces/msg/Time"](0, 0), "")
+    samples = {name: signal(name, np.arange(BLOCK)) for name in SIGNALS}
+    message = old.types[LOOP_SAMPLES](header=header, run=3, first_step=0, sample_time=5e-5, **samples)
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/amb/telemetry", LOOP_SAMPLES, old.generate_msgdef(LOOP_SAMPLES, ros_version=2)[0])
+        writer.add_topic("/parameter_events", EVENT, definition(EVENT))
+        given = {"sample_rate": 20e3, "proportional_gain": 3e4, "nominal_reference_y": 40e-6}
+        writer.write_parameters("/parameter_events", "/amb/pd_controller", given, 1)
+        writer.write("/amb/telemetry", bytes(old.serialize_cdr(message, LOOP_SAMPLES)), 2)
+    bag = Recording.read(tmp_path / "bag")
+    record = bag.telemetry(3)
+    assert record.axes == ("x", "y")
+    np.testing.assert_array_equal(record.position[:, 1], samples["position_y"])
+    np.testing.assert_array_equal(record.current[:, 0], samples["current_x"])
+    assert bag.machine() is None
+    expected = ControllerParameters(sample_rate=20e3, proportional_gain=3e4, nominal_reference=(0.0, 40e-6))
+    assert bag.controller_parameters() == expected
