@@ -7,11 +7,13 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 from amb_bringup.client import AmbClient
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.telemetry import merge_blocks
-from amb_core.plant import Plant, PlantParameters, RotorParameters
+from amb_core.parameters import load_parameters
+from amb_core.plant import Plant, PlantParameters
 from amb_core.recording.messages.loop_samples import block_from_message, steps_in
 from amb_core.simulation import simulate
 from amb_msgs.msg import LoopSamples
@@ -24,18 +26,20 @@ DOMAIN = 94
 
 def measure() -> dict[str, float | bool]:
     """One bearing: time of a step (us), simulated over wall-clock time for 5 s, and whether the samples are right."""
-    return _measure(PlantParameters())
+    return _measure([], PlantParameters())
 
 
 def measure_four_axes() -> dict[str, float | bool]:
     """The same for a rigid rotor in two bearings."""
-    return _measure(PlantParameters(rotor=RotorParameters(model="rigid")))
+    file = Path(__file__).with_name("rigid.yaml")
+    return _measure(
+        ["--ros-args", "--params-file", str(file)], load_parameters(PlantParameters, file, "simulator", part=True)
+    )
 
 
-def _measure(parameters: PlantParameters) -> dict[str, float | bool]:
+def _measure(arguments: list[str], parameters: PlantParameters) -> dict[str, float | bool]:
     environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
-    rotor = ["--ros-args", "-p", f"simulator:rotor.model:={parameters.rotor.model}"]
-    process = subprocess.Popen([sys.executable, "-m", "amb_bringup.composed_loop", *rotor], env=environment)
+    process = subprocess.Popen([sys.executable, "-m", "amb_bringup.composed_loop", *arguments], env=environment)
     blocks: list[LoopSamples] = []
     try:
         with AmbClient(domain_id=DOMAIN) as amb:

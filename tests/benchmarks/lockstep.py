@@ -86,22 +86,22 @@ class Ping(Node):
 
 def measure() -> dict[str, float | bool]:
     """One bearing, medians in us: step, plant within the step, bare round trip; and (step - plant) / round trip."""
-    return _measure("point_mass")
+    return _measure([])
 
 
 def measure_four_axes() -> dict[str, float | bool]:
     """The same for a rigid rotor in two bearings, with round trips of messages for four axes."""
-    return _measure("rigid")
+    return _measure(["--ros-args", "--params-file", str(Path(__file__).with_name("rigid.yaml"))])
 
 
-def _measure(rotor: str) -> dict[str, float | bool]:
+def _measure(arguments: list[str]) -> dict[str, float | bool]:
     environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
     pong = [sys.executable, str(Path(__file__).with_name("pong.py"))]
     children = [
         subprocess.Popen(command, env=environment)
         for command in ([sys.executable, "-m", "amb_controller_node.pd_controller"], pong)
     ]
-    rclpy.init(args=["--ros-args", "-p", f"simulator:rotor.model:={rotor}"], domain_id=DOMAIN)
+    rclpy.init(args=arguments, domain_id=DOMAIN)
     executor = EventsExecutor()
     simulator = SimulatorNode()
     ping = Ping(len(simulator._plant.machine.axes))
