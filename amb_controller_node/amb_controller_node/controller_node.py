@@ -70,7 +70,7 @@ class ControllerNode(Node):
         self._current_publisher = self.create_publisher(CurrentReference, topics.CURRENT_REFERENCE, STREAM)
         self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
         # Before the positions, so that an active excitation is known as early as they are.
-        self._excitation = ExcitationInput(self, self._place, self._answer_held)
+        self._excitation = ExcitationInput(self, self._place, self._answer_held, self._machine_of)
         self._machine_input = MachineInput(self, self._on_machine)
         self._position_subscription = self.create_subscription(
             RotorPosition, topics.POSITION, self._on_position, STREAM, raw=True
@@ -140,11 +140,15 @@ class ControllerNode(Node):
         self._run = run
         self._rate_error = ""
 
-    def _on_machine(self, machine: Machine) -> None:
+    def _on_machine(self, _machine: Machine) -> None:
         """Answer what has waited for the machine. One that changes anything within a run applies from the next on."""
         self._step_at_change = self._step
-        self._excitation.use(machine)
+        self._excitation.take_early()
         self._answer_held()
+
+    def _machine_of(self, run: int) -> Machine | None:
+        """The machine of a run: that with which the present one began, the latest of any other."""
+        return self._machine if run == self._run and self._machine is not None else self._machine_input.machine
 
     def _use_machine(self, data: bytes, run: int, count: int) -> bool:
         """Use the latest machine from the first position of a run on; if it cannot be that of the position, hold it."""
@@ -176,6 +180,7 @@ class ControllerNode(Node):
         self._law, self._nominal_reference = law, law.nominal_reference.tolist()
         self._machine, self._axes, self._outdated = machine, machine.axis_names, False
         self._last_step = last_stamped_step(machine.sample_rate)
+        self._excitation.drop_those_of_others(machine)
 
     def _refuse_position(self, run: int, step: int, position: Sequence[float]) -> None:
         """Do not answer a position that would corrupt the controller state, and report it until the next run."""

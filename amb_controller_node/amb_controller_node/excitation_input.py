@@ -46,6 +46,8 @@ class ExcitationInput:
         Returns the present run and the last step that needs no answer, 0 and -1 before the first position.
     resume : callable
         Called when an answer to a position need not be delayed any longer.
+    machine_of : callable
+        Returns the machine of a run, as far as it is known; None before any machine is.
 
     Attributes
     ----------
@@ -58,10 +60,11 @@ class ExcitationInput:
         node: Node,
         position: Callable[[], tuple[int, int]],
         resume: Callable[[], None],
+        machine_of: Callable[[int], Machine | None],
     ) -> None:
         self.holding = True
         self._node = node
-        self._machine: Machine | None = None
+        self._machine_of = machine_of
         self._early: tuple[bytes, int] | None = None  # message that arrived before the machine
         self._position = position
         self._resume = resume
@@ -105,12 +108,19 @@ class ExcitationInput:
         pending = self._pending
         return pending is not None and pending.joins and pending.run == run and step >= pending.first_step
 
-    def use(self, machine: Machine) -> None:
-        """Take the axes and the sample rate of a machine, for the excitations that arrive from now on."""
-        self._machine = machine
+    def take_early(self) -> None:
+        """Check the excitation that arrived before the machine was known."""
         early, self._early = self._early, None
         if early is not None:
             self._on_excitation(*early)
+
+    def drop_those_of_others(self, machine: Machine) -> None:
+        """Drop what was made for another machine than that which is controlled from now on."""
+        if self._pending is not None and self._pending.machine != machine:
+            self._call_off("the machine changed before its samples were ready")
+        if self._playing is not None and self._playing.machine != machine:
+            self._node.get_logger().warning(f"excitation of run {self._playing.run} dropped: the machine changed")
+            self._playing = None
 
     def _keep(self, data: bytes, source_time: int) -> None:
         """Keep a message until the machine is known; only the newest, since an excitation replaces the previous one."""
@@ -128,11 +138,11 @@ class ExcitationInput:
         run, step = self._position()
         latched = 0 < source_time < self._started
         message = read(data)
-        machine = self._machine
         if isinstance(message, ExcitationStatus):
             self._refuse(message, message.message)
             self._end_joining()
             return
+        machine = self._machine_of(message.run)
         if machine is None:
             self._keep(data, source_time)
             return
@@ -213,9 +223,8 @@ class ExcitationInput:
                     f"excitation {status.id} was under way from step {first_step}: applied from step {step + 1}"
                 )
             steps = pending.checked.steps
-            self._playing = _Playing(
-                pending.run, first_step, steps, pending.window, (*pending.identity[:-1], first_step)
-            )
+            identity = (*pending.identity[:-1], first_step)
+            self._playing = _Playing(pending.run, first_step, steps, pending.window, identity, pending.machine)
             status.accepted, status.first_step, status.steps = True, first_step, steps
             self._publisher.publish(status)
         self._release()
@@ -276,10 +285,13 @@ class _Pending:
 class _Playing:
     """An excitation being applied, with a window of its samples as plain floats for fast access."""
 
-    __slots__ = ("_window", "first_step", "identity", "run", "samples", "stop", "window_size", "window_step")
+    __slots__ = ("_window", "first_step", "identity", "machine", "run", "samples", "stop", "window_size", "window_step")
 
-    def __init__(self, run: int, first_step: int, steps: int, window: Window, identity: Identity) -> None:
+    def __init__(
+        self, run: int, first_step: int, steps: int, window: Window, identity: Identity, machine: Machine
+    ) -> None:
         self.run = run
+        self.machine = machine
         self.first_step = first_step
         self.stop = first_step + steps
         self.identity = identity

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -14,11 +15,21 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 
 from amb_core.errors import BagError
+from amb_core.plant import PlantParameters
+from amb_core.plant.machine import machine_of
 from amb_core.recording.messages.loop_samples import block_from_message
-from amb_msgs.msg import AxisSamples, CurrentReference, LoopSamples, RotorPosition, SimulatorState
+from amb_msgs.msg import (
+    AxisReference,
+    AxisSamples,
+    CurrentReference,
+    Excitation,
+    LoopSamples,
+    RotorPosition,
+    SimulatorState,
+)
 from amb_msgs.srv import Pause, Reset, RunSteps
-from amb_ros.qos import STREAM
-from tests.graph.bearing import Bearing
+from amb_ros.qos import EVERY_STATE, STREAM
+from tests.graph.bearing import Bearing, machine_message, machine_publisher
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Graph
@@ -283,3 +294,30 @@ def test_the_clock_of_a_graph_in_another_namespace_is_its_own(wires: Wires) -> N
     # Perhaps twice: a simulator that was killed stays in the graph for some 20 s.
     assert {publisher.node_namespace for publisher in node.get_publishers_info_by_topic("/clock")} == {"/amb"}
     wires.graph.stop(other)
+
+
+def test_a_machine_that_changes_within_a_run_is_an_error_and_the_run_goes_on(wires: Wires) -> None:
+    run = wires.new_run()
+    wires.answer(run, 0)
+    whole = machine_of(PlantParameters())
+    publisher = machine_publisher(wires.graph.node)
+    excitations = wires.graph.node.create_publisher(Excitation, "/amb/excitation", EVERY_STATE)
+    wires.graph.wait_until(lambda: publisher.get_subscription_count() and excitations.get_subscription_count(), "it")
+    publisher.publish(machine_message(replace(whole, axes=whole.axes[:1])))
+    step = iter(range(1, 100_000))
+
+    def changed() -> bool:
+        wires.answer(run, next(step))
+        return "the machine changed within run" in wires.health("pd_controller").message
+
+    wires.graph.wait_until(changed, "the controller to note the change")
+    # One axis less than the run has; a node that trusted the latest machine would add it to both.
+    waveform = {"kind": "waveform", "run": run, "sample_time": 1e-4, "first_step": Excitation.FROM_NEXT_STEP}
+    on_y = AxisReference(name="y", reference=[1e-6] * 50_000)
+    excitations.publish(Excitation(id=1, axes=[on_y], **waveform))
+    wires.graph.wait_until(lambda: any(wires.answer(run, next(step)).current), "the excitation")
+    assert wires.answers[-1].current[0] == 0.0
+    publisher.publish(machine_message(whole))
+    wires.graph.wait_until(
+        lambda: "the machine changed" not in wires.health("pd_controller").message, "the end of the error"
+    )

@@ -210,6 +210,6 @@ def _separated(
     _, triangle, pivots = linalg.qr(shapes.T, pivoting=True, mode="economic")
     sizes = np.abs(np.diag(triangle))
     if len(sizes) < shapes.shape[1] or sizes[-1] < 1e-6 * sizes[0]:
-        return shapes, drives  # fewer shapes than modes: they cannot be told apart
+        return shapes, drives  # fewer shapes than modes: they are not separable
     square = shapes[np.sort(pivots[: shapes.shape[1]])]
     return shapes @ np.linalg.inv(square), square @ drives
