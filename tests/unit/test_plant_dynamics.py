@@ -69,6 +69,20 @@ def test_error_falls_at_least_in_proportion_to_the_internal_step():
     assert changes[1] < 1e-10
 
 
+@pytest.mark.parametrize("model", ["point_mass", "rigid"])
+@pytest.mark.parametrize("running_speed", [0.0, 100.0])
+def test_plant_moves_the_same_whether_its_internal_steps_are_recorded_or_not(model, running_speed):
+    """A recorded plant runs in the general loop, others have loops of their own."""
+    parameters = PlantParameters(rotor=RotorParameters(model=model, running_speed=running_speed, unbalance=1e-6))
+    recorded, plant = Plant(parameters), Plant(parameters)
+    controller = PdController(ControllerParameters(), len(plant.machine.axes))
+    for step in range(100):
+        reference = np.full(len(plant.machine.axes), 10e-6 if step < 50 else -10e-6)
+        currents = controller.update(plant.position, reference)
+        recorded.trace(currents)
+        assert plant.advance(currents) == recorded.position
+
+
 def test_current_slews_at_the_limited_duty_over_the_inductance():
     plant = Plant(
         PlantParameters(

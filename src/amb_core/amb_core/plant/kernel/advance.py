@@ -8,8 +8,8 @@ but for the coil voltages, which enter with their exact mean over the step: the 
 are right wherever in the step it falls. No fast-math: the same samples come out wherever the kernel is called from.
 
 The equations stand where they are computed: `circuit` (fluxes, currents, forces), `amplifiers`, `rotor`, and beyond the
-paper's table `iron`, `iron_paths`, `stiff_iron`, `solid_journal`, `laminations` and `quasistatic`. The paper's plant
-has a loop without the latter.
+paper's table `iron`, `iron_paths`, `stiff_iron`, `solid_journal`, `laminations` and `quasistatic`. The paper's bearing,
+one or two of them, has a loop without the latter.
 """
 
 from __future__ import annotations
@@ -86,11 +86,21 @@ def advance(constants, state, bearings, modes, references, steps, trace):
     for n in range(bearings.shape[0]):
         set_references(plant.amplifier, bearings[n], references[2 * n], references[2 * n + 1])
     if bearings.shape[0] == 1 and trace.shape[0] == 0 and not plant.extended:
-        # The paper's plant has a loop of its own, out of which the compiler leaves the rest.
+        # The paper's bearing has a loop of its own, out of which the compiler leaves the rest.
         for _ in range(steps):
             _step_circuit(plant, shared, first, False)
             circuit.integrate(plant, first)
             move_point_mass(plant, shared, first)
+            _count_step(plant, shared)
+    elif bearings.shape[0] == 2 and trace.shape[0] == 0 and not plant.extended:
+        # So has a rotor in two of them.
+        second = bearings[1]
+        for _ in range(steps):
+            _step_circuit(plant, shared, first, False)
+            circuit.integrate(plant, first)
+            _step_circuit(plant, shared, second, False)
+            circuit.integrate(plant, second)
+            move_modes(plant, shared, bearings, modes)
             _count_step(plant, shared)
     else:
         for step in range(steps):

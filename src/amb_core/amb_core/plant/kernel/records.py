@@ -175,6 +175,7 @@ STATE = np.dtype(
         ("sensed", float, (2 * MOST_BEARINGS,)),  # positions behind the sensors' low-pass, x, y of each bearing (m)
         ("external_force", float, (2,)),  # at bearing A (N)
         ("unbalance_force", float, (2,)),  # N
+        ("force", float, (2 * MOST_BEARINGS + 2,)),  # on the journals, then of the unbalance (N)
     ],
     align=True,
 )

@@ -19,6 +19,7 @@ import numba
 COORDINATE, RATE, PREVIOUS, ACCELERATION = range(4)
 INPUTS = 4  # acceleration per force b: in bearing A x, y and B x, y (4)
 UNBALANCE = 8  # acceleration per force u of the unbalance x, y (2)
+FORCES = 6  # rows from INPUTS on
 WEIGHT = 10  # acceleration w by gravity
 POSITIONS = 11  # displacement of the journals P: in bearing A x, y and B x, y (4)
 SENSORS = 15  # displacement at the sensors (4)
@@ -80,7 +81,7 @@ def move_point_mass(constants, state, bearing):
         bearing.acceleration[axis] = acceleration
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(inline="always", error_model="numpy")
 def move_modes(constants, state, bearings, modes):
     """Move a rotor with generalised coordinates by one step, and its journals with it."""
     h = constants.step
@@ -98,27 +99,54 @@ def move_modes(constants, state, bearings, modes):
 
 @numba.njit(inline="always", error_model="numpy")
 def _accelerate(state, bearings, modes):
-    """Accelerations of the coordinates."""
+    """Accelerations of the coordinates; four running sums at a time become one vector register."""
+    _gather_forces(state, bearings)
     size = modes.shape[1]
-    for n in range(size):
-        modes[ACCELERATION, n] = modes[WEIGHT, n]
-    for m in range(size):
-        for n in range(size):
-            modes[ACCELERATION, n] += modes[STIFFNESS + m, n] * modes[COORDINATE, m]
-    for m in range(size):
-        for n in range(size):
-            modes[ACCELERATION, n] += modes[STIFFNESS + size + m, n] * modes[RATE, m]
+    rates = STIFFNESS + size
+    first = 0
+    while first + 4 <= size:
+        a, b, c, d = modes[WEIGHT, first], modes[WEIGHT, first + 1], modes[WEIGHT, first + 2], modes[WEIGHT, first + 3]
+        for m in range(size):
+            a, b, c, d = _add_four(a, b, c, d, modes, STIFFNESS + m, first, modes[COORDINATE, m])
+        for m in range(size):
+            a, b, c, d = _add_four(a, b, c, d, modes, rates + m, first, modes[RATE, m])
+        for m in range(FORCES):
+            a, b, c, d = _add_four(a, b, c, d, modes, INPUTS + m, first, state.force[m])
+        modes[ACCELERATION, first], modes[ACCELERATION, first + 1] = a, b
+        modes[ACCELERATION, first + 2], modes[ACCELERATION, first + 3] = c, d
+        first += 4
+    for n in range(first, size):
+        total = modes[WEIGHT, n]
+        for m in range(size):
+            total += modes[STIFFNESS + m, n] * modes[COORDINATE, m]
+        for m in range(size):
+            total += modes[rates + m, n] * modes[RATE, m]
+        for m in range(FORCES):
+            total += modes[INPUTS + m, n] * state.force[m]
+        modes[ACCELERATION, n] = total
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _gather_forces(state, bearings):
+    """Forces in the order of the rows from INPUTS on."""
     for number in range(bearings.shape[0]):
         bearing = bearings[number]
         for axis in range(2):
-            force = bearing.pull[axis] + bearing.contact_force[axis]
-            if number == 0:
-                force += state.external_force[axis]
-            for n in range(size):
-                modes[ACCELERATION, n] += modes[INPUTS + 2 * number + axis, n] * force
+            state.force[2 * number + axis] = bearing.pull[axis] + bearing.contact_force[axis]
     for axis in range(2):
-        for n in range(size):
-            modes[ACCELERATION, n] += modes[UNBALANCE + axis, n] * state.unbalance_force[axis]
+        state.force[axis] += state.external_force[axis]
+        state.force[UNBALANCE - INPUTS + axis] = state.unbalance_force[axis]
+
+
+@numba.njit(inline="always", error_model="numpy")
+def _add_four(a, b, c, d, modes, row, first, factor):
+    """Add a multiple of four neighbours in a row to four sums."""
+    return (
+        a + modes[row, first] * factor,
+        b + modes[row, first + 1] * factor,
+        c + modes[row, first + 2] * factor,
+        d + modes[row, first + 3] * factor,
+    )
 
 
 @numba.njit(cache=True, error_model="numpy")
