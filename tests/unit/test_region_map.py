@@ -98,7 +98,6 @@ def test_sweeps_must_be_in_order_of_amplitude():
         ({"amplitude_low": 50e-6, "amplitude_high": 20e-6}, "amplitude_low = 5e-05 m must be below amplitude_high"),
         ({"frequency_start": 900.0, "frequency_end": 90.0}, "frequency_start = 900 Hz must be below frequency_end"),
         ({"initial_sweeps": 30}, "initial_sweeps = 30 must not exceed max_sweeps = 24"),
-        ({"axes": "in_turn"}, "allowed: one of x, y, both"),
     ],
 )
 def test_settings_that_make_no_map_are_refused(values, message):

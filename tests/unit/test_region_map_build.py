@@ -152,6 +152,13 @@ def test_a_grid_that_makes_no_sense_is_refused(ran, design, message):
         ({"amplitude_high": 260e-6}, {}, r"amplitude_high = 0\.00026 m .* clearance of 0\.00025 m .* below 0\.00025 m"),
         ({"amplitude_high": 200e-6, "axes": "both"}, {}, r"45 degrees with both axes; allowed: below 0\.000176777 m"),
         ({"axes": "x"}, {"magnetic_circuit.actuators": "top_coil"}, r"'top_coil', which pull along y only; allowed: y"),
+        (
+            {"axes": "in_turn"},
+            {},
+            "'in_turn' is not allowed here; allowed: axes excited at the same time",
+        ),
+        ({"axes": "z"}, {}, "axes = 'z' is not allowed; .*allowed: x, y"),
+        ({"axes": "y_c"}, {"rotor.model": "rigid"}, "axes = 'y_c' is not allowed; .*allowed: x_a, y_a, x_b, y_b"),
         ({}, {"integration.sample_rate": 20e3}, "runs at 10000 Hz, the plant is sampled at 20000 Hz"),
     ],
 )

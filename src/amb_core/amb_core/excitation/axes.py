@@ -92,6 +92,30 @@ def parts_of(axes: str, steps: int, machine: Machine | None = None) -> list[Part
     return [Part(0, steps, axis, ((axis, 1.0),)) for axis in excited]
 
 
+def factors_of(axes: str, machine: Machine) -> NDArray[np.float64]:
+    """Factor of one signal on every axis that it excites at a time, shape (axes,); 0 for axes at rest.
+
+    Parameters
+    ----------
+    axes : str
+        Names of axes and bearings joined with commas, a rigid mode, `all`, or `both`.
+    machine : Machine
+        The machine.
+
+    Raises
+    ------
+    ExcitationError
+        If the machine has no such axes, or they are excited one after another.
+    """
+    if axes in (IN_TURN, ORTHOGONAL):
+        raise ExcitationError(f"axes = '{axes}' is not allowed here; allowed: axes excited at the same time")
+    factors = np.zeros(len(machine.axes))
+    for part in parts_of(axes, 1, machine):
+        for axis, factor in part.factors:
+            factors[axis] = factor
+    return factors
+
+
 def mode_factors(mode: str, machine: Machine) -> tuple[tuple[int, float], ...]:
     """Axes that a rigid mode moves, and the factor on each; the largest magnitude is 1.
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from amb_core.errors import RegionError, TaskError
+from amb_core.errors import ExcitationError, RegionError, TaskError
+from amb_core.excitation.axes import factors_of
 from amb_core.loop.control import ControllerParameters, require_one_rate
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import RegionParameters
+from amb_core.regions.region_map.excited_axes import axes_of_first_bearing
 from amb_core.regions.region_map.map_sweep import MapSweep
 from amb_core.regions.region_map.refinement import Refinement
 from amb_core.regions.region_map.region_map import RegionMap
@@ -134,7 +136,7 @@ class MapJob:
         controller: ControllerParameters,
         regions: RegionParameters | None = None,
     ) -> None:
-        _check(settings, plant, controller)
+        settings = _checked(settings, plant, controller)
         radius = plant.rotor.backup_bearing_radius  # where a run ends, and with it the map
         self._regions = (regions or RegionParameters()).model_copy(update={"backup_bearing_radius": radius})
         self._settings, self._plant, self._controller = settings, plant, controller
@@ -219,7 +221,8 @@ class _Sweeps:
         return self.requests(job, amplitudes)
 
 
-def _check(settings: MapSettings, plant: PlantParameters, controller: ControllerParameters) -> None:
+def _checked(settings: MapSettings, plant: PlantParameters, controller: ControllerParameters) -> MapSettings:
+    """The settings with the names of the machine's axes, if the loop allows them."""
     rate = controller.sample_rate
     require_one_rate(controller.sample_rate, plant.integration.sample_rate)
     if settings.frequency_end > 0.5 * rate:
@@ -227,18 +230,28 @@ def _check(settings: MapSettings, plant: PlantParameters, controller: Controller
             f"frequency_end = {settings.frequency_end:g} Hz is above the Nyquist frequency of the controller's sample "
             f"rate; allowed: up to {0.5 * rate:g} Hz"
         )
+    machine = Plant(plant).machine  # rejects wrong parameters here, not on every worker
+    axes = axes_of_first_bearing(settings.axes, machine)
+    try:
+        factors = factors_of(axes, machine)
+    except ExcitationError as problem:
+        raise RegionError(str(problem)) from None
     actuators = plant.magnetic_circuit.actuators
-    if actuators != "two_axis" and settings.axes != "y":
+    excited = [axis for axis, factor in zip(machine.axes, factors, strict=True) if factor]
+    if actuators != "two_axis" and any(axis.direction[0] for axis in excited):
         raise RegionError(
             f"axes = '{settings.axes}' is not allowed with magnetic_circuit.actuators = '{actuators}', which pull "
             "along y only; allowed: y"
         )
+    reach = max(
+        math.hypot(*(factor for axis, factor in zip(machine.axes, factors, strict=True) if axis.bearing == each.name))
+        for each in machine.bearings
+    )
     clearance = plant.rotor.backup_bearing_radius
-    allowed = clearance / math.sqrt(2.0) if settings.axes == "both" else clearance
-    if settings.amplitude_high >= allowed:
-        both = ", at 45 degrees with both axes" if settings.axes == "both" else ""
+    if settings.amplitude_high * reach >= clearance:
+        both = ", at 45 degrees with both axes" if reach > 1.0 else ""
         raise RegionError(
             f"amplitude_high = {settings.amplitude_high:g} m exceeds the clearance of {clearance:g} m to the "
-            f"backup bearing{both}; allowed: below {allowed:.6g} m"
+            f"backup bearing{both}; allowed: below {clearance / reach:.6g} m"
         )
-    Plant(plant)  # rejects wrong parameters here, not on every worker
+    return settings.model_copy(update={"axes": axes})

@@ -9,9 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.excitation.axes import factors_of
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters, describe
+from amb_core.plant.machine import machine_of
 from amb_core.regions import Region, lines
+from amb_core.regions.region_map.excited_axes import axes_of_first_bearing
 from amb_core.regions.region_map.map_sweep import BOUNDARIES
 from amb_core.regions.region_map.region_map import RegionMap
 
@@ -102,7 +105,7 @@ def analytic_lines(
     plant, controller : PlantParameters, ControllerParameters
         The loop.
     axes : str
-        Axes that are excited, as in `MapSettings`; gravity loads y.
+        Axes that are excited, as in the settings of a map; gravity loads those along y.
     lowest_frequency : float
         Where the lines begin (Hz).
 
@@ -117,7 +120,10 @@ def analytic_lines(
     limit = min(controller.current_limit, bias) if plant.amplifier.unipolar else controller.current_limit
     amplitudes = {}
     static_current = controller.proportional_gain * abs(constants.sag)
-    if axes != "x" and 1e-3 * limit < static_current < limit:
+    machine = machine_of(plant)
+    excited = factors_of(axes_of_first_bearing(axes, machine), machine)
+    loaded = any(factor and axis.direction[1] for axis, factor in zip(machine.axes, excited, strict=True))
+    if loaded and 1e-3 * limit < static_current < limit:
         amplitudes["static-load limit"] = lines.bias_limit(frequency, controller, limit - static_current)
     if plant.amplifier.unipolar and bias > 0.0:
         amplitudes["bias limit"] = lines.bias_limit(frequency, controller, bias)

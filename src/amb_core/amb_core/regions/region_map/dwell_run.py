@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
 from amb_core.errors import RegionError
+from amb_core.excitation.axes import factors_of
+from amb_core.loop.control import PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
 from amb_core.regions import Classification, Region, RegionParameters, classify
 from amb_core.regions.region_map.settings import ConfirmationSettings
 from amb_core.regions.region_map.sweep_run import SweepTask
-from amb_core.simulation import simulate_first_bearing
+from amb_core.simulation import simulate
 from amb_core.tasks.task import Task
 
 SHORTEST_REST = 0.5  # s, before every dwell: the mean position at rest is taken over the second half of it
@@ -131,17 +133,17 @@ def run_dwell(task: DwellTask) -> Dwell:
     rate = loop.controller.sample_rate
     rest, ramp, hold = (round(time * rate) for time in (max(loop.rest, SHORTEST_REST), settings.ramp, settings.dwell))
     sine, frequency = dwell_signal(task.start, task.frequency, ramp, hold, rate)
-    excited = np.array([loop.sweep.axes in (axis, "both") for axis in "xy"])
-    samples = loop.sweep.amplitude * sine[:, None] * excited
     plant = Plant(loop.plant)
-    record = simulate_first_bearing(plant, loop.controller, rest + len(sine), samples, rest)
+    samples = loop.sweep.amplitude * sine[:, None] * factors_of(loop.sweep.axes, plant.machine)
+    controller = PdController(loop.controller, len(plant.machine.axes))
+    record = simulate(plant, controller, rest + len(sine), samples, rest)
     if record.steps <= rest and plant.delevitated:
         raise RegionError(f"the rotor delevitates {record.steps / rate:.3g} s after it is released; see the sweeps")
     if plant.delevitated:
         started = task.start == task.frequency or record.steps > rest + ramp
         return Dwell(task.frequency, Region.D, started, 0.0, record.steps)
     known = np.concatenate([np.full(rest, task.start), frequency])
-    found = classify(record, loop.regions, delevitated=False, frequency=known)
+    found = classify(record, loop.regions, machine=plant.machine, delevitated=False, frequency=known)
     settled = rest + 2 * ramp + hold // 2
     displacement, drifted = _displacement(record, slice(rest // 2, rest), settled, task)
     region = Region.B if drifted else Region.A

@@ -21,7 +21,11 @@ class MapSettings(Parameters):
     spacing: Literal["linear", "logarithmic"] = choice("linear", "how the frequency runs over time")
     duration: float = quantity(20.0, "s", "duration of a sweep", 0.1, 600.0)
     rest: float = quantity(1.0, "s", "time at rest before it, in which the rotor settles", 0.0, 60.0)
-    axes: Literal["x", "y", "both"] = choice("y", "axes that are excited; both: with the same signal")
+    axes: str = choice(
+        "y",
+        "axes that are excited with the same signal: names joined with commas, a bearing (bearing_a), a rigid mode "
+        "(translate_x, tilt_y), or all; x, y and both are those of the first bearing",
+    )
     initial_sweeps: int = quantity(8, "-", "sweeps at amplitudes with equal ratios, before refinement", 2, 1000)
     max_sweeps: int = quantity(24, "-", "largest number of sweeps, refinement included", 2, 1000)
     resolution: float = quantity(

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from amb_core.errors import RegionError
 from amb_core.excitation import Sweep, generate
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.parameters import flatten, part_of
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import Classification, RegionParameters, classify
 from amb_core.regions.region_map.map_sweep import Boundary, MapSweep, sweep_from_json, sweep_to_json
-from amb_core.simulation import simulate_first_bearing
+from amb_core.simulation import simulate
 from amb_core.tasks.provenance import code_version, file_checksums
 from amb_core.tasks.task import Task
 
@@ -27,7 +27,7 @@ class SweepTask(Task[MapSweep]):
     Attributes
     ----------
     sweep : Sweep
-        The excitation.
+        The excitation; its axes are those of the plant's machine.
     rest : float
         Time without excitation before it (s).
     plant, controller, regions : PlantParameters, ControllerParameters, RegionParameters
@@ -80,10 +80,11 @@ def run_sweep(task: SweepTask) -> MapSweep:
         If the plant or the sweep cannot be made.
     """
     sample_rate = task.controller.sample_rate
-    signal = generate(task.sweep, sample_rate)
-    rest = round(task.rest * sample_rate)
     plant = Plant(task.plant)
-    record = simulate_first_bearing(plant, task.controller, rest + signal.steps, signal.samples, rest)
+    signal = generate(task.sweep, sample_rate, plant.machine)
+    rest = round(task.rest * sample_rate)
+    controller = PdController(task.controller, len(plant.machine.axes))
+    record = simulate(plant, controller, rest + signal.steps, signal.samples, rest)
     if record.steps <= rest and plant.delevitated:
         raise RegionError(
             f"the rotor delevitates {record.steps / sample_rate:.3g} s after it is released, before the sweep begins "
@@ -91,7 +92,7 @@ def run_sweep(task: SweepTask) -> MapSweep:
         )
     assert signal.frequency is not None
     frequency = np.concatenate([np.full(rest, task.sweep.frequency_start), signal.frequency])[: record.steps]
-    found = classify(record, task.regions, delevitated=plant.delevitated, frequency=frequency)
+    found = classify(record, task.regions, machine=plant.machine, delevitated=plant.delevitated, frequency=frequency)
     return MapSweep(
         amplitude=task.sweep.amplitude,
         boundaries={region: Boundary(onset.input_frequency, onset.resonance) for region, onset in found.onsets.items()},
