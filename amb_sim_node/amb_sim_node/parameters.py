@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from pydantic import model_validator
+
 from amb_core.parameters import quantity, switch
 from amb_core.plant import PlantParameters
+
+LONGEST_PERIOD = 0.05  # s of wall-clock time between two paced steps; services wait as long
 
 
 class SimulatorParameters(PlantParameters):
@@ -14,6 +18,19 @@ class SimulatorParameters(PlantParameters):
     answer_timeout: float = quantity(
         0.25, "s", "wall-clock time after which the answer of the controller counts as overdue", 0.05, 10.0
     )
+    real_time_factor: float = quantity(
+        0.0, "-", "simulation time over wall-clock time at which the loop is paced; 0 for as fast as it can", 0.0, 100.0
+    )
     plant_state_steps: int = quantity(
         0, "-", "controller steps between messages on plant_state; 0 for none", 0, 1_000_000
     )
+
+    @model_validator(mode="after")
+    def _paced_steps_do_not_block_services(self) -> SimulatorParameters:
+        least = 1.0 / (self.integration.sample_rate * LONGEST_PERIOD)
+        if 0.0 < self.real_time_factor < least:
+            raise ValueError(
+                f"real_time_factor = {self.real_time_factor:g} is not allowed at {self.integration.sample_rate:g} Hz; "
+                f"allowed: 0, or from {least:g} on"
+            )
+        return self

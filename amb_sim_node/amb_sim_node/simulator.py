@@ -2,7 +2,8 @@
 
 It publishes the position of step k, waits for the current reference of step k, advances the plant by one controller
 sample and publishes the position of step k + 1. Nothing depends on timing: the node waits for a late answer, and
-publishes an unanswered position again once a controller listens.
+publishes an unanswered position again once a controller listens. With a real-time factor a position is held back until
+it is due; one that is late is counted, and no sample changes.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from amb_core.errors import AmbError, ParameterError, PlantError
 from amb_core.loop.machine import Machine as MachineDescription
+from amb_core.loop.pace import Pace
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
 from amb_core.recording.messages.machine import fill_machine
@@ -120,7 +122,16 @@ class SimulatorNode(Node):
         else:
             if state.mode == SimulatorState.WAITING:
                 self._set_mode(SimulatorState.RUNNING)
+            if self._pace is not None:
+                self._hold_back(self._pace)
             self._publish_position()
+
+    def _hold_back(self, pace: Pace) -> None:
+        """Wait until the step is due. Periods are short, so that services may wait for it."""
+        wait = pace.wait(time.monotonic())
+        if wait > 0.0:
+            time.sleep(wait)
+            pace.published(time.monotonic())
 
     def _report_wrong_answer(self, values: int) -> None:
         names = self._plant.machine.axis_names
@@ -183,6 +194,7 @@ class SimulatorNode(Node):
             else:
                 self._publish_state()
         if state.mode == SimulatorState.WAITING and self._position_publisher.get_subscription_count() > 0:
+            self._start_pace()
             self._publish_position()
         self._seen_step = state.step
 
@@ -259,6 +271,8 @@ class SimulatorNode(Node):
     def _use(self, settings: SimulatorParameters, plant: Plant) -> None:
         self._settings, self._plant = settings, plant
         self._clock_steps = max(round(settings.clock_period * settings.integration.sample_rate), 1)
+        factor = settings.real_time_factor
+        self._pace = Pace(plant.sample_time / factor) if factor > 0.0 else None
 
     def _reset(self) -> None:
         self._plant.reset()
@@ -277,7 +291,12 @@ class SimulatorNode(Node):
         self._state.last_step = self._state.step + steps if steps else 0
         self._seen_step = -1
         self._set_mode(SimulatorState.RUNNING)
+        self._start_pace()
         self._publish_position()
+
+    def _start_pace(self) -> None:
+        if self._pace is not None:
+            self._pace.start(time.monotonic())
 
     # -- state and health
 
@@ -314,7 +333,15 @@ class SimulatorNode(Node):
             level, summary = diagnostics.OK, MODE_NAMES[state.mode]
         mode = MODE_NAMES[state.mode]
         values = {"run": state.run, "step": state.step, "mode": mode, "steps in contact": self._contact_steps}
-        return level, summary, values
+        return level, summary, values if self._pace is None else values | pace_values(self._pace)
+
+
+def pace_values(pace: Pace) -> dict[str, int | str]:
+    """Missed deadlines and the distribution of the lateness, for /diagnostics."""
+    shares = {"p50": 0.5, "p99": 0.99, "p99.99": 0.9999, "max": 1.0}
+    return {"steps paced": pace.lateness.count, "deadlines missed": pace.missed} | {
+        f"lateness {name} (us)": f"{1e6 * pace.lateness.quantile(share):.3g}" for name, share in shares.items()
+    }
 
 
 def _next_run(last: int) -> int:

@@ -1,0 +1,93 @@
+"""The pace of a loop that runs in real time: when each step is due, which came late, and by how much.
+
+Step k is due k periods after the start. A step that is ready before is held back until then; one that is ready after it
+has missed its deadline: it is counted, and the grid shifts by its lateness, so that the steps after it keep their
+distance instead of hurrying. Times are those of a monotonic clock, given by the caller.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+_SHORTEST, _LONGEST = 1e-7, 100.0  # s
+_RATIO = 1.05  # of the edges of neighbouring bins: a quantile is at most 5 % above the true one
+
+
+class Lateness:
+    """How late steps came: a histogram over the logarithm of the time, of a size that does not grow.
+
+    Attributes
+    ----------
+    count : int
+        Steps noted.
+    largest : float
+        Largest lateness (s).
+    """
+
+    def __init__(self) -> None:
+        self._bins = np.zeros(math.ceil(math.log(_LONGEST / _SHORTEST) / math.log(_RATIO)) + 1, dtype=np.int64)
+        self.count = 0
+        self.largest = 0.0
+
+    def note(self, lateness: float) -> None:
+        """Count a step that came `lateness` seconds after it was due."""
+        place = 0 if lateness <= _SHORTEST else math.ceil(math.log(lateness / _SHORTEST) / math.log(_RATIO))
+        self._bins[min(place, len(self._bins) - 1)] += 1
+        self.count += 1
+        self.largest = max(self.largest, lateness)
+
+    def quantile(self, share: float) -> float:
+        """Time (s) below which this share of the steps came, at most 5 % too large; 0 without steps."""
+        if not self.count:
+            return 0.0
+        place = int(np.searchsorted(np.cumsum(self._bins), math.ceil(share * self.count)))
+        return min(_SHORTEST * _RATIO**place, self.largest)
+
+
+class Pace:
+    """Deadlines of the steps of a loop.
+
+    Parameters
+    ----------
+    period : float
+        Wall-clock time between two steps (s).
+
+    Attributes
+    ----------
+    missed : int
+        Steps that were ready only after they were due.
+    lateness : Lateness
+        Time of every step after it was due, in time or not.
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._due = math.nan
+        self.missed = 0
+        self.lateness = Lateness()
+
+    def start(self, now: float) -> None:
+        """A step was published at `now` (s): the next one is due a period later. Counts go on."""
+        self._due = now + self._period
+
+    def wait(self, now: float) -> float:
+        """Time (s) for which the step that is ready at `now` (s) is held back; 0 if it has missed its deadline."""
+        left = self._due - now
+        if left >= 0.0:
+            return left
+        self.missed += 1
+        self.lateness.note(-left)
+        self.start(now)
+        return 0.0
+
+    def published(self, now: float) -> None:
+        """The step that was held back was published at `now` (s); if a whole period late, it missed its deadline."""
+        late = max(now - self._due, 0.0)
+        self.lateness.note(late)
+        if late >= self._period:
+            self.missed += 1
+            self.start(now)
+        else:
+            self._due += self._period

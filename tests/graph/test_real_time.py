@@ -1,0 +1,36 @@
+"""The paced loop: as fast as its real-time factor allows, every late step counted, the same samples."""
+
+from __future__ import annotations
+
+import time
+
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.plant import Plant
+from amb_core.simulation import simulate
+from tests.graph.bearing import Bearing
+from tests.graph.conftest import Graph
+
+FACTOR = 0.05  # 2 ms for each step: two processes answer in time now and then on any machine
+STEPS = 300
+
+
+def test_a_paced_loop_takes_its_time_counts_every_step_and_gives_the_same_samples(graph: Graph) -> None:
+    graph.start("amb_sim_node.simulator", parameters={"real_time_factor": FACTOR})
+    graph.start("amb_controller_node.pd_controller")
+    bearing = Bearing(graph)
+    run = bearing.reset()
+    began = time.monotonic()
+    bearing.run(STEPS)
+    record = bearing.record(run, STEPS)
+    assert time.monotonic() - began >= (STEPS - 1) * 1e-4 / FACTOR
+    assert record.identical_to(simulate(Plant(), PdController(ControllerParameters()), STEPS))
+
+    def values() -> dict[str, str]:
+        reports = [status for status in bearing.diagnostics if status.name == "amb/simulator"]
+        return {item.key: item.value for item in reports[-1].values} if reports else {}
+
+    graph.wait_until(lambda: values().get("steps paced") == str(STEPS - 1))
+    assert 0 <= int(values()["deadlines missed"]) < STEPS
+    lateness = [float(values()[f"lateness {name} (us)"]) for name in ("p50", "p99", "p99.99", "max")]
+    assert lateness == sorted(lateness)
+    assert lateness[-1] > 0.0
