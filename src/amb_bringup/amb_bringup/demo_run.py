@@ -15,7 +15,7 @@ from amb_bringup.launcher import Graph, launch_file
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.errors import AmbError
 from amb_core.excitation import Excitation, generate
-from amb_core.identification import StateSpaceModel
+from amb_core.identification import Focus, StateSpaceModel
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
@@ -71,6 +71,7 @@ def run_graph(
     parameter_file: Path,
     domain_id: int,
     progress: Progress,
+    focus: Focus = "prediction",
 ) -> GraphRun:
     """Run experiments over topics, each from a reset, identify from the last one, and record everything.
 
@@ -92,7 +93,9 @@ def run_graph(
             runs.append(run)
             walls.append(wall)
         model = amb.identify(
-            order=order, progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total)
+            order=order,
+            focus=focus,
+            progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total),
         )
         amb.stop_recording(runs[-1], steps)
         graph.check()
