@@ -27,10 +27,10 @@ from amb_core import figures, identification
 from amb_core.analysis import RecordedLoop
 from amb_core.errors import IdentificationError
 from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress, response_of
-from amb_core.identification.controller_choice import PAPER, needs_controller
+from amb_core.identification.controller_choice import ALLOWED, needs_controller
 from amb_core.identification.data import merge
 from amb_core.identification.data.drift import DriftOption
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController
 
 UNITS = 1e6
 """Micrometres in a metre."""
@@ -127,14 +127,11 @@ def _orders(text: str) -> list[int] | None:
         raise IdentificationError(f"--orders {text} is not allowed; it must be such as 4-14 or 4,6,8") from None
 
 
-def _joined(paths: list[Path], loops: list[RecordedLoop]) -> tuple[IdentificationData, ControllerParameters | None]:
+def _joined(paths: list[Path], loops: list[RecordedLoop]) -> tuple[IdentificationData, KnownController | None]:
     """The experiments of all bags, and their controller; None if the data are not from the bearing's loop."""
     for path, loop in zip(paths, loops, strict=True):
         if loop.controller is None and needs_controller(loop.data):
-            raise IdentificationError(
-                f"{path} lacks the controller's parameters; name it with --controller: {PAPER}, or a ROS parameter "
-                "file (.yaml)"
-            )
+            raise IdentificationError(f"{path} lacks the controller's parameters; name it with --controller: {ALLOWED}")
     data = merge(loop.data for loop in loops)
     controllers = {path: loop.controller for path, loop in zip(paths, loops, strict=True) if loop.controller}
     for path, recorded in controllers.items():

@@ -12,7 +12,7 @@ from amb_bringup.commands.inputs import model_order
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, names_file
 from amb_bringup.commands.validate import ControllerOption
-from amb_core.identification.controller_choice import named_controller
+from amb_core.analysis import recorded_controller
 from amb_core.recording import Recording
 from amb_core.report import write_report
 from amb_core.report.recording import recording_report
@@ -33,12 +33,11 @@ def report(
         out = out / "report.html"
     make_folder(out.parent)
     wanted = model_order(order)
-    named = named_controller(controller) if controller else None
     recording = Recording.read(bag)
     if recording.truncated:
         console.print(f"[yellow]bag {bag} is incomplete: {recording.truncated}[/yellow]")
     with Stages(console) as stages:
-        named = named and named.at_rate(recording.sample_rate)
+        named = recorded_controller(recording, recording.sample_rate, controller) if controller else None
         made = recording_report(recording, run, wanted, stages.update, named)
     write_report(made, out)
     console.print(f"{made.title}. {made.lead}", highlight=False)

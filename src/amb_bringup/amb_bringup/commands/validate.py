@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,7 +22,7 @@ from amb_bringup.exit_codes import NOT_VALIDATED
 from amb_core.analysis import RecordedLoop, read_loop
 from amb_core.figures import save_validation_figures
 from amb_core.identification import StateSpaceModel
-from amb_core.identification.controller_choice import named_controller, needs_controller
+from amb_core.identification.controller_choice import needs_controller
 from amb_core.identification.validation import HORIZONS
 from amb_core.identification.validation import validate as judge
 
@@ -35,7 +34,8 @@ StepsOption = Annotated[int, typer.Option(help="Number of steps used; 0 for all 
 ControllerOption = Annotated[
     str,
     typer.Option(
-        help="Controller of the experiment: paper, or a ROS parameter file (.yaml); by default the one recorded."
+        help="Controller of the experiment: paper, a ROS parameter file (.yaml), or the file of a linear controller "
+        "(.json, .npz or .mat); by default the one recorded."
     ),
 ]
 OutOption = Annotated[Path | None, typer.Option(help="Folder for summary.json and figures.")]
@@ -112,11 +112,9 @@ def load_recorded(
     default = {"run": None, "first_step": -1, "steps": 0}
     with working(console, f"reading {bag}"):
         options = {name: value for name, value in chosen.items() if value != default[name]}
-        loop = read_loop(bag, **options, **(columns or {}))
+        loop = read_loop(bag, controller, **options, **(columns or {}))
     if loop.damage:
         console.print(f"[yellow]bag {bag} is incomplete: {loop.damage}[/yellow]")
-    if controller:
-        return replace(loop, controller=named_controller(controller, sample_rate=loop.data.sample_rate))
     if loop.controller is None and needs_controller(loop.data):
         console.print(
             f"[yellow]{bag} has no controller parameters; the closed loop of the models is not validated. Give the "

@@ -15,12 +15,12 @@ from amb_core.figures.comparison import comparison_chart
 from amb_core.figures.order import order_chart
 from amb_core.figures.residuals import residuals_chart
 from amb_core.identification import Identification, identify
-from amb_core.identification.controller_choice import PAPER, needs_controller
+from amb_core.identification.controller_choice import ALLOWED, needs_controller
 from amb_core.identification.validation import Validation, validate
 from amb_core.report.document import Block, FigureBlock, Listing, Prose, Section, TableBlock
 
 if TYPE_CHECKING:
-    from amb_core.loop.control import ControllerParameters
+    from amb_core.loop.known_controller import KnownController
     from amb_core.recording import Recording
 
 
@@ -28,7 +28,7 @@ def identified_sections(
     recording: Recording,
     run: int,
     order: int | Literal["auto"],
-    controller: ControllerParameters | None,
+    controller: KnownController | None,
     tell: Callable[[str], None],
 ) -> list[Section]:
     """Identify a model from the last experiment of a run, and validate it on the same data.
@@ -40,9 +40,7 @@ def identified_sections(
     """
     data = recorded_data(recording, run)
     if controller is None and needs_controller(data):
-        raise IdentificationError(
-            f"the bag lacks the controller's parameters; name it with --controller: {PAPER}, or a ROS parameter file"
-        )
+        raise IdentificationError(f"the bag lacks the controller's parameters; name it with --controller: {ALLOWED}")
     tell("identifying")
     result = identify(data, order, controller=controller)
     tell("validating")

@@ -22,7 +22,7 @@ from amb_core.report.document import Block, FigureBlock, Prose, Report, Section,
 from amb_core.units import UM
 
 if TYPE_CHECKING:
-    from amb_core.loop.control import ControllerParameters
+    from amb_core.loop.known_controller import KnownController
     from amb_core.loop.records import LoopRecord
     from amb_core.recording import Recording
 
@@ -32,7 +32,7 @@ def recording_report(
     run: int | None = None,
     order: int | Literal["auto"] = 10,
     progress: Callable[[str], None] | None = None,
-    controller: ControllerParameters | None = None,
+    controller: KnownController | None = None,
 ) -> Report:
     """The report on a run of a bag.
 
@@ -49,7 +49,7 @@ def recording_report(
         Order of the model.
     progress : callable, optional
         Called with what is being done.
-    controller : ControllerParameters, optional
+    controller : KnownController, optional
         The controller; by default the recorded one. Without either there is no model.
 
     Raises
@@ -176,13 +176,13 @@ def _model_sections(
     recording: Recording,
     run: int,
     order: int | Literal["auto"],
-    controller: ControllerParameters | None,
+    controller: KnownController | None,
     tell: Callable[[str], None],
 ) -> tuple[list[Section], str]:
     """Model and validation; or a section with the reason why there are none, and the reason."""
     from amb_core.report.identified_model import identified_sections
 
     try:
-        return identified_sections(recording, run, order, controller or recording.controller_parameters(), tell), ""
+        return identified_sections(recording, run, order, controller or recording.controller(), tell), ""
     except AmbError as problem:
         return [Section("Identified model", [Prose(f"There is none: {problem}.")])], str(problem)
