@@ -10,6 +10,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from amb_bringup.commands.columns import (
+    InputsOption,
+    OutputsOption,
+    SampleTimeOption,
+    VariableOption,
+    columns_of,
+)
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.commands.validate import (
@@ -32,14 +39,17 @@ def compare(
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Bag, ideally with data that the models were not identified from, or a .csv, .npz or .mat file of "
-            "write_data."
+            help="Bag, ideally with data that the models were not identified from, or a .csv, .npz or .mat file."
         ),
     ],
     run: RunOption = None,
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
     controller: ControllerOption = "",
+    inputs: InputsOption = "",
+    outputs: OutputsOption = "",
+    variable: VariableOption = "",
+    sample_time: SampleTimeOption = None,
     out: OutOption = None,
     figures: FiguresOption = None,
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
@@ -52,7 +62,8 @@ def compare(
         make_place(results)
     if figures is not None:
         make_folder(figures)
-    loop = load_recorded(console, bag, run, first_step, steps, controller)
+    columns = columns_of(bag, inputs, outputs, variable, sample_time)
+    loop = load_recorded(console, bag, run, first_step, steps, controller, columns)
     with working(console, "validating"):
         found, refused = _judged(models, loop)
     if found:

@@ -50,8 +50,7 @@ def validate(
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Bag, ideally with data that the model was not identified from, or a .csv, .npz or .mat file of "
-            "write_data."
+            help="Bag, ideally with data that the model was not identified from, or a .csv, .npz or .mat file."
         ),
     ],
     horizon: Annotated[list[int] | None, typer.Option(help="Prediction horizon in steps; may be repeated.")] = None,
