@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 from amb_bringup.commands.columns import (
+    EntriesOption,
     InputsOption,
     OutputsOption,
     SampleTimeOption,
@@ -21,6 +22,7 @@ from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.exit_codes import NOT_VALIDATED
 from amb_core.analysis import RecordedLoop, read_loop
 from amb_core.figures import save_validation_figures
+from amb_core.figures.entries import entries_from
 from amb_core.identification import StateSpaceModel
 from amb_core.identification.controller_choice import needs_controller
 from amb_core.identification.validation import HORIZONS
@@ -64,6 +66,7 @@ def validate(
     sample_time: SampleTimeOption = None,
     out: OutOption = None,
     figures: FiguresOption = None,
+    entries: EntriesOption = "",
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
     """Validate a model: closed loop, distortion, predictions, residuals and frequency response, on one page.
@@ -80,6 +83,7 @@ def validate(
     known = StateSpaceModel.load(model)
     columns = columns_of(bag, inputs, outputs, variable, sample_time)
     loop = load_recorded(console, bag, run, first_step, steps, controller, columns)
+    drawn = entries_from(entries, loop.data.input_names, loop.data.output_names)
     with working(console, f"validating order {known.order} on {loop.data.samples} samples"):
         found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or HORIZONS)
     typer.echo(found.report())
@@ -87,7 +91,7 @@ def validate(
         write_json(results, found.as_dict())
     if figures is not None:
         with working(console, "drawing"):
-            names = save_validation_figures(figures, {model.stem: found})
+            names = save_validation_figures(figures, {model.stem: found}, drawn)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
     if not found.validated:
         raise typer.Exit(NOT_VALIDATED)

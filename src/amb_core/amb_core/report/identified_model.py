@@ -12,6 +12,7 @@ from amb_core.analysis import recorded_data
 from amb_core.errors import IdentificationError
 from amb_core.figures.bode import bode_chart
 from amb_core.figures.comparison import comparison_chart
+from amb_core.figures.entries import Entry, entries_from
 from amb_core.figures.order import order_chart
 from amb_core.figures.residuals import residuals_chart
 from amb_core.identification import Identification, identify
@@ -30,6 +31,7 @@ def identified_sections(
     order: int | Literal["auto"],
     controller: KnownController | None,
     tell: Callable[[str], None],
+    entries: str = "",
 ) -> list[Section]:
     """Identify a model from the last experiment of a run, and validate it on the same data.
 
@@ -41,13 +43,14 @@ def identified_sections(
     data = recorded_data(recording, run)
     if controller is None and needs_controller(data):
         raise IdentificationError(f"the bag lacks the controller's parameters; name it with --controller: {ALLOWED}")
+    drawn = entries_from(entries, data.input_names, data.output_names)
     tell("identifying")
     result = identify(data, order, controller=controller)
     tell("validating")
     validation = validate(
         result.model, data, controller, uncertainty=result.uncertainty, plant=recording.plant_parameters()
     )
-    return [_model(result, validation), _responses(validation), _validation(validation)]
+    return [_model(result, validation), _responses(validation, drawn), _validation(validation)]
 
 
 def _model(result: Identification, validation: Validation) -> Section:
@@ -91,12 +94,12 @@ def _poles(result: Identification) -> TableBlock:
     )
 
 
-def _responses(validation: Validation) -> Section:
+def _responses(validation: Validation, entries: list[Entry] | None) -> Section:
     return Section(
         "Frequency response",
         [
             Prose("From control currents to positions. Bands hold the response with a confidence of 99 %."),
-            FigureBlock(bode_chart(validation.frequency.responses).page()),
+            FigureBlock(bode_chart(validation.frequency.responses, entries=entries).page()),
         ],
     )
 

@@ -33,6 +33,7 @@ def recording_report(
     order: int | Literal["auto"] = 10,
     progress: Callable[[str], None] | None = None,
     controller: KnownController | None = None,
+    entries: str = "",
 ) -> Report:
     """The report on a run of a bag.
 
@@ -51,6 +52,8 @@ def recording_report(
         Called with what is being done.
     controller : KnownController, optional
         The controller; by default the recorded one. Without either there is no model.
+    entries : str, optional
+        Entries of the Bode diagram, see `entries_from`; by default all.
 
     Raises
     ------
@@ -71,7 +74,7 @@ def recording_report(
     sections = [_regions(found), _distortion(evidence)]
     tell("drawing")
     sections.append(_motion(found.record))
-    identified, problem = _model_sections(recording, found.run, order, controller, tell)
+    identified, problem = _model_sections(recording, found.run, order, controller, tell, entries)
     return Report(
         f"Run {found.run} of {recording.path.name}",
         _lead(found, evidence) + (f" No model: {problem}." if problem else ""),
@@ -178,11 +181,13 @@ def _model_sections(
     order: int | Literal["auto"],
     controller: KnownController | None,
     tell: Callable[[str], None],
+    entries: str,
 ) -> tuple[list[Section], str]:
     """Model and validation; or a section with the reason why there are none, and the reason."""
     from amb_core.report.identified_model import identified_sections
 
     try:
-        return identified_sections(recording, run, order, controller or recording.controller(), tell), ""
+        controller = controller or recording.controller()
+        return identified_sections(recording, run, order, controller, tell, entries), ""
     except AmbError as problem:
         return [Section("Identified model", [Prose(f"There is none: {problem}.")])], str(problem)
