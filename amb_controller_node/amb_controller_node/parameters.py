@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from amb_core.loop.control import ControllerParameters
-from amb_core.loop.linear_control import LinearControllerParameters
+from amb_core.loop.known_controller import ControllerFileParameters
 from amb_core.parameters import Parameters, choice, quantity
 
 
@@ -17,12 +17,8 @@ class PdControllerParameters(CommonParameters, ControllerParameters):
     """Parameters of `pd_controller`: those of the control law, and the size of its telemetry blocks."""
 
 
-class StateSpaceControllerParameters(CommonParameters, LinearControllerParameters):
-    """Parameters of `state_space_controller`."""
-
-    controller_file: str = choice(
-        "", "file of the controller, as StateSpaceModel.save writes one; empty: the topic controller"
-    )
+class StateSpaceControllerParameters(CommonParameters, ControllerFileParameters):
+    """Parameters of `state_space_controller`: those of its law, and the size of its telemetry blocks."""
 
 
 class GeneratorParameters(Parameters):

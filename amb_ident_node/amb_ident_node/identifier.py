@@ -17,7 +17,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_core.analysis import RecordedLoop, read_loop
-from amb_core.errors import BagError, IdentificationError, ParameterError
+from amb_core.errors import AmbError, BagError, IdentificationError, ParameterError
+from amb_core.files.parameter_files import CONTROLLERS
 from amb_core.identification import (
     Focus,
     Identification,
@@ -27,15 +28,17 @@ from amb_core.identification import (
     identify,
     validate,
 )
-from amb_core.identification.controller_choice import PAPER, is_named_set, named_controller, needs_controller
+from amb_core.identification.controller_choice import ALLOWED, is_named_set, named_controller, needs_controller
 from amb_core.identification.data.drift import DriftOption
 from amb_core.identification.identify import check_arguments
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import Parameters, choice, quantity
+from amb_core.loop.experiments import linear_controller_of
+from amb_core.loop.known_controller import KnownController
+from amb_core.parameters import Parameters, choice, part_of, quantity
 from amb_core.plant import PlantParameters
 from amb_core.recording.messages.excitation_status import answer_from_message
 from amb_core.recording.messages.loop_samples import block_from_message
-from amb_core.recording.messages.state_space_model import fill_model
+from amb_core.recording.messages.state_space_model import fill_model, model_from_message
 from amb_ident_node.listening import LiveExperiment
 from amb_msgs import action, msg, srv
 from amb_ros import diagnostics, topics
@@ -47,7 +50,7 @@ from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.services import create_service
 from amb_ros.subscriptions import create_subscription
 
-NAME_A_CONTROLLER = f"name it in `controller`: {PAPER}, a ROS parameter file (.yaml), or a running node"
+NAME_A_CONTROLLER = f"name it in `controller`: {ALLOWED}, or a running node"
 
 DEFAULT_FOCUS: Focus = "prediction"
 
@@ -97,6 +100,10 @@ class IdentifierNode(Node):
         create_service(self, srv.Identify, "~/identify", self._on_identify, self._worker)
         create_service(self, srv.GetModel, "~/get_model", self._on_get_model)
         create_service(self, srv.Validate, "~/validate", self._on_validate, self._validator)
+        self._published: msg.StateSpaceModel | None = None  # the last linear controller
+        self._controller_subscription = create_subscription(
+            self, msg.StateSpaceModel, topics.CONTROLLER, self._on_controller, LATCHED
+        )
         self._action = create_action(
             self, action.Identify, "~/identify", self._on_identify_goal, self._worker, self._check_request
         )
@@ -225,7 +232,7 @@ class IdentifierNode(Node):
         if request.bag and not os.path.exists(request.bag):  # noqa: PTH110  # Path.exists raises on long names
             raise BagError(f"bag {request.bag}: there is no such file or folder")
         if is_named_set(request.controller):
-            self._named_controller(request.controller)
+            self._named_controller(request.controller, None)
 
     def _arguments(self, request: Any) -> tuple[int | Literal["auto"], str]:
         """Requested order and method."""
@@ -243,30 +250,68 @@ class IdentifierNode(Node):
             If the parameters of the requested controller are not available.
         """
         if request.bag:
-            loop = read_loop(request.bag, first_step=request.first_step, steps=request.steps)
+            named = request.controller if is_named_set(request.controller) else ""
+            loop = read_loop(request.bag, named, first_step=request.first_step, steps=request.steps)
         else:
             data = self._live.data(request.first_step, request.steps)
-            running = None if request.controller else self._read(ControllerParameters, self._settings.controller)
+            running = None if request.controller else self._running_controller(data.sample_rate)
             loop = RecordedLoop(
                 data,
-                running and running.at_rate(data.sample_rate),
+                running,
                 self._read(PlantParameters, self._settings.simulator) if with_plant else None,
             )
         remark = f"; bag is truncated: {loop.damage}" if loop.damage else ""
         if request.controller:
-            named = self._named_controller(request.controller)
-            loop = replace(loop, controller=named.at_rate(loop.data.sample_rate))
+            if not (request.bag and is_named_set(request.controller)):
+                loop = replace(loop, controller=self._named_controller(request.controller, loop.data.sample_rate))
             remark += f"; controller: {request.controller}, as requested"
         elif loop.controller is None and needs_controller(loop.data):
             source = f"bag {request.bag} lacks" if request.bag else f"node {self._settings.controller} does not give"
             raise IdentificationError(f"{source} the parameters of the controller; {NAME_A_CONTROLLER}")
         return loop, remark
 
-    def _named_controller(self, name: str) -> ControllerParameters:
-        """The controller named in a request."""
+    def _named_controller(self, name: str, sample_rate: float | None) -> KnownController:
+        """The controller named in a request, at the sample rate of its data (Hz) if that is known."""
         if is_named_set(name):
-            return named_controller(name, self._settings.controller.rsplit("/", 1)[-1])
-        return self._remote_parameters.read_set(ControllerParameters, name, self._settings.parameter_timeout)
+            return named_controller(name, self._settings.controller.rsplit("/", 1)[-1], sample_rate)
+        found = self._controller_of(name)
+        return found if sample_rate is None else found.at_rate(sample_rate)
+
+    def _running_controller(self, sample_rate: float) -> KnownController | None:
+        """The controller of the running loop; None if there is none that reports its parameters.
+
+        That of the node in the parameter `controller` or, if it does not run, that of the other controller node.
+        """
+        names = [self._settings.controller]
+        running = {name.rsplit("/", 1)[-1] for name in self._remote_parameters.nodes()}
+        others = [name for name in CONTROLLERS if name in running]
+        if names[0] in CONTROLLERS and names[0] not in running and others:
+            names = others[:1]
+        try:
+            return self._controller_of(names[0]).at_rate(sample_rate)
+        except AmbError as problem:
+            self.get_logger().warning(str(problem))
+            return None
+
+    def _controller_of(self, node: str) -> KnownController:
+        """The controller of a running node: the PD law, or the linear one that it has taken.
+
+        Raises
+        ------
+        AmbError
+            If the node does not report its parameters, or has no controller.
+        """
+        values = self._remote_parameters.read_all(node, self._settings.parameter_timeout)
+        if "controller_file" not in values:
+            return part_of(ControllerParameters, values)
+        published = None if self._published is None else model_from_message(self._published)
+        found = linear_controller_of(values, published)
+        if found is None:
+            raise ParameterError(f"node {node} has no controller yet")
+        return found
+
+    def _on_controller(self, message: msg.StateSpaceModel) -> None:
+        self._published = message
 
     def _read(self, parameters: type[P], node: str) -> P | None:
         """Parameters of a running node; None if it does not report them."""

@@ -71,6 +71,7 @@ class RecordedTopic(NamedTuple):
 
 RECORDED = (
     RecordedTopic(topics.MACHINE, Machine, LATCHED),
+    RecordedTopic(topics.CONTROLLER, StateSpaceModel, LATCHED),
     RecordedTopic(topics.TELEMETRY, LoopSamples, HISTORY),
     RecordedTopic(topics.PLANT_STATE, PlantState, HISTORY),
     RecordedTopic(topics.EXCITATION, Excitation, LATCHED),

@@ -183,7 +183,7 @@ def test_what_does_not_suit_is_refused(bearing: LinearBearing) -> None:
     with pytest.raises(IdentificationError, match="needs finite data"):
         focus_simulation(start, IdentificationData.from_record(broken), PAPER)
     still = LoopRecord(0, record.sample_time, record.reference, record.position * [1.0, 0.0], record.current)
-    with pytest.raises(IdentificationError, match="needs both positions to move"):
+    with pytest.raises(IdentificationError, match="needs every position to move"):
         focus_simulation(start, IdentificationData.from_record(still), PAPER)
     with pytest.raises(IdentificationError, match="must have one sample time"):
         focus_simulation(start, data, ControllerParameters(sample_rate=20_000.0))

@@ -77,9 +77,13 @@ class RemoteParameters:
         ParameterError
             If the node does not answer in time, or a value is out of its range.
         """
+        return part_of(model, self.read_all(remote, timeout))
+
+    def read_all(self, remote: str, timeout: float) -> dict[str, ParameterValue]:
+        """As `read`, of a node by its full name or the one relative to the namespace of this one."""
         if not remote.startswith("/"):
             remote = f"{self._node.get_namespace().rstrip('/')}/{remote}"
-        return part_of(model, self.read(remote, timeout))
+        return self.read(remote, timeout)
 
     def _wait_for(self, remote: str, timeout: float) -> None:
         """Wait until a node is in the graph: a client for a node that does not exist would never be removed."""

@@ -1,4 +1,4 @@
-"""Options of commands for what a data file leaves open: the columns of inputs and outputs, and the sample time."""
+"""Options of commands for the signals of data: columns and sample time of a data file, entries of a Bode diagram."""
 
 from __future__ import annotations
 
@@ -17,6 +17,10 @@ OutputsOption = Annotated[str, typer.Option(help="Columns of a data file that ar
 VariableOption = Annotated[str, typer.Option(help="Matrix of a .mat or .npz file whose columns are signals.")]
 SampleTimeOption = Annotated[
     float | None, typer.Option(help="Sample time of a data file that does not contain it, in s.")
+]
+
+EntriesOption = Annotated[
+    str, typer.Option(help="Entries of the Bode diagram: diagonal, or such as i_x:x,i_y:x; by default all.")
 ]
 
 

@@ -10,6 +10,14 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from amb_bringup.commands.columns import (
+    EntriesOption,
+    InputsOption,
+    OutputsOption,
+    SampleTimeOption,
+    VariableOption,
+    columns_of,
+)
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.commands.validate import (
@@ -24,6 +32,7 @@ from amb_bringup.commands.validate import (
 from amb_core.analysis import RecordedLoop
 from amb_core.errors import IdentificationError
 from amb_core.figures import save_validation_figures
+from amb_core.figures.entries import entries_from
 from amb_core.identification import StateSpaceModel, Validation, validate
 
 
@@ -32,16 +41,20 @@ def compare(
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Bag, ideally with data that the models were not identified from, or a .csv, .npz or .mat file of "
-            "write_data."
+            help="Bag, ideally with data that the models were not identified from, or a .csv, .npz or .mat file."
         ),
     ],
     run: RunOption = None,
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
     controller: ControllerOption = "",
+    inputs: InputsOption = "",
+    outputs: OutputsOption = "",
+    variable: VariableOption = "",
+    sample_time: SampleTimeOption = None,
     out: OutOption = None,
     figures: FiguresOption = None,
+    entries: EntriesOption = "",
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
     """Compare models on the same data, the best closed loop first."""
@@ -52,7 +65,9 @@ def compare(
         make_place(results)
     if figures is not None:
         make_folder(figures)
-    loop = load_recorded(console, bag, run, first_step, steps, controller)
+    columns = columns_of(bag, inputs, outputs, variable, sample_time)
+    loop = load_recorded(console, bag, run, first_step, steps, controller, columns)
+    drawn = entries_from(entries, loop.data.input_names, loop.data.output_names)
     with working(console, "validating"):
         found, refused = _judged(models, loop)
     if found:
@@ -65,7 +80,7 @@ def compare(
         write_json(results, {"models": {name: item.as_dict() for name, item in found.items()}, "refused": refused})
     if figures is not None:
         with working(console, "drawing"):
-            names = save_validation_figures(figures, found)
+            names = save_validation_figures(figures, found, drawn)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
 
 

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.commands.columns import (
+    EntriesOption,
     InputsOption,
     OutputsOption,
     SampleTimeOption,
@@ -26,11 +27,12 @@ from amb_bringup.commands.validate import ControllerOption, load_recorded
 from amb_core import figures, identification
 from amb_core.analysis import RecordedLoop
 from amb_core.errors import IdentificationError
+from amb_core.figures.entries import Entry, entries_from
 from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress, response_of
-from amb_core.identification.controller_choice import PAPER, needs_controller
+from amb_core.identification.controller_choice import ALLOWED, needs_controller
 from amb_core.identification.data import merge
 from amb_core.identification.data.drift import DriftOption
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController
 
 UNITS = 1e6
 """Micrometres in a metre."""
@@ -70,6 +72,7 @@ def identify(
         Path | None,
         typer.Option(help="Folder for response, orbit, bode, poles and order (PNG and HTML).", file_okay=False),
     ] = None,
+    entries: EntriesOption = "",
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
     """Identify the plant from the last experiment of each bag, and check the model in closed loop on the same data.
@@ -94,6 +97,7 @@ def identify(
         for path, options in zip(bag, columns, strict=True)
     ]
     data, closing = _joined(bag, loops)
+    drawn = entries_from(entries, data.input_names, data.output_names)
     with Stages(console) as stages:
         result = identification.identify(
             data, wanted, method, closing, ", ".join(map(str, bag)), orders=tried, focus=cast("Focus", focus),
@@ -112,7 +116,7 @@ def identify(
         console.print(f"numbers: {results}")
     if figures is not None:
         with working(console, "drawing"):
-            names = _save_figures(figures, result)
+            names = _save_figures(figures, result, drawn)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
 
 
@@ -127,14 +131,11 @@ def _orders(text: str) -> list[int] | None:
         raise IdentificationError(f"--orders {text} is not allowed; it must be such as 4-14 or 4,6,8") from None
 
 
-def _joined(paths: list[Path], loops: list[RecordedLoop]) -> tuple[IdentificationData, ControllerParameters | None]:
+def _joined(paths: list[Path], loops: list[RecordedLoop]) -> tuple[IdentificationData, KnownController | None]:
     """The experiments of all bags, and their controller; None if the data are not from the bearing's loop."""
     for path, loop in zip(paths, loops, strict=True):
         if loop.controller is None and needs_controller(loop.data):
-            raise IdentificationError(
-                f"{path} lacks the controller's parameters; name it with --controller: {PAPER}, or a ROS parameter "
-                "file (.yaml)"
-            )
+            raise IdentificationError(f"{path} lacks the controller's parameters; name it with --controller: {ALLOWED}")
     data = merge(loop.data for loop in loops)
     controllers = {path: loop.controller for path, loop in zip(paths, loops, strict=True) if loop.controller}
     for path, recorded in controllers.items():
@@ -277,7 +278,7 @@ def _number(value: complex, digits: int = 7) -> str:
     return f"{value.real:.{digits}g}" if value.imag == 0 else f"{value.real:.{digits}g} {value.imag:+.{digits}g}j"
 
 
-def _save_figures(folder: Path, result: Identification) -> list[str]:
+def _save_figures(folder: Path, result: Identification, entries: list[Entry] | None) -> list[str]:
     """Write the figures for which there are data. Returns their names."""
     names = []
     known = [index for index, item in enumerate(result.data.experiments) if item.reference is not None]
@@ -289,7 +290,7 @@ def _save_figures(folder: Path, result: Identification) -> list[str]:
     highest = 0.5 / model.sample_time
     frequencies = np.geomspace(highest / 5_000.0, 0.99 * highest, 400)
     source = response_of(model, frequencies) if result.uncertainty is None else result.uncertainty.response(frequencies)
-    figures.bode_chart([source]).save(folder, "bode")
+    figures.bode_chart([source], entries=entries).save(folder, "bode")
     figures.poles_chart(result).save(folder, "poles")
     names += ["bode", "poles"]
     if result.order_selection is not None:

@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from amb_bringup.commands.columns import EntriesOption
 from amb_bringup.commands.inputs import model_order
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, names_file
 from amb_bringup.commands.validate import ControllerOption
-from amb_core.identification.controller_choice import named_controller
+from amb_core.analysis import recorded_controller
 from amb_core.recording import Recording
 from amb_core.report import write_report
 from amb_core.report.recording import recording_report
@@ -23,6 +24,7 @@ def report(
     run: Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")] = None,
     order: Annotated[str, typer.Option(help="Order of the model, or auto.")] = "10",
     controller: ControllerOption = "",
+    entries: EntriesOption = "",
     out: Annotated[Path, typer.Option(help="The page, an .html file; or a folder for report.html.")] = Path(
         "results/report.html"
     ),
@@ -33,13 +35,12 @@ def report(
         out = out / "report.html"
     make_folder(out.parent)
     wanted = model_order(order)
-    named = named_controller(controller) if controller else None
     recording = Recording.read(bag)
     if recording.truncated:
         console.print(f"[yellow]bag {bag} is incomplete: {recording.truncated}[/yellow]")
     with Stages(console) as stages:
-        named = named and named.at_rate(recording.sample_rate)
-        made = recording_report(recording, run, wanted, stages.update, named)
+        named = recorded_controller(recording, recording.sample_rate, controller) if controller else None
+        made = recording_report(recording, run, wanted, stages.update, named, entries)
     write_report(made, out)
     console.print(f"{made.title}. {made.lead}", highlight=False)
     console.print(f"report: {out}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +10,7 @@ import typer
 from rich.console import Console
 
 from amb_bringup.commands.columns import (
+    EntriesOption,
     InputsOption,
     OutputsOption,
     SampleTimeOption,
@@ -22,8 +22,9 @@ from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.exit_codes import NOT_VALIDATED
 from amb_core.analysis import RecordedLoop, read_loop
 from amb_core.figures import save_validation_figures
+from amb_core.figures.entries import entries_from
 from amb_core.identification import StateSpaceModel
-from amb_core.identification.controller_choice import named_controller, needs_controller
+from amb_core.identification.controller_choice import needs_controller
 from amb_core.identification.validation import HORIZONS
 from amb_core.identification.validation import validate as judge
 
@@ -35,7 +36,8 @@ StepsOption = Annotated[int, typer.Option(help="Number of steps used; 0 for all 
 ControllerOption = Annotated[
     str,
     typer.Option(
-        help="Controller of the experiment: paper, or a ROS parameter file (.yaml); by default the one recorded."
+        help="Controller of the experiment: paper, a ROS parameter file (.yaml), or the file of a linear controller "
+        "(.json, .npz or .mat); by default the one recorded."
     ),
 ]
 OutOption = Annotated[Path | None, typer.Option(help="Folder for summary.json and figures.")]
@@ -50,8 +52,7 @@ def validate(
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Bag, ideally with data that the model was not identified from, or a .csv, .npz or .mat file of "
-            "write_data."
+            help="Bag, ideally with data that the model was not identified from, or a .csv, .npz or .mat file."
         ),
     ],
     horizon: Annotated[list[int] | None, typer.Option(help="Prediction horizon in steps; may be repeated.")] = None,
@@ -65,6 +66,7 @@ def validate(
     sample_time: SampleTimeOption = None,
     out: OutOption = None,
     figures: FiguresOption = None,
+    entries: EntriesOption = "",
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
     """Validate a model: closed loop, distortion, predictions, residuals and frequency response, on one page.
@@ -81,6 +83,7 @@ def validate(
     known = StateSpaceModel.load(model)
     columns = columns_of(bag, inputs, outputs, variable, sample_time)
     loop = load_recorded(console, bag, run, first_step, steps, controller, columns)
+    drawn = entries_from(entries, loop.data.input_names, loop.data.output_names)
     with working(console, f"validating order {known.order} on {loop.data.samples} samples"):
         found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or HORIZONS)
     typer.echo(found.report())
@@ -88,7 +91,7 @@ def validate(
         write_json(results, found.as_dict())
     if figures is not None:
         with working(console, "drawing"):
-            names = save_validation_figures(figures, {model.stem: found})
+            names = save_validation_figures(figures, {model.stem: found}, drawn)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
     if not found.validated:
         raise typer.Exit(NOT_VALIDATED)
@@ -112,11 +115,9 @@ def load_recorded(
     default = {"run": None, "first_step": -1, "steps": 0}
     with working(console, f"reading {bag}"):
         options = {name: value for name, value in chosen.items() if value != default[name]}
-        loop = read_loop(bag, **options, **(columns or {}))
+        loop = read_loop(bag, controller, **options, **(columns or {}))
     if loop.damage:
         console.print(f"[yellow]bag {bag} is incomplete: {loop.damage}[/yellow]")
-    if controller:
-        return replace(loop, controller=named_controller(controller, sample_rate=loop.data.sample_rate))
     if loop.controller is None and needs_controller(loop.data):
         console.print(
             f"[yellow]{bag} has no controller parameters; the closed loop of the models is not validated. Give the "

@@ -3,7 +3,7 @@
 from amb_core.analysis.data_files import read_data
 from amb_core.analysis.recorded_data import read_bag_data, recorded_data
 from amb_core.analysis.recorded_distortion import evidence_of_run, read_evidence
-from amb_core.analysis.recorded_loop import RecordedLoop, read_loop
+from amb_core.analysis.recorded_loop import RecordedLoop, read_loop, recorded_controller
 from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
 
 __all__ = [
@@ -15,5 +15,6 @@ __all__ = [
     "read_data",
     "read_evidence",
     "read_loop",
+    "recorded_controller",
     "recorded_data",
 ]

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from amb_core.errors import IdentificationError
 from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Band, Curve, Item, Panel, Table
-from amb_core.figures.style import MODELS, PLANT, Stroke
+from amb_core.figures.entries import Entry, faint_entries
+from amb_core.figures.style import FADED, GREY, MODELS, PLANT, Stroke, sentence
 from amb_core.figures.thinning import extremes
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, normal_quantile
 from amb_core.units import UM
@@ -23,14 +24,20 @@ MEASURED = 0.8  # width (pt)
 BAND_POINTS = 400  # over the width of a panel
 HEADROOM = 1.5  # factor above and below the curves that is free
 REACH = 5.0  # likewise, as far as bands may extend the panel
+MOST_COLUMNS = 4  # of chosen entries
 FLOOR = 1e-9  # of the largest magnitude; what is less, as couplings that are zero but for rounding, is left out
 HIGHEST_START = 90.0  # degree; phases start between this and a turn less, so that -180 is not drawn as 180
 
 
 def bode_chart(
-    responses: Sequence[FrequencyResponse], title: str = "Frequency response", level: float = LEVEL
+    responses: Sequence[FrequencyResponse],
+    title: str = "Frequency response",
+    level: float = LEVEL,
+    entries: Sequence[Entry] | None = None,
 ) -> Chart:
     """Magnitude and phase over frequency, a column for each input, two rows for each output; coherence below.
+
+    Cross terms that are no more than noise or rounding are faded, see `faint_entries`; the legend says so.
 
     Measured phases, those with a coherence, are drawn within half a turn of the first response of a model; others are
     continuous.
@@ -43,6 +50,8 @@ def bode_chart(
         Title of the figure.
     level : float
         Confidence of the bands, drawn where deviations are known.
+    entries : sequence of tuple of str, optional
+        Names of input and output of the entries that are drawn, a column each, up to four; by default all.
 
     Raises
     ------
@@ -52,13 +61,15 @@ def bode_chart(
     _check(responses)
     first = responses[0]
     diagram = _Diagram.of(responses, level)
+    grid = _rows(first, entries)
     panels: list[Panel] = []
-    for output in range(len(first.output_names)):
-        panels += [diagram.magnitudes(output, place) for place in range(len(first.input_names))]
-        panels += [diagram.phases(output, place) for place in range(len(first.input_names))]
+    for row in grid:
+        panels += [diagram.magnitudes(*entry) for entry in row]
+        panels += [diagram.phases(*entry) for entry in row]
     if any(response.coherence is not None for response in responses):
-        panels += [diagram.coherences(output) for output in range(len(first.output_names))]
-    columns = len(first.input_names)
+        drawn = dict.fromkeys(output for row in grid for output, _ in row)
+        panels += [diagram.coherences(output) for output in sorted(drawn)]
+    columns = len(grid[0])
     rows = -(-len(panels) // columns)
     return Chart(
         title,
@@ -69,6 +80,22 @@ def bode_chart(
         size=(5.0 * columns + 0.5, 1.2 + 2.0 * rows),
         table=diagram.table(),
     )
+
+
+def _rows(response: FrequencyResponse, entries: Sequence[Entry] | None) -> list[list[tuple[int, int]]]:
+    """Output and input of the entries to draw, in rows of one length."""
+    outputs, inputs = response.output_names, response.input_names
+    if entries is None:
+        return [[(output, place) for place in range(len(inputs))] for output in range(len(outputs))]
+    unknown = [entry for entry in entries if entry[0] not in inputs or entry[1] not in outputs]
+    if unknown or not entries:
+        raise IdentificationError(
+            f"entries {', '.join(':'.join(entry) for entry in unknown) or 'none'} cannot be drawn; there are the "
+            f"inputs {', '.join(inputs)} and the outputs {', '.join(outputs)}"
+        )
+    chosen = [(outputs.index(output), inputs.index(of_input)) for of_input, output in entries]
+    columns = next(count for count in range(MOST_COLUMNS, 0, -1) if len(chosen) % count == 0)
+    return [chosen[start : start + columns] for start in range(0, len(chosen), columns)]
 
 
 def _check(responses: Sequence[FrequencyResponse]) -> None:
@@ -105,6 +132,10 @@ class _Diagram:
         Confidence of the bands.
     floor : float
         Magnitude below which nothing is drawn.
+    faint : ndarray of bool, shape (p, m)
+        Entries that are faded.
+    reason : str
+        Why they are, for the legend.
     """
 
     responses: Sequence[FrequencyResponse]
@@ -112,6 +143,8 @@ class _Diagram:
     over: Axis
     level: float
     floor: float
+    faint: NDArray[np.bool_]
+    reason: str
 
     @classmethod
     def of(cls, responses: Sequence[FrequencyResponse], level: float) -> _Diagram:
@@ -124,7 +157,7 @@ class _Diagram:
         ends = [response.frequency[[0, -1]] for response in responses]
         over = Axis("frequency (Hz)", log=True, limits=(float(np.min(ends)), float(np.max(ends))))
         floor = FLOOR * max(float(response.magnitude.max()) for response in responses)
-        return cls(responses, looks, over, level, floor)
+        return cls(responses, looks, over, level, floor, *faint_entries(responses))
 
     def magnitudes(self, output: int, place: int) -> Panel:
         first = self.responses[0]
@@ -143,9 +176,8 @@ class _Diagram:
                 items.append(self._band(response, stroke, *ends))
             items.append(_curve(response, stroke, np.where(entry > factor * self.floor, entry, np.nan)))
         axis = Axis(f"magnitude ({unit})", log=True, limits=(lowest, highest))
-        return Panel(
-            self.over, axis, _bands_first(items), f"{first.input_names[place]} to {first.output_names[output]}"
-        )
+        title = f"{first.input_names[place]} to {first.output_names[output]}"
+        return Panel(self.over, axis, self._shown(items, output, place), title)
 
     def phases(self, output: int, place: int) -> Panel:
         centre = next((response for response in self.responses if response.coherence is None), self.responses[0])
@@ -162,7 +194,7 @@ class _Diagram:
                 items.append(self._band(response, stroke, low, high))
             shown = response.magnitude[:, output, place] > self.floor
             items.append(_curve(response, stroke, np.where(shown, phase + shift, np.nan)))
-        return Panel(self.over, Axis("phase (°)"), _bands_first(items))
+        return Panel(self.over, Axis("phase (°)"), self._shown(items, output, place))
 
     def coherences(self, output: int) -> Panel:
         curves = [
@@ -172,6 +204,14 @@ class _Diagram:
         ]
         name = self.responses[0].output_names[output]
         return Panel(self.over, Axis(f"coherence of {name}", limits=(0.0, 1.05)), tuple(curves))
+
+    def _shown(self, items: list[Item], output: int, place: int) -> tuple[Item, ...]:
+        """The items of an entry, faded if it is faint; no band lies over a curve."""
+        items = sorted(items, key=lambda item: not isinstance(item, Band))
+        if not self.faint[output, place]:
+            return tuple(items)
+        key = Curve(np.array([np.nan]), np.array([np.nan]), self.reason, Stroke(GREY, opacity=FADED))
+        return (*(_faded(item) for item in items), key)
 
     def alt(self) -> str:
         first, limits = self.responses[0], self.over.limits
@@ -185,6 +225,13 @@ class _Diagram:
                 relative = response.magnitude_deviation / np.maximum(response.magnitude, np.finfo(float).tiny)
                 half = 100.0 * normal_quantile(self.level) * float(np.median(relative))
                 text += f" The {100.0 * self.level:g} % bands of {response.label} are ±{half:.2g} % wide in the median."
+        if self.reason:
+            first = self.responses[0]
+            names = [
+                f"{first.input_names[place]} to {first.output_names[output]}"
+                for output, place in np.argwhere(self.faint)
+            ]
+            text += f" {sentence(self.reason)}: {', '.join(names)}."
         return text
 
     def table(self) -> Table:
@@ -237,9 +284,10 @@ def _curve(response: FrequencyResponse, stroke: Stroke, values: NDArray[np.float
     return Curve(np.exp(x), y, response.label, stroke)
 
 
-def _bands_first(items: list[Item]) -> tuple[Item, ...]:
-    """So that no band lies over a curve."""
-    return tuple(sorted(items, key=lambda item: not isinstance(item, Band)))
+def _faded(item: Item) -> Item:
+    if isinstance(item, Band):
+        return replace(item, opacity=FADED)
+    return replace(item, stroke=replace(item.stroke, opacity=FADED)) if isinstance(item, Curve) else item
 
 
 def _unit(output: str, of_input: str) -> tuple[float, str]:

@@ -11,6 +11,7 @@ import numpy as np
 from amb_core.figures.bode import bode_chart
 from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Curve, Panel
+from amb_core.figures.entries import Entry
 from amb_core.figures.prediction import prediction_chart
 from amb_core.figures.residuals import residuals_chart
 from amb_core.figures.style import MODELS, PLANT, REFERENCE, Stroke
@@ -48,7 +49,7 @@ def comparison_chart(
     """
     panels, sentences = [], []
     fits = {name: nrmse_fit(measured.position, record.position) for name, record in simulated.items()}
-    for axis, name in enumerate("xy"):
+    for axis, name in enumerate(measured.axes):
         curves = [
             Curve(*extremes(measured.time, UM * measured.reference[:, axis]), "reference", REFERENCE),
             Curve(*extremes(measured.time, UM * measured.position[:, axis]), "measured", PLANT),
@@ -64,15 +65,19 @@ def comparison_chart(
         heading = f"{name}: " + ", ".join(f"{label} {fit[axis]:.1f} %" for label, fit in fits.items())
         panels.append(Panel(Axis("time (s)"), Axis(f"{name} (µm)"), tuple(curves), heading))
         panels.append(Panel(Axis("time (s)"), Axis(f"error {name} (µm)"), tuple(errors)))
-    sentences = [f"{label} fits to {fit[0]:.1f} % on x and {fit[1]:.1f} % on y" for label, fit in fits.items()]
+    for label, fit in fits.items():
+        parts = [f"{value:.1f} % on {name}" for name, value in zip(measured.axes, fit, strict=True)]
+        sentences.append(f"{label} fits to {', '.join(parts[:-1])}{' and ' if parts[1:] else ''}{parts[-1]}")
     alt = (
         f"Measured position of the rotor from {measured.time[0]:.2f} s to {measured.time[-1]:.2f} s, and that of "
         f"models in closed loop with the same controller: {'; '.join(sentences)}."
     )
-    return Chart(title, alt, tuple(panels), shared_x=True, size=(9.0, 9.0))
+    return Chart(title, alt, tuple(panels), shared_x=True, size=(9.0, 4.5 * len(measured.axes)))
 
 
-def save_validation_figures(folder: str | Path, validations: Mapping[str, Validation]) -> list[str]:
+def save_validation_figures(
+    folder: str | Path, validations: Mapping[str, Validation], entries: Sequence[Entry] | None = None
+) -> list[str]:
     """Write response, prediction, Bode diagram and residuals of one or more models, validated on the same data.
 
     Parameters
@@ -81,6 +86,8 @@ def save_validation_figures(folder: str | Path, validations: Mapping[str, Valida
         Made if it does not exist.
     validations : mapping of str to Validation
         By name of the model; at least one.
+    entries : sequence of tuple of str, optional
+        Entries of the Bode diagram, see `bode_chart`; by default all.
 
     Returns
     -------
@@ -99,7 +106,7 @@ def save_validation_figures(folder: str | Path, validations: Mapping[str, Valida
     drawn = (predictions, one.data.sample_time, one.model.output_names)
     prediction_chart(*drawn).save(folder, "prediction")
     responses = _responses(validations)
-    bode_chart(responses).save(folder, "bode")
+    bode_chart(responses, entries=entries).save(folder, "bode")
     measured, simulated = _closed_loops(validations)
     if measured is not None and simulated:
         response = (measured, simulated, TITLE, MODELS, (DEVIATIONS,))

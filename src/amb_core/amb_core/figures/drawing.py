@@ -44,7 +44,7 @@ class Points:
 
 @dataclass(frozen=True)
 class Band:
-    """The area between two curves over the same x."""
+    """The area between two curves over the same x; `opacity` is relative to that of other areas."""
 
     x: Values
     low: Values
@@ -52,6 +52,7 @@ class Band:
     label: str
     colour: str
     hatch: Hatch = ""
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True)

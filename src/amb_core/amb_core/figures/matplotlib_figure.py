@@ -155,14 +155,20 @@ def _(item: HoverGrid, axes: Axes) -> None:
 
 
 def _line(stroke: Stroke) -> dict[str, Any]:
-    return {"color": stroke.colour, "linestyle": DASHES[stroke.dash], "linewidth": stroke.width}
+    return {
+        "color": stroke.colour,
+        "linestyle": DASHES[stroke.dash],
+        "linewidth": stroke.width,
+        **({} if stroke.opacity == 1.0 else {"alpha": stroke.opacity}),
+    }
 
 
 def _area(item: Band | Span) -> dict[str, Any]:
     """Look of an area: light enough for what is drawn over it, its hatch a little stronger."""
+    opacity = item.opacity if isinstance(item, Band) else 1.0
     return {
-        "facecolor": to_rgba(item.colour, OPACITY),
-        "edgecolor": to_rgba(item.colour, 0.45),
+        "facecolor": to_rgba(item.colour, opacity * OPACITY),
+        "edgecolor": to_rgba(item.colour, opacity * 0.45),
         "hatch": item.hatch,
         "hatch_linewidth": 0.6,
         "linewidth": 0.0,

@@ -112,6 +112,7 @@ def _(item: Curve, page: go.Figure, place: dict[str, int]) -> None:
         mode="lines",
         name=item.label,
         line=_line(item.stroke),
+        **({} if item.stroke.opacity == 1.0 else {"opacity": item.stroke.opacity}),
         **_hover(item),
         **place,
     )
@@ -237,7 +238,7 @@ def _line(stroke: Stroke) -> dict[str, Any]:
 
 def _area(item: Band) -> dict[str, Any]:
     red, green, blue = (int(item.colour[start : start + 2], 16) for start in (1, 3, 5))
-    light = f"rgba({red}, {green}, {blue}, {OPACITY})"
+    light = f"rgba({red}, {green}, {blue}, {OPACITY * item.opacity:g})"
     if not item.hatch:
         return {"fillcolor": light}
     return {"fillpattern": {"shape": item.hatch, "bgcolor": light, "fgcolor": item.colour, "fgopacity": 0.4, "size": 8}}

@@ -17,6 +17,9 @@ VERMILION, PURPLE, GREY = "#D55E00", "#CC79A7", "#8C8C8C"
 OPACITY = 0.22
 """Of the areas of regions: light enough for what is drawn over them."""
 
+FADED = 0.3
+"""Opacity of what hardly matters, relative to what does."""
+
 Dash = Literal["solid", "dash", "dot", "dashdot"]
 Hatch = Literal["", "/", "\\", "x", "."]
 Marker = Literal["circle", "square", "diamond", "triangle", "cross"]
@@ -24,11 +27,12 @@ Marker = Literal["circle", "square", "diamond", "triangle", "cross"]
 
 @dataclass(frozen=True)
 class Stroke:
-    """How a line is drawn: colour, dash and width (pt)."""
+    """How a line is drawn: colour, dash, width (pt), and opacity where it is faded."""
 
     colour: str
     dash: Dash = "solid"
     width: float = 1.4
+    opacity: float = 1.0
 
 
 PLANT = Stroke(BLUE)

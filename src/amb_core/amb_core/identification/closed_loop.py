@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.identification.control_law import Law, LinearLaw, Start, advance_law, law_of, recall, state_of
 from amb_core.identification.estimate.small_matrices import add_product, set_product
-from amb_core.loop.control import ControllerParameters, initial_state, pack_gains, pd_update
+from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
@@ -25,10 +26,10 @@ class DivergenceError(IdentificationError):
 
 def simulate_closed_loop(
     model: StateSpaceModel,
-    controller: ControllerParameters,
+    controller: KnownController,
     reference: NDArray[np.float64],
     first_step: int = 0,
-    first_current: NDArray[np.float64] | None = None,
+    start: Start | NDArray[np.float64] | None = None,
 ) -> LoopRecord:
     """Simulate the model under the control law of the experiment, current limit and offsets included.
 
@@ -36,19 +37,19 @@ def simulate_closed_loop(
     ----------
     model : StateSpaceModel
         Model without direct feedthrough; starts in its initial state.
-    controller : ControllerParameters
-        Parameters of the controller.
+    controller : KnownController
+        The PD controller or a linear one.
     reference : ndarray, shape (steps, axes)
         Reference position (m).
     first_step : int
         Controller step of the first sample.
-    first_current : ndarray, shape (axes,), optional
-        Control current references at the first sample (A), for data that start within a run: they replace the
-        controller's unknown past. By default the controller starts with the first sample.
+    start : Start or ndarray, shape (axes,), optional
+        The controller's past, for data that start within a run (see `start_of`), or no more of it than its control
+        current references at the first sample (A). By default the controller starts with the first sample.
 
     Raises
     ------
-    IdentificationError
+    IdentificationError, ParameterError
         If model and controller do not fit together.
     DivergenceError
         If the position leaves the range of 10 mm; the message gives the step.
@@ -56,13 +57,14 @@ def simulate_closed_loop(
     axes = loop_axes(model, controller)
     reference = np.ascontiguousarray(reference, dtype=np.float64)
     position, current = np.zeros_like(reference), np.zeros_like(reference)
-    gains, state = pack_gains(controller, axes), initial_state(axes)
-    if first_current is not None and len(reference):
+    law = law_of(controller, axes)
+    state = state_of(law)
+    if start is not None and len(reference):
         output = model.c @ model.initial_state + model.output_offset
-        recall(state, gains, output, reference[0], first_current)
+        recall(law, state, output, reference[0], start if isinstance(start, Start) else Start(start))
     stopped = _simulate(
         model.a, model.b, model.c, model.input_offset, model.output_offset, model.initial_state.copy(),
-        np.empty(model.order), gains, state, reference, position, current,
+        np.empty(model.order), law, state, reference, position, current,
     )  # fmt: skip
     if stopped >= 0:
         raise DivergenceError(
@@ -72,30 +74,42 @@ def simulate_closed_loop(
     return LoopRecord(first_step, model.sample_time, reference, position, current)
 
 
-def closed_loop_poles(model: StateSpaceModel, controller: ControllerParameters) -> NDArray[np.complex128]:
-    """Poles in the z plane of the model under the control law without its limit, shape (n + 2 axes,), largest first.
+def closed_loop_poles(model: StateSpaceModel, controller: KnownController) -> NDArray[np.complex128]:
+    """Poles in the z plane of the model under the control law without its limit, largest first.
 
-    The states are those of the model and, per axis, the filtered derivative and the previous position of the
-    backward difference.
+    Shape (n + c,): the states are those of the model and of the controller. Those of the PD law are, per axis, the
+    filtered derivative and the previous position of the backward difference.
 
     Raises
     ------
-    IdentificationError
+    IdentificationError, ParameterError
         If model and controller do not fit together.
     """
-    axes = loop_axes(model, controller)
-    proportional, derivative, keep, weight = (np.diag(gain) for gain in pack_gains(controller, axes)[:, :4].T)
-    n = model.order
+    law = law_of(controller, loop_axes(model, controller))
+    loop = _linear_loop(model, law) if isinstance(law, LinearLaw) else _pd_loop(model, law.gains)
+    poles = np.linalg.eigvals(loop).astype(np.complex128)
+    return poles[np.argsort(-np.abs(poles), kind="stable")]
+
+
+def _linear_loop(model: StateSpaceModel, law: LinearLaw) -> NDArray[np.float64]:
+    """Matrix of the loop with a linear law: x+ = (A + B D_y C) x + B C_c w, w+ = B_y C x + A_c w."""
+    from_output, direct = law.from_output
+    plant = np.hstack([model.a + model.b @ direct @ model.c, model.b @ law.c])
+    return np.vstack([plant, np.hstack([from_output @ model.c, law.a])])
+
+
+def _pd_loop(model: StateSpaceModel, gains: NDArray[np.float64]) -> NDArray[np.float64]:
+    proportional, derivative, keep, weight = (np.diag(gain) for gain in gains[:, :4].T)
+    n, axes = model.order, len(gains)
     # Controller: d+ = keep d + weight (h - y), h+ = y, u = -proportional y + derivative d+, with h the previous y.
     derived = np.hstack([-weight @ model.c, keep, weight])
     output = np.hstack([model.c, np.zeros((axes, 2 * axes))])
     feedback = derivative @ derived - proportional @ output
     plant = np.hstack([model.a, np.zeros((n, 2 * axes))]) + model.b @ feedback
-    poles = np.linalg.eigvals(np.vstack([plant, derived, output])).astype(np.complex128)
-    return poles[np.argsort(-np.abs(poles), kind="stable")]
+    return np.vstack([plant, derived, output])
 
 
-def loop_axes(model: StateSpaceModel, controller: ControllerParameters) -> int:
+def loop_axes(model: StateSpaceModel, controller: KnownController) -> int:
     """Number of axes of the loop."""
     inputs, outputs = model.b.shape[1], model.c.shape[0]
     if inputs != outputs:
@@ -112,30 +126,6 @@ def loop_axes(model: StateSpaceModel, controller: ControllerParameters) -> int:
     return inputs
 
 
-def recall(
-    state: NDArray[np.float64],
-    gains: NDArray[np.float64],
-    output: NDArray[np.float64],
-    reference: NDArray[np.float64],
-    current: NDArray[np.float64],
-) -> None:
-    """Set the state that the controller had before a sample, from the currents with which it responded to that sample.
-
-    At the current limit the derivative is only known to be large, but then it has hardly any influence on the following
-    samples: without a filter it is lost after one sample.
-    """
-    proportional, derivative, keep, weight, on_error, _ = gains.T
-    if not derivative.any():
-        return
-    axes = len(gains)
-    # On an axis without derivative the state has no effect.
-    derived = (current - proportional * (reference - output)) / np.where(derivative == 0.0, 1.0, derivative)
-    # Of the two states that lead to `derived`, the filtered derivative is taken to be stationary.
-    state[:axes] = derived
-    state[axes : 2 * axes] = on_error * reference - output - (1.0 - keep) * derived / weight
-    state[2 * axes] = 1.0
-
-
 @numba.njit(cache=True)
 def _simulate(
     a: NDArray[np.float64],
@@ -145,7 +135,7 @@ def _simulate(
     output_offset: NDArray[np.float64],
     state: NDArray[np.float64],
     advanced: NDArray[np.float64],
-    gains: NDArray[np.float64],
+    law: Law,
     controller_state: NDArray[np.float64],
     reference: NDArray[np.float64],
     position: NDArray[np.float64],
@@ -163,7 +153,7 @@ def _simulate(
             position[step, axis] += output_offset[axis]
             if not abs(position[step, axis]) < DIVERGED:  # catches NaN too
                 return step
-        pd_update(controller_state, gains, position[step], reference[step], current[step])
+        advance_law(law, controller_state, position[step], reference[step], current[step])
         for axis in range(axes):
             deviation[axis] = current[step, axis] - input_offset[axis]
         set_product(a, state, advanced)

@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 from amb_core.identification.closed_loop import simulate_closed_loop
+from amb_core.identification.controller_state import start_of
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.validation.prediction import first_state
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
 
 def simulate_experiment(
-    model: StateSpaceModel, data: IdentificationData, index: int, controller: ControllerParameters
+    model: StateSpaceModel, data: IdentificationData, index: int, controller: KnownController
 ) -> LoopRecord:
     """Simulate model and controller under the reference of an experiment.
 
@@ -25,7 +26,7 @@ def simulate_experiment(
         The data.
     index : int
         Experiment, whose reference must be known.
-    controller : ControllerParameters
+    controller : KnownController
         Its controller.
 
     Raises
@@ -36,10 +37,8 @@ def simulate_experiment(
         If the simulation diverges.
     """
     record = data.record(index)
-    # Data from the start of a run start with the controller; in others its first current shows its past.
-    first_current = record.current[0] if record.first_step > 0 else None
     model = in_experiment(model, data, index)
-    return simulate_closed_loop(model, controller, record.reference, record.first_step, first_current)
+    return simulate_closed_loop(model, controller, record.reference, record.first_step, start_of(controller, record))
 
 
 def in_experiment(model: StateSpaceModel, data: IdentificationData, index: int) -> StateSpaceModel:

@@ -24,6 +24,7 @@ from amb_core.identification.progress import Cancelled, Progress, SearchEnd, Wat
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import nrmse_fit
 from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
@@ -110,7 +111,7 @@ def identify(
     data: LoopRecord | IdentificationData,
     order: int | Literal["auto"] = 10,
     method: str = "pem",
-    controller: ControllerParameters | None = None,
+    controller: KnownController | None = None,
     source: str = "",
     *,
     orders: Sequence[int] | None = None,
@@ -133,8 +134,8 @@ def identify(
         Number of states; "auto" for the choice of `select_order`.
     method : str
         One of `METHODS`; `pem` starts from `ssarx`.
-    controller : ControllerParameters, optional
-        The controller of the experiment; the paper's by default.
+    controller : KnownController, optional
+        The controller of the experiment, of the PD law or any other linear one; the paper's by default.
     source : str
         Where the data come from, kept in the model; by default the sources of the experiments.
     orders : sequence of int, optional
@@ -157,6 +158,8 @@ def identify(
     IdentificationError
         If an argument is not allowed, the checks find errors in the data, the data determine no model, or the
         identification is cancelled; the message is one line with the reason.
+    ParameterError
+        If the controller is made for another number of axes.
     """
     check_arguments(order, method, focus, drift)
     if isinstance(data, LoopRecord):
@@ -230,10 +233,12 @@ def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncer
         return None
 
 
-def _controller(data: IdentificationData, controller: ControllerParameters | None) -> ControllerParameters | None:
+def _controller(data: IdentificationData, controller: KnownController | None) -> KnownController | None:
     """The controller of the model's closed loop; None for data that do not come from that loop."""
     if needs_controller(data):
-        return controller or ControllerParameters()
+        controller = controller or ControllerParameters()
+        controller.require_axes(len(data.output_names))
+        return controller
     if controller is not None:
         units = ", ".join(unit or "unknown" for unit in (*data.input_units, *data.output_units))
         raise IdentificationError(
@@ -246,7 +251,7 @@ def _controller(data: IdentificationData, controller: ControllerParameters | Non
 def _validate(
     model: StateSpaceModel,
     data: IdentificationData,
-    controller: ControllerParameters | None,
+    controller: KnownController | None,
     report: DataReport,
     selection: OrderSelection | None,
 ) -> Identification:

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from amb_core.identification.closed_loop import loop_axes
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController
 from amb_core.model.modes import Modes, modes_of
 from amb_core.model.state_space import StateSpaceModel
 from amb_core.plant.linearise import close_loop
 
 
-def closed_loop_modes(model: StateSpaceModel, controller: ControllerParameters) -> Modes:
-    """Modes of the loop of an identified model and the PD controller without its limit.
+def closed_loop_modes(model: StateSpaceModel, controller: KnownController) -> Modes:
+    """Modes of the loop of an identified model and the controller without its limit.
 
     Parameters
     ----------
     model : StateSpaceModel
         Without direct feedthrough, as many inputs as outputs. `modes_of(model.to_control())` gives those without loop.
-    controller : ControllerParameters
+    controller : KnownController
         Of the experiment, or any other with its sample rate.
 
     Raises
     ------
-    IdentificationError
+    IdentificationError, ParameterError
         If model and controller do not fit together.
     """
-    loop_axes(model, controller)
+    controller.require_axes(loop_axes(model, controller))
     return modes_of(close_loop(model.to_control(), controller)[0])

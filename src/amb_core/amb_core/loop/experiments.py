@@ -15,6 +15,8 @@ from amb_core.parameters import part_of
 
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters
+    from amb_core.loop.known_controller import LinearControl
+    from amb_core.model import StateSpaceModel
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,26 @@ def controller_of(values: Mapping[str, object], sample_rate: float | None) -> Co
 
     known = {} if sample_rate is None else {"sample_rate": sample_rate}
     return part_of(ControllerParameters, {**with_present_names(values), **known})
+
+
+def linear_controller_of(values: Mapping[str, object], published: StateSpaceModel | None) -> LinearControl | None:
+    """The law of a `state_space_controller` with these parameters: the last one published, or that of its file.
+
+    None if there is neither.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is out of its range, or the file cannot be read.
+    """
+    from amb_core.loop.known_controller import ControllerFileParameters, LinearControl  # loads a compiler
+    from amb_core.loop.linear_control import LinearControllerParameters
+
+    settings = part_of(ControllerFileParameters, values)
+    parameters = part_of(LinearControllerParameters, values)
+    if published is not None:
+        return LinearControl(published, parameters)
+    return LinearControl.load(settings.controller_file, parameters) if settings.controller_file else None
 
 
 class ExperimentBuffer:

@@ -117,7 +117,7 @@ class LinearController:
     def __init__(
         self, model: StateSpaceModel, parameters: LinearControllerParameters, axes: int, sample_rate: float
     ) -> None:
-        _require_fit(model, axes, sample_rate)
+        require_fit(model, axes, sample_rate)
         self.model = model
         self._sample_rate = sample_rate
         self._with_errors = len(model.input_names) == axes
@@ -223,7 +223,8 @@ def pd_as_linear(parameters: ControllerParameters, axes: int = 2) -> StateSpaceM
     )
 
 
-def _require_fit(model: StateSpaceModel, axes: int, sample_rate: float) -> None:
+def require_fit(model: StateSpaceModel, axes: int, sample_rate: float) -> None:
+    """Raise ParameterError if a controller is for another number of axes, other signals or another sample rate."""
     inputs, outputs = len(model.input_names), len(model.output_names)
     if outputs != axes or inputs not in (axes, 2 * axes):
         raise ParameterError(

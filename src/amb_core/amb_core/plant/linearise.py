@@ -1,4 +1,4 @@
-"""Linear models of the plant about an operating point, alone and in the loop of the PD controller.
+"""Linear models of the plant about an operating point, alone and in the loop of a controller.
 
 The averaged plant (`amb_core.plant.averaged`) is differentiated (`amb_core.plant.differences`): the continuous model.
 The discrete model holds the control currents over each sample, the computation delay included. With pulse-width
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.loop.control import ControllerParameters, pack_gains, require_one_rate
+from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.plant.differences import linear_plant
 from amb_core.plant.operating_point import OperatingPoint, point_at, point_held_by
 from amb_core.plant.plant import Plant
@@ -158,20 +159,19 @@ def _discretise(continuous: control.StateSpace, plant: Plant) -> control.StateSp
     )  # fmt: skip
 
 
-def close_loop(
-    plant: control.StateSpace, controller: ControllerParameters
-) -> tuple[control.StateSpace, control.StateSpace]:
-    """Loop of a discrete plant and the PD controller without its limits.
+def close_loop(plant: control.StateSpace, controller: KnownController) -> tuple[control.StateSpace, control.StateSpace]:
+    """Loop of a discrete plant and a controller without its limits.
 
-    With a and w the pole and the weight of the derivative filter, the derivative d of u is d[k] = w (a - 1) s[k] +
-    w u[k], s[k+1] = a s[k] + u[k].
+    A linear controller adds its states to those of the plant. The PD law has one per axis: with a and w the pole and
+    the weight of the derivative filter, the derivative d of u is d[k] = w (a - 1) s[k] + w u[k], with s[k+1] = a s[k] +
+    u[k].
 
     Parameters
     ----------
     plant : control.StateSpace
         From control currents (A) to positions (m), without direct feed-through.
-    controller : ControllerParameters
-        Gains and filter; `derivative_on` decides whether u is r - y or -y.
+    controller : KnownController
+        The PD law, whose `derivative_on` decides whether u is r - y or -y, or a linear one.
 
     Returns
     -------
@@ -182,6 +182,8 @@ def close_loop(
     """
     import control
 
+    if isinstance(controller, LinearControl):
+        return _close_linear_loop(plant, controller)
     axes = plant.ninputs
     gains = pack_gains(controller, axes)
     proportional, derivative, pole, weight, on_error = (np.diag(column) for column in gains[:, :5].T)
@@ -203,6 +205,35 @@ def close_loop(
     )  # fmt: skip
     sensitivity = control.StateSpace(
         a, from_measurement, output, np.eye(axes), plant.dt,
+        states=states, inputs=[f"w_{label}" for label in labels], outputs=labels, name="sensitivity",
+    )  # fmt: skip
+    return closed_loop, sensitivity
+
+
+def _close_linear_loop(
+    plant: control.StateSpace, controller: LinearControl
+) -> tuple[control.StateSpace, control.StateSpace]:
+    """As `close_loop`: x+ = (A + B D_y C) x + B C_c w + B D_r r, w+ = B_y C x + A_c w + B_r r, with w of the law."""
+    import control
+
+    axes, law = plant.ninputs, controller.model
+    controller.require_axes(axes)
+    of_errors = law.b.shape[1] == axes
+    (b_reference, d_reference), (b_position, d_position) = (
+        ((law.b, law.d), (-law.b, -law.d))
+        if of_errors
+        else ((law.b[:, :axes], law.d[:, :axes]), (law.b[:, axes:], law.d[:, axes:]))
+    )
+    a = np.block([[plant.A + plant.B @ d_position @ plant.C, plant.B @ law.c], [b_position @ plant.C, law.a]])
+    output = np.hstack([plant.C, np.zeros((axes, law.order))])
+    labels = plant.output_labels
+    states = [*plant.state_labels, *(f"controller_{number}" for number in range(law.order))]
+    closed_loop = control.StateSpace(
+        a, np.vstack([plant.B @ d_reference, b_reference]), output, np.zeros((axes, axes)), plant.dt,
+        states=states, inputs=[f"r_{label}" for label in labels], outputs=labels, name="closed_loop",
+    )  # fmt: skip
+    sensitivity = control.StateSpace(
+        a, np.vstack([plant.B @ d_position, b_position]), output, np.eye(axes), plant.dt,
         states=states, inputs=[f"w_{label}" for label in labels], outputs=labels, name="sensitivity",
     )  # fmt: skip
     return closed_loop, sensitivity

@@ -15,7 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import BagError
-from amb_core.loop.experiments import AppliedExcitation, controller_of, last_experiment, select_window
+from amb_core.loop.experiments import (
+    AppliedExcitation,
+    controller_of,
+    last_experiment,
+    linear_controller_of,
+    select_window,
+)
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord, PlantRecord, sample_rate_of
 from amb_core.loop.telemetry import StepCoverage, merge_blocks
@@ -32,6 +38,7 @@ from amb_core.recording.storage import Storage, open_storage
 
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters
+    from amb_core.loop.known_controller import KnownController
     from amb_core.model import StateSpaceModel
     from amb_core.plant import PlantParameters
     from amb_core.regions import RegionState
@@ -57,7 +64,9 @@ KEPT = (
 )
 """Message types that the library reads, except those of single samples, since there are too many of these."""
 
-CONTROLLER_NODE, SIMULATOR_NODE = "pd_controller", "simulator"
+CONTROLLER_NODE, LINEAR_CONTROLLER_NODE, SIMULATOR_NODE = "pd_controller", "state_space_controller", "simulator"
+CONTROLLER = "controller"
+"""Last part of the name of the topic with linear controllers, whose message type is that of identified models."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +107,7 @@ class Recording:
             counts[key] = counts.get(key, 0) + 1
             start, end = min(start, message.log_time), max(end, message.log_time)
             if message.type in KEPT:
-                self._stored.setdefault(message.type, []).append(message.data)
+                self._stored.setdefault(_kind(*key), []).append(message.data)
         self.topics = [TopicInfo(name, kind, count) for (name, kind), count in sorted(counts.items())]
         self.duration = (end - start) / 1e9 if counts else 0.0
         self.truncated = storage.damage
@@ -283,6 +292,35 @@ class Recording:
         values = self.parameters_of(CONTROLLER_NODE)
         return None if values is None else controller_of(values, self.sample_rate if self.runs else None)
 
+    def controller(self) -> KnownController | None:
+        """The recorded controller: PD, or a linear one from its topic or, without that, from the file that it named.
+
+        None if it was not recorded, or if both controller nodes were, so that which of them ran is not known.
+
+        Raises
+        ------
+        ParameterError
+            If a recorded parameter is out of its range, or the file that the controller named cannot be read.
+        BagError, IdentificationError
+            If the recorded controller is not complete.
+        """
+        values = self.parameters_of(LINEAR_CONTROLLER_NODE)
+        if values is None:
+            return self.controller_parameters()
+        if self.parameters_of(CONTROLLER_NODE) is not None:
+            return None
+        return linear_controller_of(values, self.published_controller())
+
+    def current_limit(self) -> float | None:
+        """Limit of the currents of the recorded controller (A), None if it was not recorded or there were two."""
+        nodes = [self.parameters_of(name) for name in (CONTROLLER_NODE, LINEAR_CONTROLLER_NODE)]
+        known = [float(str(values["current_limit"])) for values in nodes if values and "current_limit" in values]
+        return known[0] if len(known) == 1 else None
+
+    def published_controller(self) -> StateSpaceModel | None:
+        """The last linear controller on the topic `controller`, None when there is none."""
+        return model_from_message(self._controllers[-1]) if self._controllers else None
+
     def plant_parameters(self) -> PlantParameters | None:
         """Parameters of the simulated plant (a node named simulator), None if there are none, as for a real bearing.
 
@@ -386,6 +424,10 @@ class Recording:
         return self._converted(STATE_SPACE_MODEL, _unchanged)
 
     @cached_property
+    def _controllers(self) -> list[Any]:
+        return self._converted(CONTROLLER, _unchanged)
+
+    @cached_property
     def _regions(self) -> list[tuple[int, RegionState]]:
         from amb_core.recording.messages.region_state import region_state_from_message  # loads a compiler
 
@@ -396,8 +438,8 @@ class Recording:
         return self._converted(REGION_MAP, _unchanged)
 
     def _topic_of(self, message_type: str) -> str | None:
-        """Name of the topic of a type, None when there is none."""
-        names = [topic.name for topic in self.topics if topic.type == message_type]
+        """Name of the topic of a kind of messages, which is their type or `CONTROLLER`; None when there is none."""
+        names = [topic.name for topic in self.topics if _kind(topic.name, topic.type) == message_type]
         if len(names) > 1 and message_type != PARAMETER_EVENT:
             raise BagError(f"bag {self.path}: {message_type} is on more than one topic: {', '.join(names)}")
         return names[0] if names else None
@@ -406,9 +448,15 @@ class Recording:
         """The messages of a type in order; their stored form is dropped."""
         if self._topic_of(message_type) is None:
             return []
-        converted = [convert(self._decoder.decode(message_type, data)) for data in self._stored[message_type]]
+        stored_as = STATE_SPACE_MODEL if message_type == CONTROLLER else message_type
+        converted = [convert(self._decoder.decode(stored_as, data)) for data in self._stored[message_type]]
         del self._stored[message_type]
         return converted
+
+
+def _kind(topic: str, message_type: str) -> str:
+    """What the messages of a topic are: their type, or `CONTROLLER`."""
+    return CONTROLLER if message_type == STATE_SPACE_MODEL and topic.rsplit("/", 1)[-1] == CONTROLLER else message_type
 
 
 def _unchanged(message: Any) -> Any:

@@ -12,15 +12,16 @@ from amb_core.analysis import recorded_data
 from amb_core.errors import IdentificationError
 from amb_core.figures.bode import bode_chart
 from amb_core.figures.comparison import comparison_chart
+from amb_core.figures.entries import Entry, entries_from
 from amb_core.figures.order import order_chart
 from amb_core.figures.residuals import residuals_chart
 from amb_core.identification import Identification, identify
-from amb_core.identification.controller_choice import PAPER, needs_controller
+from amb_core.identification.controller_choice import ALLOWED, needs_controller
 from amb_core.identification.validation import Validation, validate
 from amb_core.report.document import Block, FigureBlock, Listing, Prose, Section, TableBlock
 
 if TYPE_CHECKING:
-    from amb_core.loop.control import ControllerParameters
+    from amb_core.loop.known_controller import KnownController
     from amb_core.recording import Recording
 
 
@@ -28,8 +29,9 @@ def identified_sections(
     recording: Recording,
     run: int,
     order: int | Literal["auto"],
-    controller: ControllerParameters | None,
+    controller: KnownController | None,
     tell: Callable[[str], None],
+    entries: str = "",
 ) -> list[Section]:
     """Identify a model from the last experiment of a run, and validate it on the same data.
 
@@ -40,16 +42,15 @@ def identified_sections(
     """
     data = recorded_data(recording, run)
     if controller is None and needs_controller(data):
-        raise IdentificationError(
-            f"the bag lacks the controller's parameters; name it with --controller: {PAPER}, or a ROS parameter file"
-        )
+        raise IdentificationError(f"the bag lacks the controller's parameters; name it with --controller: {ALLOWED}")
+    drawn = entries_from(entries, data.input_names, data.output_names)
     tell("identifying")
     result = identify(data, order, controller=controller)
     tell("validating")
     validation = validate(
         result.model, data, controller, uncertainty=result.uncertainty, plant=recording.plant_parameters()
     )
-    return [_model(result, validation), _responses(validation), _validation(validation)]
+    return [_model(result, validation), _responses(validation, drawn), _validation(validation)]
 
 
 def _model(result: Identification, validation: Validation) -> Section:
@@ -93,12 +94,12 @@ def _poles(result: Identification) -> TableBlock:
     )
 
 
-def _responses(validation: Validation) -> Section:
+def _responses(validation: Validation, entries: list[Entry] | None) -> Section:
     return Section(
         "Frequency response",
         [
             Prose("From control currents to positions. Bands hold the response with a confidence of 99 %."),
-            FigureBlock(bode_chart(validation.frequency.responses).page()),
+            FigureBlock(bode_chart(validation.frequency.responses, entries=entries).page()),
         ],
     )
 

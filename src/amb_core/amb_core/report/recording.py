@@ -22,7 +22,7 @@ from amb_core.report.document import Block, FigureBlock, Prose, Report, Section,
 from amb_core.units import UM
 
 if TYPE_CHECKING:
-    from amb_core.loop.control import ControllerParameters
+    from amb_core.loop.known_controller import KnownController
     from amb_core.loop.records import LoopRecord
     from amb_core.recording import Recording
 
@@ -32,7 +32,8 @@ def recording_report(
     run: int | None = None,
     order: int | Literal["auto"] = 10,
     progress: Callable[[str], None] | None = None,
-    controller: ControllerParameters | None = None,
+    controller: KnownController | None = None,
+    entries: str = "",
 ) -> Report:
     """The report on a run of a bag.
 
@@ -49,8 +50,10 @@ def recording_report(
         Order of the model.
     progress : callable, optional
         Called with what is being done.
-    controller : ControllerParameters, optional
+    controller : KnownController, optional
         The controller; by default the recorded one. Without either there is no model.
+    entries : str, optional
+        Entries of the Bode diagram, see `entries_from`; by default all.
 
     Raises
     ------
@@ -71,7 +74,7 @@ def recording_report(
     sections = [_regions(found), _distortion(evidence)]
     tell("drawing")
     sections.append(_motion(found.record))
-    identified, problem = _model_sections(recording, found.run, order, controller, tell)
+    identified, problem = _model_sections(recording, found.run, order, controller, tell, entries)
     return Report(
         f"Run {found.run} of {recording.path.name}",
         _lead(found, evidence) + (f" No model: {problem}." if problem else ""),
@@ -176,13 +179,15 @@ def _model_sections(
     recording: Recording,
     run: int,
     order: int | Literal["auto"],
-    controller: ControllerParameters | None,
+    controller: KnownController | None,
     tell: Callable[[str], None],
+    entries: str,
 ) -> tuple[list[Section], str]:
     """Model and validation; or a section with the reason why there are none, and the reason."""
     from amb_core.report.identified_model import identified_sections
 
     try:
-        return identified_sections(recording, run, order, controller or recording.controller_parameters(), tell), ""
+        controller = controller or recording.controller()
+        return identified_sections(recording, run, order, controller, tell, entries), ""
     except AmbError as problem:
         return [Section("Identified model", [Prose(f"There is none: {problem}.")])], str(problem)

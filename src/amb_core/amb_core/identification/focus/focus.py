@@ -24,7 +24,7 @@ from amb_core.identification.focus.gain import fit_kalman_gain
 from amb_core.identification.focus.problem import SimulationProblem
 from amb_core.identification.numerics import small_matrices
 from amb_core.identification.progress import Cancelled, Progress, Watch
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController
 from amb_core.model.state_space import StateSpaceModel
 
 MOST_ITERATIONS = 20
@@ -34,7 +34,7 @@ _LEAST_GAIN = 1e-3  # relative decrease of the squared errors at which the searc
 def focus_simulation(
     model: StateSpaceModel,
     data: IdentificationData,
-    controller: ControllerParameters,
+    controller: KnownController,
     progress: Progress | None = None,
     cancelled: Cancelled | None = None,
     *,
@@ -50,7 +50,7 @@ def focus_simulation(
         before detrending.
     data : IdentificationData
         Currents (A), positions (m) and references (m); experiments without reference are left out.
-    controller : ControllerParameters
+    controller : KnownController
         The controller of the experiments, current limit included.
     progress : callable, optional
         Called at every iteration, with the mean square of the errors, relative to the variance of each position, as

@@ -32,7 +32,7 @@ def fit_kalman_gain(
     ----------
     model : StateSpaceModel
         Gives A, B and C, and K and the covariance of the innovations to start from.
-    inputs, outputs : sequences of ndarray, shapes (steps, 2), (steps, 2)
+    inputs, outputs : sequences of ndarray, shapes (steps, m), (steps, p)
         Currents (A) and positions (m) of each experiment, without the offsets of the model.
     initial_states : ndarray, shape (experiments, n)
         State at the first sample of each.

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles, simulate_closed_loop
+from amb_core.identification.controller_state import start_of
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.estimate.local_coordinates import balanced_predictor, local_directions
 from amb_core.identification.experiment_simulation import in_experiment
 from amb_core.identification.focus.sensitivity import LoopDirections, sensitivity_factor
 from amb_core.identification.numerics import LARGEST_RADIUS
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
@@ -62,7 +63,7 @@ class SimulationProblem:
         self,
         model: StateSpaceModel,
         data: IdentificationData,
-        controller: ControllerParameters,
+        controller: KnownController,
         free_offset: bool,
     ) -> None:
         known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
@@ -70,17 +71,19 @@ class SimulationProblem:
             raise IdentificationError("simulation focus needs the reference, which these data lack")
         self._controller = controller
         self._records = [data.record(index) for index in known]
+        self._starts = [start_of(controller, record) for record in self._records]
         inputs, outputs = (np.vstack(signals) for signals in zip(*map(_signals, self._records), strict=True))
         self.samples = len(outputs)
-        unknowns = model.order * (len(known) + 4) + 2 * free_offset
+        axes = outputs.shape[1]
+        unknowns = model.order * (len(known) + 2 * axes) + axes * free_offset
         if outputs.size <= unknowns:
             raise IdentificationError(
                 f"{self.samples} samples are too few for the {unknowns} unknowns of order {model.order}"
             )
         self._input_scale, self._output_scale = inputs.std(axis=0), outputs.std(axis=0)
         if not np.all(self._output_scale > 0.0):
-            raise IdentificationError("simulation focus needs both positions to move; one is constant")
-        self._free = 2 if free_offset else 0
+            raise IdentificationError("simulation focus needs every position to move; one is constant")
+        self._free = axes if free_offset else 0
         balanced = balanced_predictor(model, self._input_scale)
         own = [in_experiment(balanced, data, index) for index in known]
         # Operating points of the experiments, which may have been detrended separately, relative to the model's.
@@ -99,7 +102,7 @@ class SimulationProblem:
         for index, record in enumerate(self._records):
             try:
                 simulated = simulate_closed_loop(
-                    self.model(loop, index), self._controller, record.reference, record.first_step, _first(record)
+                    self.model(loop, index), self._controller, record.reference, record.first_step, self._starts[index]
                 )
             except DivergenceError:
                 return np.inf
@@ -112,7 +115,12 @@ class SimulationProblem:
         blocks = []
         for index, record in enumerate(self._records):
             factor = sensitivity_factor(
-                self.model(loop, index), self._controller, record, _first(record), loop.directions, self._output_scale
+                self.model(loop, index),
+                self._controller,
+                record,
+                self._starts[index],
+                loop.directions,
+                self._output_scale,
             )
             block = np.zeros((len(factor), count + n * len(self._records) + 1))
             block[:, :count], block[:, -1] = factor[:, n:-1], factor[:, -1]
@@ -169,8 +177,3 @@ def _signals(record: LoopRecord) -> tuple[Arrays, Arrays]:
     if not all(np.all(np.isfinite(signal)) for signal in (record.reference, record.position, record.current)):
         raise IdentificationError("simulation focus needs finite data; leave invalid samples out first")
     return record.current, record.position
-
-
-def _first(record: LoopRecord) -> Arrays | None:
-    """The first current, which shows the controller's past, for data that do not start with the run."""
-    return record.current[0] if record.first_step > 0 else None

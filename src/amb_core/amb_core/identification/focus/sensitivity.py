@@ -5,7 +5,7 @@ With the state x, the deviation u of the control current references from their o
     dx[k+1] = A dx[k] + B du[k] + dA x[k] + dB u[k],    dy[k] = C dx[k] + dC x[k] + dy_offset,
 
 where du is the response of the control law to dy, which is linear as long as the current is below its limit. A current
-at its limit does not respond: its du is 0, while the derivative in the law still follows dy.
+at its limit does not respond: its du is 0, while the state of the law still follows dy.
 """
 
 from __future__ import annotations
@@ -16,9 +16,18 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.identification.closed_loop import recall
+from amb_core.identification.control_law import (
+    Law,
+    Start,
+    advance_change,
+    advance_law,
+    change_of,
+    law_of,
+    recall,
+    state_of,
+)
 from amb_core.identification.estimate.small_matrices import add_product, set_product
-from amb_core.loop.control import ControllerParameters, initial_state, pack_gains, pd_update
+from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
@@ -33,9 +42,9 @@ class LoopDirections:
 
     Attributes
     ----------
-    of_a, of_b, of_c : ndarray, shapes (n, n, q), (n, 2, q), (2, n, q)
+    of_a, of_b, of_c : ndarray, shapes (n, n, q), (n, axes, q), (axes, n, q)
         Changes of A, B and C along each.
-    of_offset : ndarray, shape (2, r)
+    of_offset : ndarray, shape (axes, r)
         Changes of the output offset along r additional directions (m).
     """
 
@@ -52,9 +61,9 @@ class LoopDirections:
 
 def sensitivity_factor(
     model: StateSpaceModel,
-    controller: ControllerParameters,
+    controller: KnownController,
     record: LoopRecord,
-    first_current: Arrays | None,
+    start_of_law: Start | None,
     directions: LoopDirections,
     scale: Arrays,
 ) -> Arrays:
@@ -62,13 +71,13 @@ def sensitivity_factor(
 
     Parameters
     ----------
-    model, controller, first_current
+    model, controller, start_of_law
         As in `simulate_closed_loop`, in a loop that does not diverge.
     record : LoopRecord
         The measured loop.
     directions : LoopDirections
         Changes of the model.
-    scale : ndarray, shape (2,)
+    scale : ndarray, shape (axes,)
         Errors and derivatives of each position are divided by it (m).
 
     Returns
@@ -78,30 +87,31 @@ def sensitivity_factor(
     """
     n, columns = model.order, model.order + directions.count
     axes = len(model.c)
-    unlimited = controller.model_copy(update={"current_limit": np.inf})
-    gains, linear = pack_gains(controller, axes), pack_gains(unlimited, axes)
+    law = law_of(controller, axes)
+    linear = change_of(law)
     change = np.zeros((n, columns))  # of the state
     change[:, :n] = np.eye(n)
     by_state = np.ascontiguousarray(np.concatenate([directions.of_a, directions.of_b], axis=1))
-    law, law_change = initial_state(axes), np.tile(initial_state(axes), (columns, 1))
+    law_state, law_change = state_of(law), np.tile(state_of(law), (columns, 1))
     offset_change = np.zeros((axes, columns))
     offset_change[:, n : n + directions.of_offset.shape[1]] = directions.of_offset
     state = model.initial_state.copy()
-    if first_current is not None:
+    if start_of_law is not None:
         output = model.c @ state + model.output_offset
-        recall(law, gains, output, record.reference[0], first_current)
+        recall(law, law_state, output, record.reference[0], start_of_law)
         first = model.c @ change + offset_change
         first[:, columns - directions.of_c.shape[2] :] += np.einsum("pnq,n->pq", directions.of_c, state)
+        unchanged = Start(np.zeros(axes), np.zeros_like(start_of_law.state), start_of_law.gain)
         for column in range(columns):  # the law is linear, so it recalls changes from changes
-            recall(law_change[column], linear, first[:, column], np.zeros(axes), np.zeros(axes))
+            recall(linear, law_change[column], first[:, column], np.zeros(axes), unchanged)
     factor = np.zeros((0, columns + 1))
     for start in range(0, record.steps, _BLOCK):
         part = slice(start, min(start + _BLOCK, record.steps))
         rows = np.empty((part.stop - start, axes, columns + 1))
         _advance(
             model.a, model.b, model.c, model.input_offset, model.output_offset, by_state,
-            np.ascontiguousarray(directions.of_c), offset_change, gains, linear, record.reference[part],
-            record.position[part], state, change, law, law_change, rows,
+            np.ascontiguousarray(directions.of_c), offset_change, law, linear, record.reference[part],
+            record.position[part], state, change, law_state, law_change, rows,
         )  # fmt: skip
         rows /= scale[:, np.newaxis]
         factor = np.asarray(np.linalg.qr(np.vstack([factor, rows.reshape(-1, columns + 1)]), mode="r"))
@@ -118,13 +128,13 @@ def _advance(
     by_state: Arrays,
     of_c: Arrays,
     offset_change: Arrays,
-    gains: Arrays,
-    linear: Arrays,
+    law: Law,
+    linear: Law,
     reference: Arrays,
     position: Arrays,
     state: Arrays,
     change: Arrays,
-    law: Arrays,
+    law_state: Arrays,
     law_change: Arrays,
     rows: Arrays,
 ) -> None:
@@ -133,7 +143,7 @@ def _advance(
     axes = len(output_offset)
     first = columns - of_c.shape[2]  # of the directions of A, B, C
     output, current, answer = np.empty(axes), np.empty(axes), np.empty(axes)
-    moved, at_rest = np.empty(axes), np.zeros(axes)
+    moved, at_rest, free = np.empty(axes), np.zeros(axes), np.empty(axes, dtype=np.bool_)
     known = np.empty(n + axes)  # state and input
     input_change = np.empty((axes, columns))
     advanced, advanced_change = np.empty(n), np.empty((n, columns))
@@ -152,14 +162,15 @@ def _advance(
                 value, direction, part = state[index], of_c[axis, index], row[first:columns]
                 for column in range(columns - first):
                     part[column] += value * direction[column]
-        pd_update(law, gains, output, reference[step], current)
+        advance_law(law, law_state, output, reference[step], current)
+        for axis in range(axes):
+            free[axis] = abs(current[axis]) < law.limit[axis]
         for column in range(columns):
             for axis in range(axes):
                 moved[axis] = rows[step, axis, column]
-            pd_update(law_change[column], linear, moved, at_rest, answer)
+            advance_change(linear, law_change[column], moved, at_rest, free, answer)
             for axis in range(axes):
-                free = abs(current[axis]) < gains[axis, 5]
-                input_change[axis, column] = answer[axis] if free else 0.0
+                input_change[axis, column] = answer[axis]
         known[:n] = state
         known[n:] = current - input_offset
         for index in range(n):

@@ -19,11 +19,11 @@ class SweepError:
     ----------
     edges : ndarray, shape (n + 1,)
         Ends of the bands (Hz), rising.
-    mean : ndarray, shape (n, 2)
-        Mean of measured minus modelled position in each band, axes x and y (m): the bias error of the model.
-    movement : ndarray, shape (n, 2)
+    mean : ndarray, shape (n, axes)
+        Mean of measured minus modelled position in each band, of each axis (m): the bias error of the model.
+    movement : ndarray, shape (n, axes)
         Standard deviation of the error (m): the error of the movement.
-    relative : ndarray, shape (n, 2)
+    relative : ndarray, shape (n, axes)
         Root mean square of the error over the standard deviation of the measured position.
     """
 
@@ -67,7 +67,7 @@ def sweep_error(
     edges = np.geomspace(frequency.min(), frequency.max(), bands + 1)
     band = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, bands - 1)
     error = measured.position - modelled.position
-    mean, movement, relative = (np.empty((bands, 2)) for _ in range(3))
+    mean, movement, relative = (np.empty((bands, error.shape[1])) for _ in range(3))
     for number in range(bands):
         chosen = band == number
         if np.count_nonzero(chosen) < 2:

@@ -21,6 +21,7 @@ from amb_core.identification.data.checks import check_feedback
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, response_of
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response
 from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.model.state_space import StateSpaceModel
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ class FrequencyComparison:
 def compare_responses(
     model: StateSpaceModel,
     data: IdentificationData,
-    controller: ControllerParameters | None = None,
+    controller: KnownController | None = None,
     uncertainty: ModelUncertainty | None = None,
     plant: PlantParameters | None = None,
 ) -> tuple[FrequencyComparison, list[str]]:
@@ -118,7 +119,7 @@ def compare_responses(
     linearised = None
     if plant is not None:
         try:
-            linearised = response_of_plant(plant, controller, grid)
+            linearised = response_of_plant(plant, controller, grid, _mean_output(data))
         except (ParameterError, PlantError) as problem:
             notes.append(f"frequency response of the plant: left out: {problem}")
     bands = tuple(_bands(of_model, measured, linearised))
@@ -132,10 +133,19 @@ def _in_open_loop(data: IdentificationData) -> bool:
     return not check_feedback(data).where
 
 
+def _mean_output(data: IdentificationData) -> NDArray[np.float64]:
+    return np.asarray(sum(item.outputs.sum(axis=0) for item in data.experiments) / data.samples)
+
+
 def response_of_plant(
-    parameters: PlantParameters, controller: ControllerParameters | None, frequencies: NDArray[np.float64]
+    parameters: PlantParameters,
+    controller: KnownController | None,
+    frequencies: NDArray[np.float64],
+    position: NDArray[np.float64] | None = None,
 ) -> FrequencyResponse:
     """Response of the plant linearised at the operating point, from the control currents (A) to the positions (m).
+
+    The PD controller gives the operating point; in the loop of another one it is `position` (m), shape (axes,).
 
     Raises
     ------
@@ -144,7 +154,15 @@ def response_of_plant(
     """
     from amb_core.plant import Plant, linearize
 
-    discrete = linearize(Plant(parameters), controller).discrete
+    plant = Plant(parameters)
+    if isinstance(controller, LinearControl):
+        if position is None:
+            raise PlantError("the operating point in the loop of a linear controller is not known")
+        journal = position[: 2 * plant.bearings].reshape(-1, 2).mean(axis=0)  # the model has all at one place
+        paper = ControllerParameters().at_rate(parameters.integration.sample_rate)
+        discrete = linearize(plant, paper, journal).discrete
+    else:
+        discrete = linearize(plant, controller).discrete
     outputs = discrete.output_labels
     if len(outputs) < 2:
         raise PlantError("the plant has one axis only")

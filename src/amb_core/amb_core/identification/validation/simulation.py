@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles, simulate_closed_loop
+from amb_core.identification.controller_state import start_of
 from amb_core.identification.validation.fit import nrmse_fit
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
@@ -37,11 +38,11 @@ class ClosedLoop:
         The same, simulated from the reference alone; None where the simulation diverges.
     without_means : tuple of LoopRecord or None
         The same by the model of the deviations alone, without its offsets.
-    fit : ndarray, shape (2,)
-        NRMSE fit of x and y over all these experiments (percent); -inf where a simulation diverges.
-    fit_without_means : ndarray, shape (2,)
+    fit : ndarray, shape (axes,)
+        NRMSE fit of each position over all these experiments (percent); -inf where a simulation diverges.
+    fit_without_means : ndarray, shape (axes,)
         The same without means.
-    offset : ndarray, shape (2,)
+    offset : ndarray, shape (axes,)
         Mean of the measured minus that of the simulated position (m); NaN where a simulation diverges.
     """
 
@@ -66,7 +67,7 @@ class ClosedLoop:
 
 def check_closed_loop(
     model: StateSpaceModel,
-    controller: ControllerParameters,
+    controller: KnownController,
     measured: Sequence[LoopRecord],
     first_states: NDArray[np.float64],
 ) -> ClosedLoop:
@@ -74,7 +75,7 @@ def check_closed_loop(
 
     Parameters
     ----------
-    model, controller : StateSpaceModel, ControllerParameters
+    model, controller : StateSpaceModel, KnownController
         Of the loop.
     measured : sequence of LoopRecord
         The data; at least one.
@@ -87,10 +88,11 @@ def check_closed_loop(
         If model and controller do not fit together, or a position does not move.
     """
     poles = closed_loop_poles(model, controller)
-    deviations = replace(model, input_offset=np.zeros(2), output_offset=np.zeros(2))
+    none = {name: np.zeros_like(getattr(model, name)) for name in ("input_offset", "output_offset")}
+    deviations = replace(model, **none)
     simulated = simulate_records(model, controller, measured, first_states)
     without_means = simulate_records(deviations, controller, measured, first_states)
-    offset = np.full(2, np.nan)
+    offset = np.full(len(model.c), np.nan)
     if all(record is not None for record in simulated):
         errors = [one.position - two.position for one, two in zip(measured, simulated, strict=True) if two is not None]
         offset = np.vstack(errors).mean(axis=0)
@@ -107,7 +109,7 @@ def check_closed_loop(
 
 def simulate_records(
     model: StateSpaceModel,
-    controller: ControllerParameters,
+    controller: KnownController,
     measured: Sequence[LoopRecord],
     first_states: NDArray[np.float64],
 ) -> tuple[LoopRecord | None, ...]:
@@ -118,11 +120,10 @@ def simulate_records(
     )
 
 
-def _simulate(model: StateSpaceModel, controller: ControllerParameters, record: LoopRecord) -> LoopRecord | None:
-    # Data from the start of a run start with the controller; in others its first current shows its past.
-    first_current = record.current[0] if record.first_step > 0 else None
+def _simulate(model: StateSpaceModel, controller: KnownController, record: LoopRecord) -> LoopRecord | None:
+    start = start_of(controller, record)
     try:
-        return simulate_closed_loop(model, controller, record.reference, record.first_step, first_current)
+        return simulate_closed_loop(model, controller, record.reference, record.first_step, start)
     except DivergenceError:
         return None
 
@@ -130,7 +131,7 @@ def _simulate(model: StateSpaceModel, controller: ControllerParameters, record: 
 def _fit(measured: Sequence[LoopRecord], simulated: Sequence[LoopRecord | None]) -> NDArray[np.float64]:
     followed = [record.position for record in simulated if record is not None]
     if len(followed) < len(measured):
-        return np.full(2, -np.inf)
+        return np.full(measured[0].position.shape[1], -np.inf)
     try:
         return nrmse_fit(np.vstack([record.position for record in measured]), np.vstack(followed))
     except IdentificationError as problem:

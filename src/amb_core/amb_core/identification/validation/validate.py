@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from amb_core.distortion import Evidence
 from amb_core.errors import IdentificationError
+from amb_core.identification.controller_state import unexplained
 from amb_core.identification.data import IdentificationData, restore
 from amb_core.identification.data.checks import evidence_of
 from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses
@@ -19,7 +20,7 @@ from amb_core.identification.validation.prediction import Prediction, predict
 from amb_core.identification.validation.report import report_text, report_values, summary_line
 from amb_core.identification.validation.residuals import LAGS, NEGLIGIBLE, ResidualTests, check_residuals
 from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController
 from amb_core.model.state_space import StateSpaceModel
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from amb_core.plant import PlantParameters
 
 HORIZONS = (1, 5, 20, 100)
+FOREIGN = 0.05
+"""Part of the recorded currents, rms, that the controller of an experiment leaves unexplained at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +133,7 @@ class Validation:
 def validate(
     model: StateSpaceModel,
     data: IdentificationData,
-    controller: ControllerParameters | None = None,
+    controller: KnownController | None = None,
     *,
     uncertainty: ModelUncertainty | None = None,
     plant: PlantParameters | None = None,
@@ -145,7 +148,7 @@ def validate(
         The model; its predictor must be stable.
     data : IdentificationData
         Data with the model's signals and sample time.
-    controller : ControllerParameters, optional
+    controller : KnownController, optional
         The controller of the experiments; without it the closed loop is left out.
     uncertainty : ModelUncertainty, optional
         Uncertainty of the model, for its frequency response.
@@ -162,6 +165,8 @@ def validate(
         If model and data do not fit together, the predictor is unstable, or the data are too short or do not move.
     """
     data = restore(_fitting(data, model))
+    if controller is not None:
+        controller.require_axes(len(data.output_names))
     # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
     with threadpool_limits(limits=1, user_api="blas"):
         prediction = predict(model, data, horizons)
@@ -210,7 +215,7 @@ def _fitting(data: IdentificationData, model: StateSpaceModel) -> Identification
 
 
 def _closed_loop(
-    model: StateSpaceModel, data: IdentificationData, controller: ControllerParameters | None, prediction: Prediction
+    model: StateSpaceModel, data: IdentificationData, controller: KnownController | None, prediction: Prediction
 ) -> tuple[ClosedLoop | None, list[str]]:
     """The closed loop of the experiments with a known reference, and notes on what was left out."""
     if controller is None:
@@ -222,4 +227,10 @@ def _closed_loop(
     if unknown := len(data.experiments) - len(known):
         notes.append(f"closed loop: {unknown} experiment{'s' if unknown > 1 else ''} without reference left out")
     measured = [data.record(index) for index in known]
+    worst = max(unexplained(controller, record) for record in measured)
+    if worst > FOREIGN:
+        notes.append(
+            f"closed loop: the controller does not compute {100.0 * worst:.2g} % (rms) of the recorded currents from "
+            "the recorded positions; is it the one of the experiment?"
+        )
     return check_closed_loop(model, controller, measured, prediction.first_states[known]), notes
