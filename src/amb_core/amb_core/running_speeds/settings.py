@@ -1,8 +1,8 @@
 """Settings of the experiments over running speeds, and what they are by default for a machine.
 
-The excitation is that of the demo: an orthogonal multisine of odd lines. The currents that a line costs grow with the
-square of its frequency, and their square distorts the response to the low lines. So the default amplitude falls with
-the square of the band that the bending modes need.
+The excitation is that of the demo: an orthogonal multisine of odd lines. The current that a line costs grows with
+amplitude a and frequency f as a f^2. Where the rotor sags, the square of the currents acts as a force, so the motion at
+low lines, which grows with a, is distorted in the ratio a f^4 of the highest line. The default amplitude keeps this.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class SpeedSettings(Parameters):
         end = self.band_end(plant)
         axes = len(machine.axes)
         return Multisine(
-            amplitude=self.amplitude or AMPLITUDE * min(1.0, (BAND_END / end) ** 2),
+            amplitude=self.amplitude or AMPLITUDE * min(1.0, (BAND_END / end) ** 4),
             axes="orthogonal",
             duration=axes * self.periods * self.period,
             periods=self.periods,
