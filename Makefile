@@ -7,8 +7,9 @@ RUN := source scripts/env.sh &&
 help:  ## print this
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
 
-setup:  ## make .venv with ROS 2 Jazzy, build the packages
-	@bash scripts/setup.sh
+EXTRAS ?=
+setup:  ## make .venv with ROS 2 Jazzy, build the packages (EXTRAS=ross adds ROSS)
+	@EXTRAS="$(EXTRAS)" bash scripts/setup.sh
 
 demo: setup  ## the paper's main experiment over ROS topics; leaves results/demo
 	@$(RUN) amb demo

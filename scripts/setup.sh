@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Sets the workspace up: .venv with ROS 2 Jazzy and everything that requirements.txt pins, then `colcon build`.
 # Does only what is out of date; a set-up that was interrupted is repaired by the next call.
+# EXTRAS="NAME ..." adds what requirements-NAME.txt pins; it stays, and stays up to date, as long as .venv exists.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
@@ -47,6 +48,10 @@ checksum() { sha256sum | cut -d ' ' -f 1; }
 
 venv_state() { printf '%s\n%s\n' "$root" "$(checksum < requirements.txt)"; }
 
+extras() { find . -maxdepth 1 -name 'requirements-*.txt' | sed -E 's|^./requirements-(.*)\.txt$|\1|' | LC_ALL=C sort | xargs; }
+
+extra_state() { cat requirements.txt "requirements-$1.txt" | checksum; }
+
 build_state() {  # Python sources count by name only: the build links to them
     local packages=(amb_* src)
     find "${packages[@]}" -name __pycache__ -prune -o -type f ! -name '*.pyc' -print | LC_ALL=C sort
@@ -77,6 +82,19 @@ make_venv() {
     "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check -r requirements.txt
     mend_cmake_files
     venv_state > "$venv_stamp"
+}
+
+# A stamp in .venv names each extra that is there. Packages that it shares with requirements.txt keep their pins.
+add_extras() {
+    local name stamp
+    for name in ${EXTRAS:-} $(cd "$venv" && find . -maxdepth 1 -name '.extra-*' | sed 's|^./.extra-||'); do
+        stamp=$venv/.extra-$name
+        [ "$(cat "$stamp" 2>/dev/null)" != "$(extra_state "$name")" ] || continue
+        say "adding the extra $name (some minutes)"
+        "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check \
+            -r requirements.txt -r "requirements-$name.txt"
+        extra_state "$name" > "$stamp"
+    done
 }
 
 # The CMake files of the message packages name include folders of the machine on which the wheels were built.
@@ -126,6 +144,10 @@ flock 9    # two calls at the same time: the second waits, then finds everything
 missing=()
 for tool in git make g++; do command -v "$tool" > /dev/null || missing+=("$tool"); done
 [ ${#missing[@]} -eq 0 ] || fail "not installed: ${missing[*]} (Debian or Ubuntu: apt install git make g++)"
+for name in ${EXTRAS:-}; do
+    [ -f "requirements-$name.txt" ] || fail "EXTRAS: there is no extra '$name'; allowed: $(extras)"
+done
 if [ "$(cat "$venv_stamp" 2>/dev/null)" != "$(venv_state)" ] || [ ! -x "$venv/bin/python" ]; then make_venv; fi
+add_extras
 if [ ! -d build ] || [ "$(cat "$build_stamp" 2>/dev/null)" != "$(build_state | checksum)" ]; then build; fi
 if [ "$(cat "$kernel_stamp" 2>/dev/null)" != "$(kernel_state | checksum)" ]; then compile_kernels; fi

@@ -20,6 +20,6 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=["setuptools"],
-    extras_require={"ross": ["ross-rotordynamics", "plotly<7"]},  # ROSS 2.3.0 does not start with plotly 7
+    extras_require={"ross": ["ross-rotordynamics>=2.3,<3", "plotly<7"]},  # pinned in requirements-ross.txt
     zip_safe=False,
 )

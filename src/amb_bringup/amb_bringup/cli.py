@@ -44,6 +44,10 @@ COMMANDS = {
         "map:region_map",
         "Find where regions B, C and D begin, amplitude by amplitude, from simulated sweeps.",
     ),
+    "campbell": (
+        "campbell:campbell",
+        "Identify models at several running speeds, and draw their modes over the computed Campbell diagram.",
+    ),
     "regions": (
         "regions:regions",
         "Show where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions.",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.commands.inputs import load_loop, load_regions, typed_value
+from amb_bringup.commands.interrupt import Interrupt
 from amb_bringup.commands.map_confirmation import confirmation_summary, print_confirmation
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
@@ -83,7 +83,7 @@ def region_map(
     regions = load_regions(params)
     make_folder(out)
     console = Console()
-    with _Interrupt() as interrupt, Stages(console) as stages:
+    with Interrupt() as interrupt, Stages(console) as stages:
 
         def show(progress: MapProgress) -> None:
             boundaries = "" if progress.map is None else _ranges(progress.map)
@@ -124,29 +124,6 @@ def _settings(given: dict[str, Any], confirm: bool) -> tuple[MapSettings, Confir
         raise RegionError(f"{names}: allowed with --confirm only")
     sweeps = {name: value for name, value in given.items() if name not in asked}
     return validate(MapSettings, sweeps, RegionError), validate(ConfirmationSettings, asked, RegionError)
-
-
-class _Interrupt:
-    """In this context Ctrl-C requests the end instead of forcing it: finished sweeps are kept."""
-
-    def __init__(self) -> None:
-        self._asked_to_end = False
-
-    def __enter__(self) -> _Interrupt:
-
-        self._handler = signal.signal(signal.SIGINT, self._on_interrupt)
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-
-        signal.signal(signal.SIGINT, self._handler)
-
-    def _on_interrupt(self, *_: object) -> None:
-        self._asked_to_end = True
-
-    def asked(self) -> bool:
-        """Whether Ctrl-C was pressed."""
-        return self._asked_to_end
 
 
 def _ranges(found: RegionMap) -> str:

@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.commands import plant_modes
+from amb_bringup.commands import plant_modes, plant_ross
 from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.results import make_folder
@@ -78,6 +78,7 @@ def figures(
 app.command()(plant_modes.modes)
 app.command()(plant_modes.campbell)
 app.command()(plant_modes.shaft)
+app.command()(plant_ross.ross)
 
 
 def _json(description: PlantDescription) -> str:

@@ -130,6 +130,22 @@ class StateSpaceModel:
             outputs=list(self.output_names),
         )
 
+    def to_json(self) -> dict[str, Any]:
+        """The fields of the model as JSON values, without loss."""
+        return {item.name: _to_json(getattr(self, item.name)) for item in fields(self)}
+
+    @classmethod
+    def from_json(cls, content: Any) -> StateSpaceModel:
+        """The model that `to_json` wrote; IdentificationError for anything else."""
+        names = {item.name for item in fields(cls)}
+        if not isinstance(content, dict) or set(content) | set(_UNITS) != names:
+            found = ", ".join(sorted(content)) if isinstance(content, dict) else type(content).__name__
+            raise IdentificationError(f"expected the fields {', '.join(sorted(names))}; found {found}")
+        try:
+            return cls(**(content | {"fit": [float(value) for value in content["fit"]]}))
+        except (TypeError, ValueError) as problem:
+            raise IdentificationError(str(problem)) from None
+
     def save(self, path: str | Path) -> None:
         """Write the model as `.json` (readable), `.npz` (NumPy) or `.mat` (MATLAB, Octave); none loses a bit.
 
@@ -148,7 +164,7 @@ class StateSpaceModel:
             elif ending == ".mat":
                 save_variables(path, variables_of(values))
             else:
-                path.write_text(json.dumps({name: _to_json(value) for name, value in values.items()}, indent=1) + "\n")
+                path.write_text(json.dumps(self.to_json(), indent=1) + "\n")
         except OSError as problem:
             raise IdentificationError(f"model {path}: cannot be written: {problem.strerror}") from None
 
@@ -171,13 +187,9 @@ class StateSpaceModel:
                 content = fields_of(load_variables(path))
             else:
                 content = json.loads(read_text(path, LARGEST))
-        names = {item.name for item in fields(cls)}
-        if not isinstance(content, dict) or set(content) | set(_UNITS) != names:
-            found = ", ".join(sorted(content)) if isinstance(content, dict) else type(content).__name__
-            raise IdentificationError(f"model {path}: expected the fields {', '.join(sorted(names))}; found {found}")
         try:
-            return cls(**(content | {"fit": [float(value) for value in content["fit"]]}))
-        except (IdentificationError, TypeError, ValueError) as problem:
+            return cls.from_json(content)
+        except IdentificationError as problem:
             raise IdentificationError(f"model {path}: {problem}") from None
 
     def _check(self) -> None:

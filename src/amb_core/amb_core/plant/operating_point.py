@@ -61,13 +61,17 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
         coordinates = scale * scaled
         return _at_rest(averaged, coordinates, gains * (reference - sensors @ coordinates))
 
-    scaled = _solve(lambda scaled: _unbalanced(held(scaled), averaged), start / scale)
     radius = plant.parameters.rotor.backup_bearing_radius
-    point = held(scaled) if np.isfinite(scaled).all() else None
+    point = None
+    for first in (start, np.zeros_like(start)):  # a soft rotor is found from the centre only
+        scaled = _solve(lambda scaled: _unbalanced(held(scaled), averaged), first / scale)
+        point = held(scaled) if np.isfinite(scaled).all() else None
+        if point is not None and _inside(point, radius):
+            break
     if point is None or not _inside(point, radius):
         raise PlantError(
             f"the controller with K_P = {controller.proportional_gain:g} A/m cannot hold the rotor of "
-            f"{_rotor_mass(plant):g} kg inside the backup bearing, {radius:g} m"
+            f"{rotor_mass(plant):g} kg inside the backup bearing, {radius:g} m"
         )
     largest = float(np.abs(point.current_reference).max())
     if largest >= controller.current_limit:
@@ -138,7 +142,8 @@ def _journal_shapes(plant: Plant) -> NDArray[np.float64]:
     return np.eye(2) if plant.rotor is None else plant.rotor.bearings
 
 
-def _rotor_mass(plant: Plant) -> float:
+def rotor_mass(plant: Plant) -> float:
+    """Mass of the rotor, or of the part that a single bearing carries (kg)."""
     rotor = plant.parameters.rotor
     if plant.rotor is None:
         return rotor.mass
@@ -174,7 +179,7 @@ def _check_duties(point: OperatingPoint, plant: Plant) -> None:
 def _unbalanced(point: OperatingPoint, averaged: AveragedPlant) -> NDArray[np.float64]:
     """Unbalanced force over weight (or weight at 1 m/s^2); for directions that cannot move, the position."""
     plant = averaged.plant
-    left = averaged.unbalanced(point.state) / (_rotor_mass(plant) * max(plant.parameters.rotor.gravity, 1.0))
+    left = averaged.unbalanced(point.state) / (rotor_mass(plant) * max(plant.parameters.rotor.gravity, 1.0))
     if "x" not in plant.axes:
         left[0] = (point.journals[0] - plant.parameters.rotor.initial_x) / plant.parameters.magnetic_circuit.air_gap
     return left

@@ -7,6 +7,8 @@
     rotor = ross.Rotor.load("rotor.toml")
     modal_data_from_ross(rotor, bearing_nodes=(4, 22)).save("rotor.npz")
 
+`amb plant ross` makes a whole machine of it.
+
 ROSS has the same axes as this library: x horizontal, y up, z along the shaft with ascending nodes, and its speed turns
 +x to +y. Its alpha turns about +x and its beta about +y, so the axis tilts by dx/dz = beta and dy/dz = -alpha.
 
