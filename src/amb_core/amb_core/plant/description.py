@@ -139,7 +139,7 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
         switching_loss=switching_loss(parameters),
         switching_loss_diffusion=switching_loss(_with_diffusion(parameters)),
         peak_force=_peak_force(plant, controller),
-        sag=float(controller.references(2 * plant.bearings)[1] - model.point.position[1]),
+        sag=float(controller.references(len(plant.machine.axes))[1] - model.point.position[1]),
         unstable_pole=float(model.continuous.poles().real.max()),
         natural_frequency_x=along_x.natural_hz if along_x else None,
         natural_frequency_y=along_y.natural_hz if along_y else None,
