@@ -1,4 +1,4 @@
-"""Magnetic circuit of the thrust bearing: statics, reluctance of half order, and its approximation by decaying terms."""
+"""Magnetic circuit of the thrust bearing: statics, reluctance of half order, its approximation by decaying terms."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ def with_low_pass(
     bandwidth: float,
     labels: list[str],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[str]]:
-    """A model with the low-pass of the sensors of labelled axes, if there is one (bandwidth in Hz), as further states."""
+    """A model with the sensors' low-pass, if they have one (bandwidth in Hz), as a further state for each axis."""
     if bandwidth == 0.0:
         return a, b, c, states
     rate, outputs = 2.0 * np.pi * bandwidth, len(c)

@@ -152,4 +152,4 @@ def _each(function: Callable[..., NDArray[np.float64]], *traces: Trace) -> Trace
     names = [field.name for field in fields(Trace) if field.name not in ("bearing_b", "axial")]
     arrays = {name: function(*(getattr(trace, name) for trace in traces)) for name in names}
     others = [trace.bearing_b for trace in traces if trace.bearing_b is not None]
-    return Trace(**arrays, bearing_b=_each(function, *others) if others else None)
+    return Trace(**arrays, bearing_b=_each(function, *others) if others else None, axial=None)

@@ -2,7 +2,8 @@
 
 For each magnet, with its pull along e = +1 or -1 and all signals deviations from the operating point,
 
-    N i = R phi - e R' phi_0 z + R_s (sum_n m_n + r dphi/dt),    V = N dphi/dt + R_c i,    dm_n/dt = c_n dphi/dt - p_n m_n
+    N i = R phi - e R' phi_0 z + R_s (sum_n m_n + r dphi/dt),    V = N dphi/dt + R_c i
+    dm_n/dt = c_n dphi/dt - p_n m_n
     m dv/dt = sum over magnets e R' phi_0 phi,    dz/dt = v,    R' = (1 / A_i + 1 / A_o) / mu_0
 
 with phi_0 the flux at rest and R the reluctance at rest there. In place of the square root of s stand its terms, see
@@ -79,8 +80,8 @@ def axial_point(controller: ControllerParameters, plant: Plant) -> AxialPoint | 
     z = _falling_root(unbalanced, clearance, reference)
     if z is None:
         raise PlantError(
-            f"the controller with K_P = {gain:g} A/m on axis z cannot hold the rotor of {axial.mass:g} kg along its axis "
-            f"inside the backup bearing, {clearance:g} m, against an external force of {constant:g} N"
+            f"the controller with K_P = {gain:g} A/m on axis z cannot hold the rotor of {axial.mass:g} kg along its "
+            f"axis inside the backup bearing, {clearance:g} m, against an external force of {constant:g} N"
         )
     point = held(z)
     if abs(point.current_reference) >= controller.current_limit:

@@ -1,7 +1,7 @@
 """Drops that follow a flux with memory, as a passive sum of first-order terms: what the integrators need of a fit.
 
-With phi the flux and R a reluctance, the drop is R (1 + sum_n c_n s / (s + p_n) + r s) phi. Term n stores the lead of the
-flux, m_n = c_n (phi - q_n) with q_n' = p_n (phi - q_n); it is zero at rest.
+With phi the flux and R a reluctance, the drop is R (1 + sum_n c_n s / (s + p_n) + r s) phi. Term n stores the lead of
+the flux, m_n = c_n (phi - q_n) with q_n' = p_n (phi - q_n); it is zero at rest.
 """
 
 from __future__ import annotations

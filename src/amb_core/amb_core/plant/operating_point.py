@@ -166,7 +166,9 @@ def _check_duties(point: OperatingPoint, plant: Plant) -> None:
 def _unbalanced(point: OperatingPoint, averaged: AveragedPlant) -> NDArray[np.float64]:
     """Unbalanced force over weight (or weight at 1 m/s^2); for directions that cannot move, the position."""
     plant = averaged.plant
-    left = averaged.unbalanced(point.state) / (rotor_mass(plant.parameters, plant.rotor) * max(plant.parameters.rotor.gravity, 1.0))
+    left = averaged.unbalanced(point.state) / (
+        rotor_mass(plant.parameters, plant.rotor) * max(plant.parameters.rotor.gravity, 1.0)
+    )
     if "x" not in plant.axes:
         left[0] = (point.journals[0] - plant.parameters.rotor.initial_x) / plant.parameters.magnetic_circuit.air_gap
     return left

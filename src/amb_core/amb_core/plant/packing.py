@@ -129,6 +129,7 @@ def _pack_network(record: np.void, parameters: PlantParameters, network: Magneti
 
 
 def pack_amplifier(record: np.void, parameters: PlantParameters) -> None:
+    """Write the amplifiers of a plant to a record of the kind AMPLIFIER."""
     amplifier = parameters.amplifier
     period = parameters.steps_per_period if amplifier.switching else 1
     record["supply"] = amplifier.supply_voltage

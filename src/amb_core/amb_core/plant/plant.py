@@ -29,7 +29,7 @@ from amb_core.plant.trace import Trace, row_size, unpack
 
 @dataclass(frozen=True)
 class PlantSnapshot:
-    """Internal state of the plant at the end of a sample; the first index of all arrays is the radial bearing, A then B.
+    """Internal state of the plant at the end of a sample; the first index of all arrays is the bearing, A then B.
 
     Attributes
     ----------

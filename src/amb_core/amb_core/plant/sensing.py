@@ -37,9 +37,8 @@ class Sensing:
 
     def reset(self) -> None:
         """Restart the noise: it is the same after every reset."""
-        seed: int | np.random.SeedSequence = self._sensor.noise_seed
-        if self._stream:
-            seed = np.random.SeedSequence(seed, spawn_key=(self._stream,))
+        key = (self._stream,) if self._stream else ()
+        seed = np.random.SeedSequence(self._sensor.noise_seed, spawn_key=key)
         self._generator = np.random.Generator(np.random.PCG64(seed))
         self._noise = np.empty((0, self._axes))
         self._used = 0

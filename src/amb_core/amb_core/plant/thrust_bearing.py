@@ -14,9 +14,9 @@ rises as the square root of s, by R_s sqrt(s tau) = c sqrt(s) with
 
 over both walls (depth h, radii r_2 and r_3) and the bottom of the slot, the disc opposite the slot, and the faces of
 stator and disc at the poles. There flux leaves through the gap, uniformly in this model, so the drop is the mean over
-the flux: P_i is the integral of q^2 / r over the radii r_1 to r_2 of the inner pole, with q the share of the flux inside r,
-P_o that over the outer pole. That flux crowds at the edge of the slot at high frequency is left out, and the
-sum of static and skin reluctance has too much lag near the corner where the skin is as deep as the iron.
+the flux: P_i is the integral of q^2 / r over the radii r_1 to r_2 of the inner pole, with q the share of the flux that
+passes the surface at r, P_o that over the outer pole. That flux crowds at the edge of the slot at high frequency is
+left out, and the sum of static and skin reluctance has too much lag where the skin is about as deep as the iron.
 
 Sources: L. Zhu, C. R. Knospe, E. H. Maslen, "Analytic model for a nonlaminated cylindrical magnetic actuator including
 eddy currents", IEEE Trans. Magn. 41 (2005) 1248-1258; C. R. Knospe, L. Zhu, "Performance limitations of non-laminated
@@ -187,7 +187,7 @@ def half_order_terms(lag: float) -> MemoryTerms:
 
 
 def _face(far: float, slot: float) -> float:
-    """Integral of q^2 / r over a pole between its radius far from the slot and that at the slot, q as share of the flux.
+    """Integral of q^2 / r over a pole, from its radius far from the slot to that at the slot.
 
     q = (far^2 - r^2) / (far^2 - slot^2) is the flux that passes the surface at the radius r on its way to the slot.
     """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from pydantic import model_validator
 
 from amb_core.parameters import Parameters, quantity, switch
@@ -26,7 +28,9 @@ class ThrustBearingParameters(Parameters):
     coil_resistance: float = quantity(0.5, "ohm", "resistance of each coil (assumed)", 0.0, 100.0)
     relative_permeability: float = quantity(1000.0, "-", "relative permeability of the solid steel (assumed)", 1.0, 1e6)
     conductivity: float = quantity(5.0e6, "S/m", "conductivity of the solid steel (assumed)", 1e3, 1e8)
-    eddy_currents: bool = switch(True, "eddy currents in disc and stator: flux lags as the square root of the frequency")
+    eddy_currents: bool = switch(
+        True, "eddy currents in disc and stator: flux lags as the square root of the frequency"
+    )
     bias_current: float = quantity(3.0, "A", "bias current of both coils (assumed)", 1e-3, 100.0)
     current_limit: float = quantity(10.0, "A", "limit on the coil current references (assumed)", 0.0, 1000.0)
     proportional_gain: float = quantity(
@@ -42,7 +46,7 @@ class ThrustBearingParameters(Parameters):
     @model_validator(mode="after")
     def _fits_together(self) -> ThrustBearingParameters:
         radii = ("inner_radius", "slot_inner_radius", "slot_outer_radius", "outer_radius")
-        for smaller, larger in zip(radii[:-1], radii[1:], strict=True):
+        for smaller, larger in pairwise(radii):
             if getattr(self, smaller) >= getattr(self, larger):
                 raise ValueError(
                     f"{smaller} = {getattr(self, smaller):g} m must be smaller than "

@@ -70,6 +70,6 @@ def unpack(rows: NDArray[np.float64], bearings: int, coordinates: int, internal_
     time = np.arange(len(rows), dtype=np.float64) * internal_step
     trace: Trace | None = None
     for own in reversed(of_bearings):
-        trace = Trace(time=time, **own, **shared, bearing_b=trace)
+        trace = Trace(time=time, **own, **shared, bearing_b=trace, axial=None)
     assert trace is not None  # there is a bearing
     return trace

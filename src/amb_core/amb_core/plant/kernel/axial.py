@@ -7,8 +7,8 @@ over the step (as those of `laminations`): with phi and the memories w_n = alpha
     dphi/dt = (N V - R_c d) / (N^2 + R_c e),    i = (d + e dphi/dt) / N
     w_n <- exp(-p_n h) w_n + c_n alpha_n^2 h dphi/dt
 
-R(z) is that of the gap in the middle of the step. It is implicit (trapezoidal), so that terms may be faster than a step.
-A coil current that would be negative is zero: diodes raise the voltage.
+R(z) is that of the gap in the middle of the step. This is implicit (trapezoidal), so terms may be faster than a step. A
+coil current that would be negative is zero: diodes raise the voltage.
 
 The amplifiers follow the law of `amplifiers` (PI on the mean current of the past switching period, regular sampling, a
 pulse in the middle of the period), and the motion m z'' = f_1 - f_2 + f_external + f_contact the scheme of `rotor`.
