@@ -18,7 +18,7 @@ def warm_up() -> None:
     """Go once through simulation, tracing, design of excitations, classification of regions and identification."""
     plant = Plant()
     plant.trace((0.0, 0.0))
-    Plant(validate(PlantParameters, {"rotor.model": "rigid"}))
+    Plant(validate(PlantParameters, {"rotor.model": "rigid", "rotor.axial": True})).advance([0.0] * 5)
     signal = generate(Square(amplitude=10e-6, duration=0.2, frequency=20.0), 10_000.0)
     controller = ControllerParameters()
     record = simulate(plant, PdController(controller), 500 + signal.steps, signal.samples, 500)

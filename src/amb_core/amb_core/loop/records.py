@@ -7,7 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_NAMES = {1: ("x",), 2: ("x", "y"), 4: ("x_a", "y_a", "x_b", "y_b"), 5: ("x_a", "y_a", "x_b", "y_b", "z")}
+_NAMES = {
+    1: ("x",),
+    2: ("x", "y"),
+    3: ("x", "y", "z"),
+    4: ("x_a", "y_a", "x_b", "y_b"),
+    5: ("x_a", "y_a", "x_b", "y_b", "z"),
+}
 
 
 def sample_rate_of(sample_time: float) -> float:

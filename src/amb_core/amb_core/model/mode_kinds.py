@@ -3,7 +3,8 @@
 A rigid rotor in two radial bearings has four degrees of freedom: the slowest eight states of those that matter, two
 for each complex pair. They are translations where the journals move in phase, tilts where they move in opposite phase.
 An oscillating tilt is the nutation if its orbit is forward, the precession if it is backward. Faster modes of little
-damping are bending modes. A rotor in one bearing has two translations.
+damping are bending modes. A rotor in one bearing has two translations. Modes that move an axis without orbit most, that
+of a thrust bearing, are axial; the others are counted without them.
 
 Nothing is named where these counts are not met: in a loop in which rotor and amplifiers swing together, for example.
 
@@ -14,6 +15,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from amb_core.model.whirl import SensorPlane, in_phase
 
@@ -35,7 +38,9 @@ def with_kinds(modes: tuple[Mode, ...], planes: tuple[SensorPlane, ...], least_g
     for number, mode in enumerate(modes):
         if mode.gain < least_gain:
             continue
-        if counted < states:
+        if _axial(mode, planes):
+            kinds[number] = "axial"
+        elif counted < states:
             rigid.append(number)
             kinds[number] = _rigid(mode, planes)
             counted += _states(mode)
@@ -48,6 +53,12 @@ def with_kinds(modes: tuple[Mode, ...], planes: tuple[SensorPlane, ...], least_g
         if kinds[number] == "tilt":
             kinds[number] = {"forward": "nutation", "backward": "precession"}.get(modes[number].whirl, "tilt")
     return tuple(replace(mode, kind=kind) for mode, kind in zip(modes, kinds, strict=True))
+
+
+def _axial(mode: Mode, planes: tuple[SensorPlane, ...]) -> bool:
+    """Whether the output that it moves most is in no sensor plane."""
+    radial = {output for plane in planes for output in (plane.x, plane.y)}
+    return int(np.argmax(np.abs(mode.shape))) not in radial
 
 
 def _rigid(mode: Mode, planes: tuple[SensorPlane, ...]) -> str:

@@ -60,7 +60,7 @@ class Mode:
     whirl : str
         `forward`, `backward`, `planar`, `mixed`, or `none` for a mode that does not oscillate or has no orbit.
     kind : str
-        `translation`, `tilt`, `nutation`, `precession` or `bending`; empty where it cannot be decided.
+        `translation`, `tilt`, `nutation`, `precession`, `bending` or `axial`; empty where it cannot be decided.
     """
 
     rate: complex

@@ -58,6 +58,7 @@ class PlantEffects:
     unbalance: bool = _entry("static unbalance of the turning rotor")
     external_force: bool = _entry("external force on the rotor")
     contact: bool = _entry("the rotor bounces and rubs on the backup bearing")
+    thrust_bearing: bool = _entry("the rotor moves along its axis in a thrust bearing")
     sensor_bandwidth: bool = _entry("first-order low-pass of the sensors")
     sensor_noise: bool = _entry("noise of the sensors")
     quantisation: bool = _entry("converters of positions or currents have finite steps")
@@ -75,8 +76,9 @@ class PlantDescription:
 
     Constants of the bearing are those of the centred rotor at bias current; those of the loop belong to the operating
     point where the controller holds the rotor, those of the sampled loop with the sampling of the modulation. They are
-    given along x, for a bearing with 1 DOF along y, and for two bearings of bearing A. None where there is no such
-    number: the rigid mode of a loop in which rotor and amplifiers swing together, the sensitivity of an unstable one.
+    given along x, for a bearing with 1 DOF along y, and for two bearings of bearing A; those of a thrust bearing end in
+    `_z`. None where there is no such number: the rigid mode of a loop in which rotor and amplifiers swing together, the
+    sensitivity of an unstable one, z without a thrust bearing.
     """
 
     current_gain: float = _entry("k_i: force per control current", "N/A")
@@ -96,6 +98,9 @@ class PlantDescription:
     damping_ratio_y: float | None = _entry("damping ratio of the rigid rotor in the loop along y; from 1 on overdamped")
     peak_sensitivity: float | None = _entry("largest gain from disturbed to measured position")
     stable: bool = _entry("small motions in the loop decay")
+    current_gain_z: float | None = _entry("k_i of the thrust bearing at low frequency", "N/A")
+    negative_stiffness_z: float | None = _entry("k_s of the thrust bearing", "N/m")
+    eddy_corner_z: float | None = _entry("1 / (2 pi tau): both parts of the thrust bearing's reluctance alike", "Hz")
     effects: PlantEffects = field(kw_only=True)
 
     @property
@@ -139,7 +144,7 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
         switching_loss=switching_loss(parameters),
         switching_loss_diffusion=switching_loss(_with_diffusion(parameters)),
         peak_force=_peak_force(plant, controller),
-        sag=float(controller.references(2 * plant.bearings)[1] - model.point.position[1]),
+        sag=float(controller.references(len(plant.machine.axes))[1] - model.point.position[1]),
         unstable_pole=float(model.continuous.poles().real.max()),
         natural_frequency_x=along_x.natural_hz if along_x else None,
         natural_frequency_y=along_y.natural_hz if along_y else None,
@@ -147,8 +152,21 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
         damping_ratio_y=along_y.damping_ratio if along_y else None,
         peak_sensitivity=model.peak_sensitivity if model.stable else None,
         stable=model.stable,
+        **_constants_of_axis(plant),
         effects=_effects(plant),
     )
+
+
+def _constants_of_axis(plant: Plant) -> dict[str, float | None]:
+    """Constants of the thrust bearing."""
+    if plant.axial is None:
+        return dict.fromkeys(("current_gain_z", "negative_stiffness_z", "eddy_corner_z"))
+    circuit, bias = plant.axial.circuit, plant.parameters.thrust_bearing.bias_current
+    return {
+        "current_gain_z": circuit.current_gain(bias),
+        "negative_stiffness_z": circuit.negative_stiffness(bias),
+        "eddy_corner_z": 1.0 / (2.0 * np.pi * circuit.lag) if circuit.lag else None,
+    }
 
 
 def _with_diffusion(parameters: PlantParameters) -> PlantParameters:
@@ -180,8 +198,9 @@ def _effects(plant: Plant) -> PlantEffects:
         gyroscopic=turning and plant.rotor is not None and bool(plant.rotor.gyroscopic.any()),
         flexible_rotor=rotor.model == "flexible",
         unbalance=turning and rotor.unbalance > 0.0,
-        external_force=rotor.external_force_x != 0.0 or rotor.external_force_y != 0.0,
+        external_force=any((rotor.external_force_x, rotor.external_force_y, rotor.external_force_z)),
         contact=parameters.backup_bearing.contact,
+        thrust_bearing=plant.axial is not None,
         sensor_bandwidth=sensor.bandwidth > 0.0,
         sensor_noise=sensor.noise > 0.0,
         quantisation=converters.position_resolution > 0.0 or converters.current_resolution > 0.0,

@@ -65,7 +65,8 @@ def linear_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
     a, b = np.split(slopes, [len(kept)], axis=1)
     c = averaged.sensors()[axes] @ embedding
     labels = axis_labels(plant)
-    a, b, c, states = _with_sensors(a, b, c, [averaged.names[n] for n in kept], plant)
+    names = [averaged.names[n] for n in kept]
+    a, b, c, states = with_low_pass(a, b, c, names, plant.parameters.sensor.bandwidth, labels)
     return control.StateSpace(
         a, b, c, np.zeros((len(axes), len(axes))),
         states=states, inputs=[f"i_{label}" for label in labels], outputs=labels, name="plant",
@@ -108,7 +109,7 @@ def open_plant(plant: Plant, point: OperatingPoint) -> OpenPlant:
     (a, b), (c, d) = (np.split(rows, [order], axis=1) for rows in np.split(slopes, [order]))
     sensors = (averaged.sensors()[plant_axes(plant)] @ embedding)[:, ~driven]
     states = [averaged.names[n] for n in kept[~driven]]
-    a, b, sensors, states = _with_sensors(a, b, sensors, states, plant)
+    a, b, sensors, states = with_low_pass(a, b, sensors, states, parameters.sensor.bandwidth, axis_labels(plant))
     c = np.hstack([c, np.zeros((len(c), len(a) - c.shape[1]))])
     suffixes = ("",) if plant.bearings == 1 else ("_a", "_b")
     names = [f"{_COIL_NAMES[coil % COILS]}{suffixes[coil // COILS]}" for coil in coils]
@@ -116,13 +117,30 @@ def open_plant(plant: Plant, point: OperatingPoint) -> OpenPlant:
 
 
 def plant_axes(plant: Plant) -> list[int]:
-    """Axes along which the rotor moves, 2 * bearing + 0 for x, 1 for y."""
+    """Radial axes along which the rotor moves, 2 * bearing + 0 for x, 1 for y."""
     return [axis for axis in range(2 * plant.bearings) if "xy"[axis % 2] in plant.axes]
 
 
 def axis_labels(plant: Plant) -> list[str]:
-    """Names of the axes along which the rotor moves."""
+    """Names of the radial axes along which the rotor moves."""
     return [plant.machine.axis_names[axis] for axis in plant_axes(plant)]
+
+
+def with_low_pass(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    c: NDArray[np.float64],
+    states: list[str],
+    bandwidth: float,
+    labels: list[str],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[str]]:
+    """A model with the sensors' low-pass, if they have one (bandwidth in Hz), as a further state for each axis."""
+    if bandwidth == 0.0:
+        return a, b, c, states
+    rate, outputs = 2.0 * np.pi * bandwidth, len(c)
+    a = np.block([[a, np.zeros((len(a), outputs))], [rate * c, -rate * np.eye(outputs)]])
+    b = np.vstack([b, np.zeros((outputs, b.shape[1]))])
+    return a, b, np.hstack([np.zeros_like(c), np.eye(outputs)]), [*states, *(f"sensed_{label}" for label in labels)]
 
 
 def _differences(
@@ -131,20 +149,6 @@ def _differences(
     """Jacobian at zero by central differences."""
     steps = np.diag(_RELATIVE_STEP * scales)
     return np.column_stack([(function(step) - function(-step)) / (2.0 * step.sum()) for step in steps])
-
-
-def _with_sensors(
-    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], states: list[str], plant: Plant
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[str]]:
-    """The low-pass of the sensors, if there is one, as further states."""
-    bandwidth = plant.parameters.sensor.bandwidth
-    if bandwidth == 0.0:
-        return a, b, c, states
-    rate, outputs = 2.0 * np.pi * bandwidth, len(c)
-    a = np.block([[a, np.zeros((len(a), outputs))], [rate * c, -rate * np.eye(outputs)]])
-    b = np.vstack([b, np.zeros((outputs, b.shape[1]))])
-    sensed = [f"sensed_{label}" for label in axis_labels(plant)]
-    return a, b, np.hstack([np.zeros_like(c), np.eye(outputs)]), [*states, *sensed]
 
 
 def _independent_states(averaged: AveragedPlant) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

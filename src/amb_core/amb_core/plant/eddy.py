@@ -25,9 +25,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
-from scipy.optimize import brentq, nnls
+from scipy.optimize import brentq
 
 from amb_core.errors import PlantError
+from amb_core.plant.memory_terms import MOST_TERMS, MemoryTerms, fit_weights
 from amb_core.plant.parameters import PlantParameters
 
 ACCURACY = 0.005
@@ -38,12 +39,10 @@ HIGHEST_FREQUENCY_OF_LAMINATIONS = 1e6
 """Highest frequency up to which the terms of laminations are fitted (Hz)."""
 _STEPS_PER_PERIOD = 60  # internal steps per period of the highest frequency: keeps the shortest time constant at two
 _FASTEST = 1.6  # fastest rate over the highest angular frequency
-MOST_TERMS = 30
-"""Largest number of terms of the fit; the integrator has room for as many."""
 
 
 @dataclass(frozen=True)
-class DiffusionTerms:
+class DiffusionTerms(MemoryTerms):
     """Diffusion into iron as a passive sum: u coth(u) ~ 1 + sum_n c_n s / (s + p_n) + r s.
 
     Each term stores, for every pole, the lead of its flux: m_n = c_n (phi - q_n) with q_n' = p_n (phi - q_n).
@@ -56,56 +55,18 @@ class DiffusionTerms:
 
     Attributes
     ----------
-    weights : ndarray, shape (n,)
-        c_n > 0 (-).
-    rates : ndarray, shape (n,)
-        p_n (1/s), ascending.
-    rest : float
-        r > 0 (s): everything that is faster than the terms.
     time_constant : float
         tau (s).
     highest_frequency : float
         The sum was fitted from 0 Hz up to this frequency (Hz).
     """
 
-    weights: NDArray[np.float64]
-    rates: NDArray[np.float64]
-    rest: float
     time_constant: float
     highest_frequency: float
-
-    def response(self, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Approximation of u coth(u) at frequencies (Hz)."""
-        s = 2j * np.pi * np.asarray(frequency, dtype=np.float64)
-        return 1.0 + (s[..., None] / (s[..., None] + self.rates)) @ self.weights + self.rest * s
 
     def error(self, frequency: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Relative error at frequencies (Hz): real part of the magnitude, imaginary part of the phase (rad)."""
         return self.response(frequency) / diffusion(frequency, self.time_constant) - 1.0
-
-    def mean(self, step: float) -> tuple[NDArray[np.float64], float]:
-        """Mean drop over a step (s) whose flux changes at a constant rate, over J, as alpha and k.
-
-        With phi and m_n at its start, the mean is phi + (h / 2) dphi/dt + sum_n alpha_n m_n + k dphi/dt.
-
-        Returns
-        -------
-        shares : ndarray, shape (n,)
-            alpha_n = (1 - exp(-p_n h)) / (p_n h).
-        coefficient : float
-            k = r + sum_n c_n (1 - alpha_n) / p_n (s).
-        """
-        exponent = self.rates * step
-        shares = -np.expm1(-exponent) / exponent
-        return shares, self.rest + float(np.sum(self.weights * (1.0 - shares) / self.rates))
-
-    def update(self, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Coefficients a, b, each of shape (n,), of the recursion m_n <- a_n m_n + b_n (phi_new - phi_old).
-
-        It is exact for a flux that is linear within the step (s), and otherwise of second order.
-        """
-        exponent = self.rates * step
-        return np.exp(-exponent), -self.weights * np.expm1(-exponent) / exponent
 
 
 def diffusion(frequency: NDArray[np.float64], time_constant: float) -> NDArray[np.complex128]:
@@ -288,7 +249,7 @@ def _fitted_terms(time_constant: float, highest: float) -> DiffusionTerms | None
     frequency = np.geomspace(min(0.01 * slowest, highest), highest, 400)
     for number in range(MOST_TERMS + 1):
         rates = np.geomspace(slowest, fastest, number)
-        weights, rest = _fit(rates, frequency, time_constant)
+        weights, rest = fit_weights(rates, frequency, diffusion(frequency, time_constant))
         used = weights > 0.0
         terms = DiffusionTerms(
             weights=weights[used],
@@ -300,17 +261,3 @@ def _fitted_terms(time_constant: float, highest: float) -> DiffusionTerms | None
         if rest > 0.0 and np.abs(terms.error(frequency)).max() <= ACCURACY:
             return terms
     return None
-
-
-def _fit(
-    rates: NDArray[np.float64], frequency: NDArray[np.float64], time_constant: float
-) -> tuple[NDArray[np.float64], float]:
-    """Weights and rest that fit the diffusion with the smallest sum of squares of the relative error."""
-    s = 2j * np.pi * frequency[:, None]
-    wanted = diffusion(frequency, time_constant)
-    columns = np.hstack([s / (s + rates), s]) / wanted[:, None]
-    matrix = np.vstack([columns.real, columns.imag])
-    scale = np.linalg.norm(matrix, axis=0)
-    target = (wanted - 1.0) / wanted
-    coefficients = nnls(matrix / scale, np.concatenate([target.real, target.imag]))[0] / scale
-    return coefficients[:-1], float(coefficients[-1])

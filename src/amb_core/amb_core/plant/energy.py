@@ -14,7 +14,9 @@ from amb_core.plant.trace import Trace
 
 
 class EnergyAccount:
-    """Energies of a run (J), summed over consecutive traces of one plant, all bearings together.
+    """Energies of a run (J), summed over consecutive traces of one plant, both radial bearings together.
+
+    A thrust bearing and the motion along the axis, which exchange no energy with them, are not part of it.
 
     Create it in the state of the plant at which the first trace begins. Powers are integrated by the trapezoidal rule
     over each internal step, with the voltages of that step at both ends: currents and flux rates jump with them.
@@ -147,7 +149,7 @@ def _gained(rows: NDArray[np.float64], form: NDArray[np.float64]) -> float:
 
 def _each(function: Callable[..., NDArray[np.float64]], *traces: Trace) -> Trace:
     """Trace with the results of a function of the arrays of traces of one plant."""
-    names = [field.name for field in fields(Trace) if field.name != "bearing_b"]
+    names = [field.name for field in fields(Trace) if field.name not in ("bearing_b", "axial")]
     arrays = {name: function(*(getattr(trace, name) for trace in traces)) for name in names}
     others = [trace.bearing_b for trace in traces if trace.bearing_b is not None]
-    return Trace(**arrays, bearing_b=_each(function, *others) if others else None)
+    return Trace(**arrays, bearing_b=_each(function, *others) if others else None, axial=None)

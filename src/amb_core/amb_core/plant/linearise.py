@@ -7,7 +7,7 @@ coil currents lag less; with the modulation averaged, or where a sample does not
 exact for the continuous model.
 
 Inputs and outputs are the axes of the machine: i_x, i_y and x, y of one bearing; i_x_a to i_y_b and x_a to y_b of a
-rotor in two. A bearing with 1 DOF has i_y and y alone.
+rotor in two, then i_z and z of a thrust bearing. A bearing with 1 DOF has i_y and y alone.
 
 Sources: Schweitzer, Maslen (eds.), "Magnetic Bearings", Springer 2009, ch. 8 (linear bearing, negative stiffness);
 ISO 14839-3 (peak sensitivity of the closed loop as a measure of its stability margin).
@@ -21,10 +21,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from amb_core.loop.control import ControllerParameters, pack_gains, require_one_rate
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.plant.differences import linear_plant
+from amb_core.plant.linear_axial import AxialPoint, averaged_axial, axial_point, sampled_axial
 from amb_core.plant.operating_point import OperatingPoint, point_at, point_held_by
 from amb_core.plant.plant import Plant
 from amb_core.plant.rigid_mode import rates_of, rigid_pair
@@ -45,7 +47,9 @@ class Linearization:
     Attributes
     ----------
     point : OperatingPoint
-        Point of linearisation.
+        Point of linearisation of the radial axes.
+    axial_point : AxialPoint or None
+        That along the rotor's axis; None without a thrust bearing.
     controller : ControllerParameters
         The controller of the loop.
     continuous : control.StateSpace
@@ -59,6 +63,7 @@ class Linearization:
     """
 
     point: OperatingPoint
+    axial_point: AxialPoint | None
     controller: ControllerParameters
     continuous: control.StateSpace
     discrete: control.StateSpace
@@ -116,8 +121,8 @@ def linearize(
     controller : ControllerParameters, optional
         By default the paper's.
     position : ndarray, shape (2,), optional
-        Rotor position about which to linearise (m). By default the position at which the controller holds the rotor,
-        sag included.
+        Radial rotor position about which to linearise (m). By default the position at which the controller holds the
+        rotor, sag included; along its axis it is always that one.
 
     Raises
     ------
@@ -129,10 +134,26 @@ def linearize(
     controller = controller or ControllerParameters()
     require_one_rate(controller.sample_rate, 1.0 / plant.sample_time)
     point = point_held_by(controller, plant) if position is None else point_at(position, plant)
+    along_axis = axial_point(controller, plant)
     continuous = linear_plant(plant, point)
     regular = modulation_is_regular(plant.parameters)
     discrete = sampled_plant(plant, point) if regular else _discretise(continuous, plant)
-    return Linearization(point, controller, continuous, discrete, *close_loop(discrete, controller))
+    if plant.axial is not None and along_axis is not None:
+        axial = averaged_axial(plant, plant.axial, along_axis)
+        sampled = sampled_axial(plant, plant.axial, along_axis) if regular else _discretise(axial, plant)
+        continuous, discrete = _beside(continuous, axial), _beside(discrete, sampled)
+    return Linearization(point, along_axis, controller, continuous, discrete, *close_loop(discrete, controller))
+
+
+def _beside(first: control.StateSpace, second: control.StateSpace) -> control.StateSpace:
+    """Two models that do not act on each other as one, inputs and outputs of the first first."""
+    import control
+
+    return control.StateSpace(
+        *(linalg.block_diag(getattr(first, name), getattr(second, name)) for name in "ABCD"), first.dt,
+        states=[*first.state_labels, *second.state_labels], inputs=[*first.input_labels, *second.input_labels],
+        outputs=[*first.output_labels, *second.output_labels], name=first.name,
+    )  # fmt: skip
 
 
 def _discretise(continuous: control.StateSpace, plant: Plant) -> control.StateSpace:

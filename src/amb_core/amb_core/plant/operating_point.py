@@ -12,6 +12,7 @@ from amb_core.errors import PlantError
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant.averaged import AveragedPlant, coil_references
 from amb_core.plant.plant import Plant
+from amb_core.plant.rotor import rotor_mass
 
 _TOLERANCE = 1e-9
 """Residual force allowed at an equilibrium, relative to the weight."""
@@ -50,8 +51,8 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
         If there is no equilibrium inside the backup bearing, or it needs more current or voltage than available.
     """
     averaged = AveragedPlant(plant)
-    axes = 2 * plant.bearings
-    reference, gains = controller.references(axes), pack_gains(controller, axes)[:, 0]
+    axes, radial = len(plant.machine.axes), 2 * plant.bearings
+    reference, gains = controller.references(axes)[:radial], pack_gains(controller, axes)[:radial, 0]
     sensors = averaged.sensors()[:, averaged.coordinates]
     start = _coordinates(plant, reference)
     # Coordinates in units in which a gap's displacement of a journal is about one
@@ -71,7 +72,7 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
     if point is None or not _inside(point, radius):
         raise PlantError(
             f"the controller with K_P = {controller.proportional_gain:g} A/m cannot hold the rotor of "
-            f"{rotor_mass(plant):g} kg inside the backup bearing, {radius:g} m"
+            f"{rotor_mass(plant.parameters, plant.rotor):g} kg inside the backup bearing, {radius:g} m"
         )
     largest = float(np.abs(point.current_reference).max())
     if largest >= controller.current_limit:
@@ -142,16 +143,6 @@ def _journal_shapes(plant: Plant) -> NDArray[np.float64]:
     return np.eye(2) if plant.rotor is None else plant.rotor.bearings
 
 
-def rotor_mass(plant: Plant) -> float:
-    """Mass of the rotor, or of the part that a single bearing carries (kg)."""
-    rotor = plant.parameters.rotor
-    if plant.rotor is None:
-        return rotor.mass
-    # The weight of a rigid motion along y
-    lifted = plant.rotor.coordinates_at(0.0, 1.0)
-    return float(lifted @ plant.rotor.mass @ lifted)
-
-
 def _inside(point: OperatingPoint, radius: float) -> bool:
     return bool((np.hypot(*point.journals.reshape(-1, 2).T) < radius).all())
 
@@ -179,7 +170,9 @@ def _check_duties(point: OperatingPoint, plant: Plant) -> None:
 def _unbalanced(point: OperatingPoint, averaged: AveragedPlant) -> NDArray[np.float64]:
     """Unbalanced force over weight (or weight at 1 m/s^2); for directions that cannot move, the position."""
     plant = averaged.plant
-    left = averaged.unbalanced(point.state) / (rotor_mass(plant) * max(plant.parameters.rotor.gravity, 1.0))
+    left = averaged.unbalanced(point.state) / (
+        rotor_mass(plant.parameters, plant.rotor) * max(plant.parameters.rotor.gravity, 1.0)
+    )
     if "x" not in plant.axes:
         left[0] = (point.journals[0] - plant.parameters.rotor.initial_x) / plant.parameters.magnetic_circuit.air_gap
     return left

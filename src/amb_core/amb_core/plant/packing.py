@@ -49,11 +49,11 @@ def pack(
     rotor : RotorModel or None
         Its rotor in two bearings; None for a point mass in one.
     """
-    constants = _records(records.CONSTANTS)
+    constants = records_of(records.CONSTANTS)
     record = constants[0]
     _pack_switches(record, parameters, network)
     _pack_network(record, parameters, network)
-    _pack_amplifier(record["amplifier"], parameters)
+    pack_amplifier(record["amplifier"], parameters)
     record["amplifier"]["mean_by_ends"] = 0.0 if record["diffusion"] else 0.5
     _pack_rotor(record["rotor"], parameters)
     _pack_paths(record["paths"], parameters, network)
@@ -70,13 +70,13 @@ def pack(
         record["curve"] = pack_curve(parameters.iron)
     return Arrays(
         constants=constants,
-        state=_records(records.STATE),
-        bearings=_records(records.BEARING, 1 if rotor is None else records.MOST_BEARINGS),
+        state=records_of(records.STATE),
+        bearings=records_of(records.BEARING, 1 if rotor is None else records.MOST_BEARINGS),
         modes=np.zeros((0, 0)) if rotor is None else _pack_modes(rotor),
     )
 
 
-def _records(kind: np.dtype[Any], number: int = 1) -> NDArray[Any]:
+def records_of(kind: np.dtype[Any], number: int = 1) -> NDArray[Any]:
     """Records of zeros that begin on a cache line, so that their speed does not depend on the memory address."""
     line = 64
     memory = np.zeros(number * kind.itemsize + line, dtype=np.uint8)
@@ -128,7 +128,8 @@ def _pack_network(record: np.void, parameters: PlantParameters, network: Magneti
     record["current_by_voltage"] = by_columns[POLES:, POLES:]
 
 
-def _pack_amplifier(record: np.void, parameters: PlantParameters) -> None:
+def pack_amplifier(record: np.void, parameters: PlantParameters) -> None:
+    """Write the amplifiers of a plant to a record of the kind AMPLIFIER."""
     amplifier = parameters.amplifier
     period = parameters.steps_per_period if amplifier.switching else 1
     record["supply"] = amplifier.supply_voltage

@@ -12,6 +12,7 @@ from pydantic import model_validator
 
 from amb_core.loop.bearing import BACKUP_BEARING_RADIUS
 from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_core.plant.thrust_parameters import ThrustBearingParameters
 
 
 class MagneticCircuitParameters(Parameters):
@@ -164,6 +165,9 @@ class RotorParameters(Parameters):
     )
     initial_x: float = quantity(0.0, "m", "rotor position at reset, x axis", -1e-2, 1e-2)
     initial_y: float = quantity(0.0, "m", "rotor position at reset, y axis", -1e-2, 1e-2)
+    axial: bool = switch(False, "the rotor moves along its axis too, axis z, in a thrust bearing (thrust_bearing)")
+    external_force_z: float = quantity(0.0, "N", "external force on the rotor along its axis, z", -1e6, 1e6)
+    initial_z: float = quantity(0.0, "m", "rotor position at reset, z axis", -1e-2, 1e-2)
 
 
 class RigidRotorParameters(Parameters):
@@ -246,6 +250,7 @@ class PlantParameters(Parameters):
     rotor: RotorParameters = RotorParameters()
     rigid_rotor: RigidRotorParameters = RigidRotorParameters()
     flexible_rotor: FlexibleRotorParameters = FlexibleRotorParameters()
+    thrust_bearing: ThrustBearingParameters = ThrustBearingParameters()
     backup_bearing: BackupBearingParameters = BackupBearingParameters()
     sensor: SensorParameters = SensorParameters()
     converters: ConverterParameters = ConverterParameters()
@@ -297,6 +302,25 @@ class PlantParameters(Parameters):
             raise ValueError(
                 "iron.laminations = 'diffusion' and iron.eddy_currents is off; flux diffuses against eddy currents: "
                 "switch them on, or iron.laminations: thin"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _disc_fits_the_thrust_bearing(self) -> PlantParameters:
+        rotor, clearance = self.rotor, self.thrust_bearing.clearance
+        if not rotor.axial:
+            for name in ("external_force_z", "initial_z"):
+                if getattr(rotor, name) != 0.0:
+                    raise ValueError(f"rotor.{name} is given and rotor.axial is off; switch it on")
+            return self
+        if self.magnetic_circuit.actuators != "two_axis":
+            raise ValueError(
+                f"rotor.axial is on with magnetic_circuit.actuators = '{self.magnetic_circuit.actuators}'; allowed "
+                "with a thrust bearing: two_axis"
+            )
+        if abs(rotor.initial_z) >= clearance:
+            raise ValueError(
+                f"rotor.initial_z = {rotor.initial_z:g} m must lie inside the axial backup bearing, {clearance:g} m"
             )
         return self
 

@@ -28,8 +28,8 @@ from amb_core.parameters import flatten, part_of, validate
 from amb_core.plant.averaged import AveragedPlant
 from amb_core.plant.closed_forms import current_gain, negative_stiffness
 from amb_core.plant.linearise import Linearization, close_loop, linearize
-from amb_core.plant.operating_point import rotor_mass
 from amb_core.plant.plant import Plant
+from amb_core.plant.rotor import rotor_mass
 
 STIFF, SOFT = (3.0, 4.0, 5.0, 6.0), (1.6, 2.0, 2.5)
 """Ratios of the stiffnesses; the soft ones only if no stiff loop has a peak sensitivity that is low enough."""
@@ -97,7 +97,7 @@ def _gains(plant: Plant, ratio: float, zeta: float) -> dict[str, float]:
     """K_P and K_D, rounded to three digits."""
     circuit, bias = plant.parameters.magnetic_circuit, plant.parameters.amplifier.bias_current
     gain, stiffness = current_gain(circuit, bias), negative_stiffness(circuit, bias)
-    mass = rotor_mass(plant) / plant.bearings
+    mass = rotor_mass(plant.parameters, plant.rotor) / plant.bearings
     return {
         "proportional_gain": float(f"{ratio * stiffness / gain:.3g}"),
         "derivative_gain": float(f"{2.0 * zeta * np.sqrt((ratio - 1.0) * stiffness * mass) / gain:.3g}"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any
 
@@ -11,16 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
+from amb_core.plant.axial import Axial, AxialSnapshot, unpack_axial
 from amb_core.plant.iron import initial_iron
 from amb_core.plant.kernel import records
 from amb_core.plant.kernel.advance import advance
+from amb_core.plant.kernel.axial import ROW_SIZE
 from amb_core.plant.kernel.rotor import COORDINATE, INPUTS, place_journals
 from amb_core.plant.machine import machine_of
 from amb_core.plant.magnetostatics import Magnetostatics
 from amb_core.plant.network import COILS, active_coils, build_network
 from amb_core.plant.packing import pack
 from amb_core.plant.parameters import PlantParameters
-from amb_core.plant.rotor import rotor_model
+from amb_core.plant.rotor import rotor_mass, rotor_model
 from amb_core.plant.sensing import Sensing, quantise
 from amb_core.plant.trace import Trace, row_size, unpack
 
@@ -41,6 +43,8 @@ class PlantSnapshot:
         Of the journal (m).
     contact : ndarray of bool, shape (bearings,)
         Whether the backup bearing pushed the journal or the journal has reached it.
+    axial : AxialSnapshot or None
+        The same of the thrust bearing.
     """
 
     coil_current: NDArray[np.float64]
@@ -49,14 +53,15 @@ class PlantSnapshot:
     contact_force: NDArray[np.float64]
     position: NDArray[np.float64]
     contact: NDArray[np.bool_]
+    axial: AxialSnapshot | None = None
 
 
 class Plant:
-    """A radial bearing with its amplifiers and a point mass, or two with a rotor.
+    """A radial bearing with its amplifiers and a point mass, or two with a rotor; optionally a thrust bearing.
 
     Inputs are the control current references of all axes (A); the amplifiers add the bias current. Outputs are the
     measured rotor positions of all axes (m). `advance` integrates exactly one controller sample. The axes are x and y,
-    with a rotor in two bearings those of bearing A and then of B.
+    with a rotor in two bearings those of bearing A and then of B; z follows with a thrust bearing.
 
     Attributes
     ----------
@@ -65,15 +70,17 @@ class Plant:
     machine : Machine
         Its axes and bearings.
     network : MagneticNetwork
-        The magnetic circuit, the same in both bearings.
+        The magnetic circuit, the same in both radial bearings.
     magnetostatics : Magnetostatics
         The magnetic circuit at rest.
     rotor : RotorModel or None
         The rotor in two bearings; None for a point mass in one.
     bearings : int
-        1 or 2.
+        Number of radial bearings, 1 or 2.
+    axial : Axial or None
+        The thrust bearing and the rotor along its axis; None without.
     delevitated : bool
-        Whether a journal touched its backup bearing, unless contact is part of the model.
+        Whether the rotor touched a backup bearing, unless contact is part of the model.
     samples : int
         Controller samples since the reset.
     sample_time : float
@@ -93,6 +100,7 @@ class Plant:
         self.magnetostatics = Magnetostatics(parameters, self.network)
         self.rotor = None if parameters.rotor.model == "point_mass" else rotor_model(parameters)
         self.bearings = 1 if self.rotor is None else 2
+        self.axial = Axial(parameters, rotor_mass(parameters, self.rotor)) if parameters.rotor.axial else None
         self._check_internal_step()
         self._check_modes()
         self._arrays = pack(parameters, self.network, self.magnetostatics, self.rotor)
@@ -100,6 +108,7 @@ class Plant:
         self._current_resolution = parameters.converters.current_resolution
         self._late_steps = round(parameters.converters.computation_delay * self._steps)
         self._no_trace = np.empty((0, row_size(self.bearings, self._coordinates)))
+        self._no_axial_trace = np.empty((0, ROW_SIZE))
         self._sensing = Sensing(parameters, 2 * self.bearings)
         self.sample_time = 1.0 / parameters.integration.sample_rate
         self._set_views()
@@ -134,8 +143,11 @@ class Plant:
         self.delevitated = False
         self.samples = 0
         self._sensing.reset()
-        self._reference, self._next_reference = np.zeros(2 * self.bearings), np.zeros(2 * self.bearings)
+        axes = len(self.machine.axes)
+        self._reference, self._next_reference = np.zeros(axes), np.zeros(axes)
         self._measured = self._sensing.measure(self._sensed) if self._sensing.real else self._sensed
+        if self.axial is not None:
+            self.axial.reset()
 
     def _reset_circuit(self, bearing: np.void, x: float, y: float) -> None:
         bias = self.bias_currents()
@@ -155,20 +167,22 @@ class Plant:
     @property
     def position(self) -> tuple[float, ...]:
         """Measured rotor position of each axis (m)."""
-        return tuple(self._measured.tolist())
+        radial = tuple(self._measured.tolist())
+        return radial if self.axial is None else (*radial, self.axial.measured)
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Axes along which the rotor can move: `x` and `y`, or `y` alone for a bearing with 1 DOF."""
+        """Radial axes along which the rotor can move: `x` and `y`, or `y` alone for a bearing with 1 DOF."""
         return ("x", "y") if self.parameters.magnetic_circuit.actuators == "two_axis" else ("y",)
 
     @property
     def contact(self) -> bool:
-        """Whether a backup bearing pushed its journal in the last internal step."""
-        return bool(self._arrays.bearings["contact_force"].any())
+        """Whether a backup bearing pushed the rotor in the last internal step."""
+        radial = bool(self._arrays.bearings["contact_force"].any())
+        return radial or (self.axial is not None and self.axial.contact)
 
     def bias_currents(self) -> NDArray[np.float64]:
-        """Bias current of every coil (A), shape (4,); zero for coils without amplifier."""
+        """Bias current of every coil of a radial bearing (A), shape (4,); zero for coils without amplifier."""
         currents = np.zeros(COILS)
         currents[list(active_coils(self.parameters.magnetic_circuit))] = self.parameters.amplifier.bias_current
         return currents
@@ -186,15 +200,18 @@ class Plant:
         PlantError
             If the rotor has delevitated, the number of references is wrong, or a reference or a state is not finite.
         """
-        self._advance(currents, self._no_trace)
+        self._advance(currents, self._no_trace, self._no_axial_trace)
         return self.position
 
     def trace(self, currents: Sequence[float] | NDArray[np.float64], samples: int = 1) -> Trace:
         """Like `samples` calls of `advance` with the same references, returning every internal step."""
         rows = np.empty((samples * self._steps, self._no_trace.shape[1]))
+        axial_rows = np.empty((0 if self.axial is None else len(rows), ROW_SIZE))
         for sample in range(samples):
-            self._advance(currents, rows[sample * self._steps : (sample + 1) * self._steps])
-        return unpack(rows, self.bearings, self._coordinates, self.parameters.integration.internal_step)
+            part = slice(sample * self._steps, (sample + 1) * self._steps)
+            self._advance(currents, rows[part], axial_rows[part])
+        trace = unpack(rows, self.bearings, self._coordinates, self.parameters.integration.internal_step)
+        return trace if self.axial is None else replace(trace, axial=unpack_axial(axial_rows))
 
     def snapshot(self) -> PlantSnapshot:
         """Currents, flux densities and forces at the end of the last internal step."""
@@ -210,6 +227,7 @@ class Plant:
             position=position,
             contact=contact_force.any(axis=1)
             | (np.hypot(position[:, 0], position[:, 1]) >= self.parameters.rotor.backup_bearing_radius),
+            axial=None if self.axial is None else self.axial.snapshot(),
         )
 
     def iron_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -240,7 +258,12 @@ class Plant:
     def _coordinates(self) -> int:
         return 0 if self.rotor is None else self.rotor.n
 
-    def _advance(self, currents: Sequence[float] | NDArray[np.float64], rows: NDArray[np.float64]) -> None:
+    def _advance(
+        self,
+        currents: Sequence[float] | NDArray[np.float64],
+        rows: NDArray[np.float64],
+        axial_rows: NDArray[np.float64],
+    ) -> None:
         if self.delevitated:
             raise PlantError(f"the rotor delevitated at sample {self.samples}; reset the plant")
         before, now = self._reference, self._next_reference
@@ -259,11 +282,26 @@ class Plant:
         status = advance(*self._arrays, before, late, rows[:late]) if late > 0 else records.OK
         if status in (records.OK, records.DELEVITATED) and late < self._steps:
             status = advance(*self._arrays, now, self._steps - late, rows[late:] if len(rows) else rows)
+        axial_status = records.OK if self.axial is None else self._advance_axial(self.axial, before, now, axial_rows)
         self._reference, self._next_reference = now, before
         self.samples += 1
         if status != records.OK:
             self._stop(status)
+        elif axial_status != records.OK:
+            self._stop_axial(axial_status)
         self._measured = self._sensing.measure(self._sensed) if self._sensing.real else self._sensed
+
+    def _advance_axial(
+        self, axial: Axial, before: NDArray[np.float64], now: NDArray[np.float64], rows: NDArray[np.float64]
+    ) -> int:
+        """Move the rotor along its axis over a sample, the new control current reference late as in the other axes."""
+        late, status = self._late_steps, records.OK
+        if late > 0:
+            status = axial.advance(before[-1], late, rows[:late])
+        if status in (records.OK, records.DELEVITATED) and late < self._steps:
+            status = axial.advance(now[-1], self._steps - late, rows[late:] if len(rows) else rows)
+        axial.measure()
+        return status
 
     def _check_internal_step(self) -> None:
         """The integrator is stable up to one step per fastest eddy-current time constant; half of that is allowed."""
@@ -317,3 +355,15 @@ class Plant:
         names = {"flux": bearings["flux"], "rotor": np.stack(rotor)}
         bad = [name for name, part in names.items() if not np.isfinite(part).all()]
         raise PlantError(f"state not finite ({', '.join(bad)}) {when}; reset the plant")
+
+    def _stop_axial(self, status: int) -> None:
+        if status == records.DELEVITATED:
+            self.delevitated = True
+            return
+        when = f"at sample {self.samples}, {self.samples * self.sample_time:.6f} s"
+        if status == records.GAP_CLOSED:
+            raise PlantError(
+                f"the disc reached the poles of the thrust bearing {when}, through a backup bearing of stiffness "
+                f"{self.parameters.backup_bearing.stiffness:g} N/m; reset the plant"
+            )
+        raise PlantError(f"state not finite (thrust bearing) {when}; reset the plant")

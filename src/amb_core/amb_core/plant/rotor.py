@@ -94,6 +94,14 @@ def rotor_model(parameters: PlantParameters) -> RotorModel:
     return rigid_rotor(parameters) if parameters.rotor.model == "rigid" else flexible_rotor(parameters)
 
 
+def rotor_mass(parameters: PlantParameters, rotor: RotorModel | None) -> float:
+    """Mass that moves in a rigid translation (kg): the point mass where there is no rotor in two bearings."""
+    if rotor is None:
+        return parameters.rotor.mass
+    lifted = rotor.coordinates_at(0.0, 1.0)
+    return float(lifted @ rotor.mass @ lifted)
+
+
 def rigid_rotor(parameters: PlantParameters) -> RotorModel:
     """Rigid body; coordinates are x, y of its centre of mass and tilts dx/dz, dy/dz of its axis.
 

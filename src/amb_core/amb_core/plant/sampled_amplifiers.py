@@ -38,10 +38,7 @@ def modulation_is_regular(parameters: PlantParameters) -> bool:
 
 
 def sampled_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
-    """The plant from control currents (A) to measured positions (m) from sample to sample.
-
-    Its states are those of the open plant, then for each electromagnet the integral of its current over the switching
-    period (`charge`, A s), the integral part, and what interleaving and computation delay hold.
+    """The plant from control currents (A) to measured positions (m) of the radial axes, from sample to sample.
 
     Parameters
     ----------
@@ -50,34 +47,55 @@ def sampled_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
     point : OperatingPoint
         Point of linearisation.
     """
+    by_axis = _references(plant.parameters, plant_axes(plant))
+    return sample_modulated(open_plant(plant, point), plant.parameters, by_axis, axis_labels(plant))
+
+
+def sample_modulated(
+    opened: OpenPlant, parameters: PlantParameters, by_axis: NDArray[np.float64], labels: list[str]
+) -> control.StateSpace:
+    """A plant with modulated amplifiers from control currents (A) to measured positions (m), from sample to sample.
+
+    Its states are those of the open plant, then for each electromagnet the integral of its current over the switching
+    period (`charge`, A s), the integral part, and what interleaving and computation delay hold.
+
+    Parameters
+    ----------
+    opened : OpenPlant
+        The plant without current controllers.
+    parameters : PlantParameters
+        Its amplifiers, delay and rates are used; the modulation is regular, see `modulation_is_regular`.
+    by_axis : ndarray, shape (coils, axes)
+        Coil current references by control currents.
+    labels : list of str
+        Names of the axes.
+    """
     import control
 
-    opened, axes, parameters = open_plant(plant, point), plant_axes(plant), plant.parameters
-    a, b, names = _sample(opened, parameters, axes)
-    labels = axis_labels(plant)
+    a, b, names = _sample(opened, parameters, by_axis)
+    axes = len(labels)
     names += [f"held_i_{label}" for label in labels]
     kept = _moving(a, len(opened.a))
-    c = np.hstack([opened.sensors, np.zeros((len(axes), len(a) - len(opened.a)))])[:, kept]
+    c = np.hstack([opened.sensors, np.zeros((axes, len(a) - len(opened.a)))])[:, kept]
     return control.StateSpace(
-        a[np.ix_(kept, kept)], b[kept], c, np.zeros((len(axes), len(axes))), plant.sample_time,
+        a[np.ix_(kept, kept)], b[kept], c, np.zeros((axes, axes)), 1.0 / parameters.integration.sample_rate,
         states=[names[n] for n in kept], inputs=[f"i_{label}" for label in labels], outputs=labels, name="plant",
     )  # fmt: skip
 
 
 def _sample(
-    opened: OpenPlant, parameters: PlantParameters, axes: list[int]
+    opened: OpenPlant, parameters: PlantParameters, by_axis: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:
     """Matrices of x[k+1] = A x[k] + B i[k] and the names of the first states: plant, charge, integral, voltage.
 
     After these come the held inputs.
     """
-    amplifier, coils = parameters.amplifier, len(opened.coils)
+    amplifier, (coils, axes) = parameters.amplifier, by_axis.shape
     period = 1.0 / amplifier.switching_frequency
     parts = COILS if amplifier.carriers == "interleaved" else 1
     charge, integral, voltage, held = (len(opened.a) + n * coils for n in range(4))
-    a, b = np.eye(held + len(axes)), np.zeros((held + len(axes), len(axes)))
+    a, b = np.eye(held + axes), np.zeros((held + axes, axes))
     flow = _flow(opened, len(a), period / parts)
-    by_axis = _references(parameters, axes)
     late = round(parameters.converters.computation_delay * parameters.steps_per_sample)
     periods = parameters.steps_per_sample // parameters.steps_per_period
     for part in range(periods * parts):
@@ -93,7 +111,7 @@ def _sample(
                 matrix[voltage + coil] = 2.0 * amplifier.supply_voltage * duty
                 matrix[charge + coil] = 0.0
         a, b = flow @ a, flow @ b
-    a[held:], b[held:] = 0.0, np.eye(len(axes))
+    a[held:], b[held:] = 0.0, np.eye(axes)
     names = [f"{kind}_{coil}" for kind in ("charge", "integral", "voltage") for coil in opened.coils]
     return a, b, [*opened.states, *names]
 

@@ -19,6 +19,8 @@ class Sensing:
         The plant; only its `sensor` and `converters` are used.
     axes : int
         Number of measured positions.
+    stream : int, optional
+        Number of the stream of noise: others are independent. Axes keep their noise whatever other streams there are.
 
     Attributes
     ----------
@@ -26,7 +28,8 @@ class Sensing:
         Whether a measurement differs from the position at all.
     """
 
-    def __init__(self, parameters: PlantParameters, axes: int) -> None:
+    def __init__(self, parameters: PlantParameters, axes: int, stream: int = 0) -> None:
+        self._stream = stream
         self._sensor, self._resolution = parameters.sensor, parameters.converters.position_resolution
         self._axes = axes
         self.real = parameters.sensor.noise > 0.0 or self._resolution > 0.0
@@ -34,7 +37,9 @@ class Sensing:
 
     def reset(self) -> None:
         """Restart the noise: it is the same after every reset."""
-        self._generator = np.random.Generator(np.random.PCG64(self._sensor.noise_seed))
+        key = (self._stream,) if self._stream else ()
+        seed = np.random.SeedSequence(self._sensor.noise_seed, spawn_key=key)
+        self._generator = np.random.Generator(np.random.PCG64(seed))
         self._noise = np.empty((0, self._axes))
         self._used = 0
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.plant.axial import AxialTrace
 from amb_core.plant.kernel.trace import ENERGIES, FIELDS
 
 
@@ -32,6 +33,8 @@ class Trace:
         Generalised coordinates of a rotor in two bearings, and their rates; m = 0 for a point mass.
     bearing_b : Trace or None
         The same for bearing B.
+    axial : AxialTrace or None
+        Of the thrust bearing.
     """
 
     time: NDArray[np.float64]
@@ -48,6 +51,7 @@ class Trace:
     coordinates: NDArray[np.float64]
     rates: NDArray[np.float64]
     bearing_b: Trace | None = None
+    axial: AxialTrace | None = None
 
 
 def row_size(bearings: int, coordinates: int) -> int:
@@ -66,6 +70,6 @@ def unpack(rows: NDArray[np.float64], bearings: int, coordinates: int, internal_
     time = np.arange(len(rows), dtype=np.float64) * internal_step
     trace: Trace | None = None
     for own in reversed(of_bearings):
-        trace = Trace(time=time, **own, **shared, bearing_b=trace)
+        trace = Trace(time=time, **own, **shared, bearing_b=trace, axial=None)
     assert trace is not None  # there is a bearing
     return trace

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from amb_core.plant.eddy import MOST_TERMS
+from amb_core.plant.memory_terms import MOST_TERMS
 from amb_core.plant.network import COILS, POLES
 
 OK, DELEVITATED, NOT_FINITE, GAP_CLOSED = range(4)
