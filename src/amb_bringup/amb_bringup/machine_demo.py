@@ -40,6 +40,7 @@ AMPLITUDE = 1.5e-6  # m, of a rigid rotor
 LOWEST = 2.0  # Hz
 HIGHEST = 600.0  # Hz; higher lines cost much current, whose square distorts the response to the low ones
 HIGHEST_OVER_BENDING = 2.25  # likewise over the highest bending frequency of a flexible rotor
+STATES_OF_HALF_ORDER = 2  # that describe the eddy currents of a thrust bearing over the band
 
 
 @dataclass(frozen=True)
@@ -130,9 +131,10 @@ def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progres
 
 
 def order_of(plant: Plant) -> int:
-    """Order of the model of a machine: two states for each coordinate of its rotor and one for each axis."""
+    """Order of the model: two states for each coordinate of the rotor, one for each axis, more for a lag of half order."""
     assert plant.rotor is not None  # of several bearings
-    return 2 * plant.rotor.n + len(plant.machine.axes)
+    thrust = 0 if plant.axial is None else 2 + STATES_OF_HALF_ORDER
+    return 2 * plant.rotor.n + thrust + len(plant.machine.axes)
 
 
 def excitation_for(plant: Plant) -> Multisine:
