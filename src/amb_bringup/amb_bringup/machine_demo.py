@@ -131,7 +131,7 @@ def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progres
 
 
 def order_of(plant: Plant) -> int:
-    """Order of the model: two states for each coordinate of the rotor, one for each axis, more for a lag of half order."""
+    """Order of the model: two states for each coordinate of the rotor, one for each axis, more for a half-order lag."""
     assert plant.rotor is not None  # of several bearings
     thrust = 0 if plant.axial is None else 2 + STATES_OF_HALF_ORDER
     return 2 * plant.rotor.n + thrust + len(plant.machine.axes)
