@@ -302,12 +302,15 @@ def _status(block: bytes, step: int) -> TargetStatus | Refusal:
                 _TRIP.unpack_from(block, _STATUS.size + row * _TRIP.size) for row in range(count)
             )
         )
-        known, phase = TargetState(state), ExcitationPhase(flags >> 1 & 7)
+        known, phase = TargetState(state), ExcitationPhase(flags >> 1 & 3)
     except ValueError as problem:
         return Refusal(f"status: {problem}")
+    alarm, streaming, ready, controller = (bool(flags & bit) for bit in (1, 16, 32, 64))
+    missed, bad, forged, replayed, unsent = counts
     return TargetStatus(
-        step, known, phase, bool(law), *(bool(flags & bit) for bit in (1, 16, 32, 64)), *counts, counter, trips
-    )
+        step, known, phase, bool(law), alarm, streaming, ready, controller,
+        missed, bad, forged, replayed, unsent, counter, trips,
+    )  # fmt: skip
 
 
 def _reply(counter: int, body: bytes, step: int) -> Reply | Refusal:
@@ -355,7 +358,8 @@ def _telemetry(frame: Frame, session: Session) -> TelemetryBlock | Refusal:
     if len(frame.payload) != _TELEMETRY.size + rows * row:
         return Refusal(f"telemetry of {len(frame.payload)} bytes for {rows} rows of {row}")
     values = np.frombuffer(frame.payload, _NUMBERS[width], -1, _TELEMETRY.size).reshape(rows, row // width)
-    samples = values.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # NaN of a failed sensor, in any of its forms
+        samples = values.astype(np.float64)
     status = None
     if with_status:
         words = np.frombuffer(frame.payload, "<u4", -1, _TELEMETRY.size).reshape(rows, row // 4)
