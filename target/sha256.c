@@ -15,6 +15,8 @@ struct sha256 { uint32_t h[8]; uint64_t count; uint8_t block[64]; };
 
 static uint32_t turn(uint32_t x, int bits) { return (x >> bits) | (x << (32 - bits)); }
 
+#define V(letter) v[((letter) - i) & 7]
+
 static void compress(uint32_t h[8], const uint8_t *block) {
     uint32_t w[64], v[8];
     memset(w, 0, sizeof w);
@@ -24,12 +26,11 @@ static void compress(uint32_t h[8], const uint8_t *block) {
                (turn(w[i - 2], 17) ^ turn(w[i - 2], 19) ^ (w[i - 2] >> 10));
     memcpy(v, h, sizeof v);
     for (int i = 0; i < 64; i++) {
-        uint32_t one = v[7] + (turn(v[4], 6) ^ turn(v[4], 11) ^ turn(v[4], 25)) + ((v[4] & v[5]) ^ (~v[4] & v[6])) +
+        uint32_t one = V(7) + (turn(V(4), 6) ^ turn(V(4), 11) ^ turn(V(4), 25)) + ((V(4) & V(5)) ^ (~V(4) & V(6))) +
                        ROUND[i] + w[i];
-        uint32_t two = (turn(v[0], 2) ^ turn(v[0], 13) ^ turn(v[0], 22)) + ((v[0] & v[1]) ^ (v[2] & (v[0] ^ v[1])));
-        memmove(v + 1, v, 7 * sizeof *v);
-        v[4] += one;
-        v[0] = one + two;
+        uint32_t two = (turn(V(0), 2) ^ turn(V(0), 13) ^ turn(V(0), 22)) + ((V(0) & V(1)) ^ (V(2) & (V(0) ^ V(1))));
+        V(3) += one;
+        V(7) = one + two; /* is V(0) of the next round */
     }
     for (int i = 0; i < 8; i++) h[i] += v[i];
 }

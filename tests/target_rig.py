@@ -26,8 +26,8 @@ from amb_core.target import (
     Description,
     Limits,
     Peer,
-    Refusal,
     ReferenceTarget,
+    Refusal,
     Reply,
     TargetStatus,
     Upload,
@@ -170,8 +170,13 @@ def exchange() -> list[Exchanged]:
     rig.connect()
     steps("first steps", 2)
     signal = 1e-6 * np.arange(300).reshape(150, 2) % 5e-6
-    matrices = np.arange(9 + 6 + 6 + 4 + 6 + 6 + 2 + 2) / 64.0  # no matrices of a library, whose last bits depend on the processor
-    excitation, controller = excitation_upload(1, signal), Upload(2, UploadKind.STATE_SPACE, matrices.tobytes(), 3, 2, 0)
+    matrices = (
+        np.arange(9 + 6 + 6 + 4 + 6 + 6 + 2 + 2) / 64.0
+    )  # no matrices of a library, whose last bits depend on the processor
+    excitation, controller = (
+        excitation_upload(1, signal),
+        Upload(2, UploadKind.STATE_SPACE, matrices.tobytes(), 3, 2, 0),
+    )
     parameters = ControllerParameters(derivative_filter=1e-4)
     plain = (
         ("heartbeat", commands.heartbeat()), ("clock", commands.clock(123_456_789)),
