@@ -37,6 +37,10 @@ class SpectrumError(AmbError):
     """The response to tones cannot be analysed."""
 
 
+class TargetError(AmbError):
+    """A real-time target, or what is to be sent to it, is not as its protocol allows."""
+
+
 class TaskError(AmbError):
     """A task cannot be run: no scheduler, no worker, or what the task itself raised."""
 

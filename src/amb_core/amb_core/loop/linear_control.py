@@ -91,6 +91,33 @@ def linear_update(
     state[:] = after
 
 
+@numba.njit(cache=True)
+def linear_start(state: NDArray[np.float64], at_rest: NDArray[np.float64], inputs: NDArray[np.float64]) -> None:
+    """State before the first sample: that in which these inputs keep the controller at rest.
+
+    A plain sum, since that of a library depends on the processor, and the real-time target must find the same bits.
+
+    Parameters
+    ----------
+    state : ndarray, shape (n,)
+        Receives the state.
+    at_rest : ndarray, shape (n, m)
+        From `state_at_rest`.
+    inputs : ndarray, shape (m,)
+        u (m).
+    """
+    for row in range(len(state)):
+        total = 0.0
+        for column in range(len(inputs)):
+            total += at_rest[row, column] * inputs[column]
+        state[row] = total
+
+
+def state_at_rest(model: StateSpaceModel) -> NDArray[np.float64]:
+    """State of a controller at rest per unit of each constant input, shape (n, m)."""
+    return np.linalg.pinv(np.eye(model.order) - model.a) @ model.b
+
+
 class LinearController:
     """A linear control law with its state.
 
@@ -122,7 +149,7 @@ class LinearController:
         self._sample_rate = sample_rate
         self._with_errors = len(model.input_names) == axes
         self._matrices = (model.a, model.b, model.c, model.d, model.k)
-        self._at_rest = np.linalg.pinv(np.eye(model.order) - model.a) @ model.b
+        self._at_rest = state_at_rest(model)
         self._state, self._after = np.zeros((2, model.order))
         self._inputs, self._current = np.zeros(len(model.input_names)), np.zeros(axes)
         self._begun = False
@@ -163,7 +190,7 @@ class LinearController:
         self._inputs -= self.model.input_offset
         if not self._begun:
             self._begun = True
-            self._state[:] = self._at_rest @ self._inputs
+            linear_start(self._state, self._at_rest, self._inputs)
         linear_update(
             self._state, self._after, self._matrices, self._inputs, self.model.output_offset,
             self.parameters.current_limit, self._current,

@@ -1,0 +1,49 @@
+"""Real-time targets: the frames of AMB-UDP (docs/target-protocol.md), and the reference target in this process."""
+
+from amb_core.target.answers import Answer, Description, Reply, TargetStatus, TelemetryBlock, Trip, decode, machine_of
+from amb_core.target.commands import Command, CommandWriter
+from amb_core.target.frames import Refusal, Session, hello
+from amb_core.target.in_order import InOrder, TelemetryCount
+from amb_core.target.layout import (
+    Code,
+    ExcitationPhase,
+    FrameType,
+    Limits,
+    TargetState,
+    TelemetryOption,
+    TripReason,
+)
+from amb_core.target.reference import LOOPBACK, Peer, ReferenceTarget, build_library
+from amb_core.target.upload import Upload, controller_upload, excitation_upload
+
+__all__ = [
+    "LOOPBACK",
+    "Answer",
+    "Code",
+    "Command",
+    "CommandWriter",
+    "Description",
+    "ExcitationPhase",
+    "FrameType",
+    "InOrder",
+    "Limits",
+    "Peer",
+    "ReferenceTarget",
+    "Refusal",
+    "Reply",
+    "Session",
+    "TargetState",
+    "TargetStatus",
+    "TelemetryBlock",
+    "TelemetryCount",
+    "TelemetryOption",
+    "Trip",
+    "TripReason",
+    "Upload",
+    "build_library",
+    "controller_upload",
+    "decode",
+    "excitation_upload",
+    "hello",
+    "machine_of",
+]

@@ -1,0 +1,111 @@
+"""Telemetry in order: every step once, gaps and repetitions counted to the sample, in bounded memory."""
+
+from __future__ import annotations
+
+import heapq
+from collections import deque
+from dataclasses import dataclass, field, replace
+
+from amb_core.target.answers import TelemetryBlock
+
+
+@dataclass
+class TelemetryCount:
+    """What arrived, in samples.
+
+    Attributes
+    ----------
+    delivered, lost, doubled, late : int
+        Samples passed on; never received within the wait; received twice; received after they had been given up.
+    reordered : int
+        Blocks that arrived after a later one and were put in order.
+    gaps : deque of (int, int)
+        The latest gaps: first step, and the step after the last one.
+    """
+
+    delivered: int = 0
+    lost: int = 0
+    doubled: int = 0
+    late: int = 0
+    reordered: int = 0
+    gaps: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=1000))
+
+
+class InOrder:
+    """Passes blocks on in the order of their steps; waits for a missing one until later samples are there.
+
+    Parameters
+    ----------
+    wait : int
+        Steps that may arrive after a missing one before it is given up.
+
+    Attributes
+    ----------
+    count : TelemetryCount
+        What arrived.
+    """
+
+    def __init__(self, wait: int = 200) -> None:
+        self._wait, self._next, self._newest = wait, -1, -1
+        self._early: list[tuple[int, int, TelemetryBlock]] = []
+        self._arrivals = 0
+        self.count = TelemetryCount()
+
+    def add(self, block: TelemetryBlock) -> list[TelemetryBlock]:
+        """Blocks that can be passed on now that this one has arrived."""
+        stop = block.first_step + block.steps
+        if self._next < 0:
+            self._next = block.first_step
+        if stop <= self._newest and block.first_step >= self._next:
+            self.count.reordered += not self._waits(block)
+        self._newest = max(self._newest, stop)
+        self._arrivals += 1
+        heapq.heappush(self._early, (block.first_step, self._arrivals, block))
+        return self._ready(self._wait)
+
+    def flush(self) -> list[TelemetryBlock]:
+        """All that is left at the end of a stream."""
+        return self._ready(0)
+
+    def _waits(self, block: TelemetryBlock) -> bool:
+        return any(first == block.first_step for first, *_ in self._early)
+
+    def _ready(self, wait: int) -> list[TelemetryBlock]:
+        ready: list[TelemetryBlock] = []
+        while self._early:
+            first, _, block = self._early[0]
+            if first > self._next:
+                if self._newest - self._next <= wait:
+                    break
+                self.count.lost += first - self._next
+                self.count.gaps.append((self._next, first))
+                self._next = first
+            heapq.heappop(self._early)
+            fresh = self._without_known(block)
+            if fresh is not None:
+                ready.append(fresh)
+                self.count.delivered += fresh.steps
+                self._next = fresh.first_step + fresh.steps
+        return ready
+
+    def _without_known(self, block: TelemetryBlock) -> TelemetryBlock | None:
+        """The part of a block that has not been passed on; the rest is counted."""
+        known = min(self._next - block.first_step, block.steps)
+        if known <= 0:
+            return block
+        stop = block.first_step + known
+        late = sum(max(0, min(end, stop) - max(start, block.first_step)) for start, end in self.count.gaps)
+        self.count.late += late
+        self.count.doubled += known - late
+        if known == block.steps:
+            return None
+        rest = slice(known, None)
+        return replace(
+            block,
+            first_step=stop,
+            reference=block.reference[rest],
+            position=block.position[rest],
+            current=block.current[rest],
+            coil_current=None if block.coil_current is None else block.coil_current[rest],
+            status=None if block.status is None else block.status[rest],
+        )

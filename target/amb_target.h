@@ -1,0 +1,133 @@
+/* Reference target of AMB-UDP (docs/target-protocol.md): the control loop of a machine on active magnetic bearings.
+ *
+ * amb_control_step runs in the sample interrupt, amb_poll in the background. Memory is static; see PORTING.md. */
+#ifndef AMB_TARGET_H
+#define AMB_TARGET_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* Sizes: most axes, states of a state-space controller, numbers in its matrices, chunks of an upload (at most 8192). */
+#ifndef AMB_AXES
+#define AMB_AXES 16
+#define AMB_ORDER 32
+#define AMB_MATRICES 768
+#define AMB_CHUNKS 4096
+#endif
+
+/* Bytes. FRAME: Ethernet's 1500 without the headers of IP and UDP. SEALED: where the body of an authenticated frame
+ * starts, after its counter. HELLO_LENGTH: payload of a hello, never shorter than the answer to it. */
+enum {
+    AMB_VERSION = 1, AMB_FRAME = 1472, AMB_HEADER = 24, AMB_SEALED = 32, AMB_TAG = 16, AMB_CRC = 4, AMB_NONCE = 16,
+    AMB_KEY = 64, AMB_CHUNK = 1408, AMB_HELLO_LENGTH = 1024
+};
+
+enum amb_type {
+    AMB_HELLO = 0x01, AMB_HEARTBEAT = 0x10, AMB_STREAM, AMB_LEVITATE, AMB_DELEVITATE, AMB_FAULT_RESET,
+    AMB_CLOCK, AMB_BEGIN, AMB_DATA, AMB_BITMAP, AMB_COMMIT, AMB_ARM, AMB_DISARM, AMB_PARAMETERS, AMB_CONTROLLER,
+    AMB_DESCRIPTION = 0x81, AMB_REPLY, AMB_TELEMETRY = 0x90, AMB_STATUS
+};
+/* Codes of replies; the last stands for none at all. */
+enum amb_code {
+    AMB_DONE, AMB_WRONG_STATE, AMB_BAD_LENGTH, AMB_BAD_VALUE, AMB_BEYOND_LIMIT, AMB_UNKNOWN, AMB_NO_UPLOAD,
+    AMB_INCOMPLETE, AMB_CHECKSUM, AMB_TOO_LATE, AMB_LATCHED, AMB_TOO_LARGE, AMB_BUSY, AMB_SILENT = 0xff
+};
+enum amb_state { AMB_OFF, AMB_LEVITATING, AMB_LEVITATED, AMB_LANDING, AMB_TRIPPED };
+/* LAW: a current that is not finite. The last two stop the excitation; the loop goes on. */
+enum amb_reason {
+    AMB_DISPLACEMENT = 1, AMB_SENSOR_RANGE, AMB_SENSOR_STUCK, AMB_OVER_CURRENT, AMB_TEMPERATURE, AMB_AMPLIFIER,
+    AMB_WATCHDOG, AMB_LAW, AMB_HOST_SILENT, AMB_EXCITATION, AMB_REASONS
+};
+/* Limits, in their order in frames: control current (A); measured coil current (A), and how long it may be above (s);
+ * radial displacement over clearance for alarm and trip; excitation (m, m/s); magnitude of a measured position (m), and
+ * how long it may not change (s); temperature (deg C); time without a command until an armed or playing excitation
+ * stops, and until the machine lands (s); fading of an excitation that is stopped (s); time from levitation until
+ * displacement can trip, and of a landing without a host (s); control steps missed at a time. The host may lower them,
+ * never raise them above those of the configuration. */
+enum amb_limit {
+    AMB_CURRENT_LIMIT, AMB_COIL_LIMIT, AMB_COIL_TIME, AMB_ALARM_SHARE, AMB_TRIP_SHARE, AMB_AMPLITUDE_LIMIT,
+    AMB_SLEW_LIMIT, AMB_SENSOR_LIMIT, AMB_STUCK_TIME, AMB_TEMPERATURE_LIMIT, AMB_HOST_TIME, AMB_LAND_TIME,
+    AMB_FADE_TIME, AMB_SETTLE_TIME, AMB_MISSED_LIMIT, AMB_LIMITS
+};
+enum amb_gain { AMB_PROPORTIONAL, AMB_DERIVATIVE, AMB_KEEP, AMB_WEIGHT, AMB_ON_ERROR, AMB_GAINS };
+/* Counted since boot: control steps missed; frames damaged or of another boot, forged, replayed; frames not sent. */
+enum { AMB_MISSED, AMB_BAD, AMB_FORGED, AMB_REPLAYED, AMB_UNSENT, AMB_COUNTS };
+/* Axial positions of sensor and magnets (m; NaN: unknown), direction in the stator frame, bias current (A), largest
+ * control current that the coils follow (A), displacement at which the rotor touches (m). */
+enum { AMB_SENSOR_AT, AMB_ACTUATOR_AT, AMB_DIRECTION, AMB_BIAS = 5, AMB_FOLLOWED, AMB_CLEARANCE, AMB_NUMBERS };
+struct amb_axis { char name[16], bearing[16]; double number[AMB_NUMBERS]; };
+
+struct amb_config {
+    char machine[32], firmware[32];
+    double sample_rate;
+    uint32_t firmware_version;
+    uint8_t axes, coils, key_length, key[AMB_KEY];
+    struct amb_axis axis[AMB_AXES];
+    double limits[AMB_LIMITS], gains[AMB_AXES][AMB_GAINS];
+    uint8_t *waveform; /* buffer of uploads, of so many bytes: */
+    uint32_t waveform_size;
+};
+
+struct amb_peer { uint32_t address; uint16_t port; bool loopback; };
+struct amb_sensors {
+    double position[AMB_AXES], coil[2 * AMB_AXES]; /* (m), and as many measured coil currents as there are (A) */
+    double temperature;                            /* (deg C); 0 without a sensor */
+    bool amplifier_fault;
+};
+
+struct amb_trip { uint8_t reason, axis; uint64_t step; double value; };
+struct amb_upload {
+    uint8_t kind;
+    bool complete, finite; /* finite: all numbers so far */
+    uint16_t order, inputs;
+    uint32_t id, size, crc, steps, chunks, checked, sum;
+    double amplitude, slew;
+    uint8_t bitmap[(AMB_CHUNKS + 7) / 8];
+};
+
+struct amb_target {
+    const struct amb_config *config;
+    void *board;
+    uint64_t step, last_time, period, last_heard;
+    enum amb_state state;
+    /* Protection */
+    struct amb_trip trip[AMB_REASONS];
+    uint8_t trips, group[AMB_AXES];
+    bool alarm, report;
+    uint32_t stuck[AMB_AXES], over[2 * AMB_AXES], count[AMB_COUNTS];
+    double limits[AMB_LIMITS];
+    /* Loop: `ramp_left` of `ramp` steps from the reference `from` to the nominal or the landing one */
+    struct amb_sensors sensors;
+    double nominal[AMB_AXES], landing[AMB_AXES], from[AMB_AXES], before[AMB_AXES];
+    double reference[AMB_AXES], current[AMB_AXES];
+    uint32_t ramp, ramp_left, settle_left;
+    /* Controllers */
+    bool state_space, matrices_ready, begun;
+    double gains[AMB_AXES][AMB_GAINS], derivative[AMB_AXES], differentiated[AMB_AXES];
+    uint16_t order, inputs;
+    double matrices[AMB_MATRICES], x[AMB_ORDER], after[AMB_ORDER], input[2 * AMB_AXES];
+    /* Excitation */
+    enum { AMB_NONE, AMB_ARMED, AMB_PLAYING, AMB_FADING } excitation;
+    uint64_t start;
+    uint32_t fade, fade_left;
+    double value[AMB_AXES], held[AMB_AXES];
+    struct amb_upload upload;
+    /* Communication */
+    uint8_t nonce[AMB_NONCE], last_tag[AMB_TAG], last_type, last_code;
+    uint32_t session, sequence;
+    uint64_t counter, last_status;
+    struct amb_peer peer;
+    uint16_t per_frame, row, filled;
+    uint8_t options, filling;
+    bool pending;
+    uint64_t first[2];
+    uint8_t block[2][AMB_FRAME], io[AMB_FRAME];
+};
+
+/* False if the configuration is for another machine than this code is compiled for. */
+bool amb_init(struct amb_target *t, const struct amb_config *config, void *board);
+void amb_control_step(struct amb_target *t); /* once per sample, at the highest priority */
+void amb_poll(struct amb_target *t);         /* as often as possible, in the background: receives and sends */
+
+#endif

@@ -1,0 +1,183 @@
+/* Frames of the host: what is genuine is done, and answered; everything else is counted and nothing more. */
+#include "parts.h"
+
+uint8_t *amb_put_status(struct amb_target *t, uint8_t *p, uint64_t *step) {
+    board_lock(t->board);
+    *step = t->step;
+    unsigned flags = (unsigned)t->alarm | (unsigned)t->excitation << 1 | (t->per_frame ? 16u : 0u) |
+                     (t->upload.complete ? 32u : 0u) | (t->matrices_ready ? 64u : 0u);
+    p = amb_put(p, (unsigned)t->state | (unsigned)t->state_space << 8 | (unsigned)t->trips << 16 | flags << 24, 4);
+    for (size_t i = 0; i < AMB_COUNTS; i++) p = amb_put(p, t->count[i], 4);
+    p = amb_put(p, t->counter, 8);
+    for (size_t i = 0; i < t->trips; i++) {
+        p = amb_put(p, t->trip[i].reason | (uint64_t)t->trip[i].axis << 8, 8);
+        p = amb_put(p, t->trip[i].step, 8);
+        p = amb_put_double(p, t->trip[i].value);
+    }
+    board_unlock(t->board);
+    return p;
+}
+
+static void describe(struct amb_target *t, const struct amb_peer *to) {
+    const struct amb_config *config = t->config;
+    size_t axes = config->axes, first = t->io[AMB_HEADER] < axes ? t->io[AMB_HEADER] : 0;
+    size_t count = axes - first < 8 ? axes - first : 8;
+    uint8_t *p = amb_put_bytes(t->io + AMB_HEADER, t->nonce, AMB_NONCE);
+    p = amb_put(p, t->counter, 8);
+    p = amb_put_bytes(amb_put_bytes(p, config->machine, 32), config->firmware, 32);
+    p = amb_put_double(p, config->sample_rate);
+    p = amb_put(amb_put(p, config->firmware_version, 4), config->waveform_size, 4);
+    p = amb_put(p, (uint64_t)AMB_CHUNKS << 32 | AMB_ORDER << 16 | AMB_MATRICES, 8);
+    p = amb_put(p, axes | first << 8 | count << 16 | (size_t)config->coils << 24, 4);
+    p = amb_put(p, config->key_length > 0, 4);
+    for (size_t i = 0; i < AMB_LIMITS; i++) p = amb_put_double(p, config->limits[i]);
+    for (const struct amb_axis *axis = config->axis + first; axis < config->axis + first + count; axis++) {
+        p = amb_put_bytes(amb_put_bytes(p, axis->name, 16), axis->bearing, 16);
+        for (size_t i = 0; i < AMB_NUMBERS; i++) p = amb_put_double(p, axis->number[i]);
+    }
+    amb_send(t, t->io, p, AMB_DESCRIPTION, 0, to);
+}
+
+static bool within(double value, double low, double high) { return value >= low && value <= high; /* not NaN */ }
+
+static enum amb_code set_stream(struct amb_target *t, const uint8_t *body, const struct amb_peer *from) {
+    uint16_t rows = amb_get16(body + 2), row = amb_row(t, body[0]);
+    if (body[0] > 7 || body[1] || amb_get32(body + 4)) return AMB_BAD_VALUE;
+    if (AMB_HEADER + 8u + (uint32_t)rows * row + AMB_CRC > AMB_FRAME) return AMB_TOO_LARGE;
+    t->options = body[0], t->per_frame = rows, t->row = row;
+    t->filled = 0, t->pending = false;
+    t->peer = *from;
+    return AMB_DONE;
+}
+
+static enum amb_code set_motion(struct amb_target *t, uint8_t type, double seconds) {
+    if (!within(seconds, 0.0, 60.0)) return AMB_BAD_VALUE;
+    if (type == AMB_LEVITATE) {
+        if (t->trips) return AMB_LATCHED;
+        if (t->state != AMB_OFF || (t->state_space && !t->matrices_ready) || t->step == 0) return AMB_WRONG_STATE;
+    } else if (!amb_levitating(t)) return AMB_WRONG_STATE;
+    if (t->state != AMB_LANDING) amb_ramp(t, type == AMB_LEVITATE ? AMB_LEVITATING : AMB_LANDING, seconds);
+    return AMB_DONE;
+}
+
+static bool allowed(const struct amb_target *t, uint8_t kind, size_t index, double value) {
+    static const double most[AMB_GAINS] = {1e6, 1e4, 1.0, 1e7, 1.0};
+    if (kind == 1)
+        return within(value, 0.0, most[index % AMB_GAINS]) &&
+               (index % AMB_GAINS != AMB_ON_ERROR || value == 0.0 || value == 1.0);
+    if (kind == 4) return value > 0.0 && value <= t->config->limits[index];
+    double reach = (kind == 2 ? t->limits[AMB_ALARM_SHARE] : 1.0) * t->config->axis[index].number[AMB_CLEARANCE];
+    return within(value, -reach, reach);
+}
+
+/* All values are checked before the first is used. */
+static enum amb_code set_parameters(struct amb_target *t, const uint8_t *body, size_t length) {
+    size_t axes = t->config->axes;
+    uint8_t kind = body[0];
+    double *values = kind == 1 ? t->gains[0] : kind == 2 ? t->nominal : kind == 3 ? t->landing : t->limits;
+    size_t count = kind == 1 ? axes * AMB_GAINS : kind == 4 ? AMB_LIMITS : axes;
+    if (kind < 1 || kind > 4) return AMB_UNKNOWN;
+    if (length != 8 + 8 * count) return AMB_BAD_LENGTH;
+    for (size_t i = 0; i < count; i++)
+        if (!allowed(t, kind, i, amb_get_double(body + 8 + 8 * i))) return AMB_BAD_VALUE;
+    if (kind > 1 && kind < 4 && t->state != AMB_OFF && t->state != AMB_LEVITATED) return AMB_WRONG_STATE;
+    for (size_t i = 0; i < count; i++) values[i] = amb_get_double(body + 8 + 8 * i);
+    return AMB_DONE;
+}
+
+static enum amb_code choose_controller(struct amb_target *t, const uint8_t *body) {
+    if (amb_get64(body) > 1) return AMB_BAD_VALUE;
+    if (amb_levitating(t) || (body[0] && !t->matrices_ready)) return AMB_WRONG_STATE;
+    t->state_space = body[0];
+    return AMB_DONE;
+}
+
+static enum amb_code fault_reset(struct amb_target *t) {
+    t->trips = 0;
+    if (t->state == AMB_TRIPPED) t->state = AMB_OFF;
+    return AMB_DONE;
+}
+
+static enum amb_code execute(struct amb_target *t, uint8_t type, const uint8_t *body, size_t length, uint64_t step,
+                             const struct amb_peer *from) {
+    static const uint8_t lengths[] = {0, 8, 8, 8, 0, 8, 24, 8, 4, 4, 8, 0, 8, 8}; /* from AMB_HEARTBEAT on */
+    if (type < AMB_HEARTBEAT || type > AMB_CONTROLLER) return AMB_UNKNOWN;
+    if (type == AMB_DATA || type == AMB_PARAMETERS ? length <= 8 : length != lengths[type - AMB_HEARTBEAT])
+        return AMB_BAD_LENGTH;
+    switch (type) {
+    case AMB_STREAM: return set_stream(t, body, from);
+    case AMB_LEVITATE:
+    case AMB_DELEVITATE: return set_motion(t, type, amb_get_double(body));
+    case AMB_FAULT_RESET: return fault_reset(t);
+    case AMB_BEGIN: return amb_begin(t, body);
+    case AMB_DATA: return amb_data(t, body, length);
+    case AMB_BITMAP: return t->upload.id && amb_get32(body) == t->upload.id ? AMB_DONE : AMB_NO_UPLOAD;
+    case AMB_COMMIT: return amb_commit(t, amb_get32(body));
+    case AMB_ARM: return amb_get32(body + 4) ? AMB_BAD_VALUE : amb_arm(t, step, amb_get32(body));
+    case AMB_DISARM: amb_disarm(t); return AMB_DONE;
+    case AMB_PARAMETERS: return set_parameters(t, body, length);
+    case AMB_CONTROLLER: return choose_controller(t, body);
+    default: return AMB_DONE; /* heartbeat, clock */
+    }
+}
+
+static void reply(struct amb_target *t, uint8_t type, uint8_t code, bool repeated, const struct amb_peer *to) {
+    uint64_t host_time = amb_get64(t->io + AMB_SEALED);
+    uint64_t step;
+    uint8_t *head = t->io + AMB_SEALED, *extra = amb_put_status(t, head + 8, &step), *p = extra;
+    if (type == AMB_CLOCK && !repeated) p = amb_put(amb_put(p, host_time, 8), board_time(t->board), 8);
+    if (type == AMB_BITMAP && code == AMB_DONE && !repeated) {
+        p = amb_put(amb_put(p, t->upload.id, 4), t->upload.chunks, 4);
+        p = amb_put_bytes(p, t->upload.bitmap, (t->upload.chunks + 7) / 8);
+    }
+    amb_put(head, type | (uint32_t)code << 8 | (uint32_t)(extra - head - 8) << 16, 4);
+    amb_put(head + 4, (uint64_t)(p - extra), 4);
+    amb_put(t->io + AMB_HEADER, t->counter, 8);
+    amb_close(t, t->io, p + AMB_TAG, AMB_REPLY, step); /* the tag protects the header too */
+    amb_tag(t, t->io, (size_t)(p - t->io), p);
+    amb_send(t, t->io, p + AMB_TAG, AMB_REPLY, step, to);
+}
+
+/* Genuine: of this boot, with the right tag, and from this machine itself where there is no key. */
+static bool genuine(const struct amb_target *t, size_t length, const struct amb_peer *from) {
+    uint8_t tag[AMB_TAG], difference = 0;
+    size_t end = length - AMB_CRC - AMB_TAG;
+    if (!t->config->key_length && !from->loopback) return false;
+    amb_tag(t, t->io, end, tag);
+    for (size_t i = 0; i < AMB_TAG; i++) difference = (uint8_t)(difference | (tag[i] ^ t->io[end + i]));
+    return difference == 0;
+}
+
+/* What to count a frame as; AMB_COUNTS if it is to be executed. */
+static int judged(const struct amb_target *t, size_t length, const struct amb_peer *from) {
+    bool command = t->io[4] == AMB_VERSION && t->io[5] < AMB_DESCRIPTION;
+    if (length < AMB_SEALED + AMB_TAG + AMB_CRC || !command || amb_get32(t->io + 8) != t->session) return AMB_BAD;
+    if (!genuine(t, length, from)) return AMB_FORGED;
+    return amb_get64(t->io + AMB_HEADER) <= t->counter ? AMB_REPLAYED : AMB_COUNTS;
+}
+
+void amb_receive(struct amb_target *t, size_t length, const struct amb_peer *from) {
+    bool valid = amb_valid(t->io, length);
+    if (valid && t->io[5] == AMB_HELLO && length == AMB_HEADER + AMB_HELLO_LENGTH + AMB_CRC) { /* of any version */
+        describe(t, from);
+        return;
+    }
+    int judgement = valid ? judged(t, length, from) : AMB_BAD;
+    const uint8_t *tag = t->io + (valid ? length - AMB_CRC - AMB_TAG : 0);
+    if (judgement != AMB_COUNTS) {
+        t->count[judgement]++;
+        /* The latest command again: its reply was lost. Reply again, do nothing. */
+        if (judgement == AMB_REPLAYED && !memcmp(tag, t->last_tag, AMB_TAG) && t->last_code != AMB_SILENT)
+            reply(t, t->last_type, t->last_code, true, from);
+        return;
+    }
+    board_lock(t->board);
+    t->counter = amb_get64(t->io + AMB_HEADER);
+    t->last_heard = t->step;
+    t->last_type = t->io[5];
+    t->last_code = (uint8_t)execute(t, t->last_type, t->io + AMB_SEALED, length - AMB_SEALED - AMB_TAG - AMB_CRC,
+                                    amb_get64(t->io + 16), from);
+    board_unlock(t->board);
+    memcpy(t->last_tag, tag, AMB_TAG);
+    if (t->last_code != AMB_SILENT) reply(t, t->last_type, t->last_code, false, from);
+}

@@ -1,0 +1,129 @@
+/* One control step, and the exchange of frames between the steps. */
+#include "parts.h"
+
+enum { ROWS = AMB_HEADER + 8, FLOAT64 = 1, COILS = 2, STATUS = 4 };
+
+bool amb_init(struct amb_target *t, const struct amb_config *config, void *board) {
+    if (!config->axes || config->axes > AMB_AXES || config->coils > 2 * AMB_AXES || config->key_length > AMB_KEY ||
+        !(config->sample_rate > 0.0)) return false;
+    memset(t, 0, sizeof *t);
+    t->config = config;
+    t->board = board;
+    t->period = (uint64_t)(1e9 / config->sample_rate + 0.5);
+    memcpy(t->limits, config->limits, sizeof t->limits);
+    memcpy(t->gains, config->gains, sizeof t->gains);
+    for (uint8_t a = 0; a < config->axes; a++)
+        for (t->group[a] = 0; memcmp(config->axis[t->group[a]].bearing, config->axis[a].bearing, 16); t->group[a]++) ;
+    do board_random(board, t->nonce, AMB_NONCE);
+    while (amb_get32(t->nonce) == 0);
+    t->session = amb_get32(t->nonce);
+    return true;
+}
+
+void amb_ramp(struct amb_target *t, enum amb_state state, double seconds) {
+    for (size_t a = 0; a < t->config->axes; a++)
+        t->from[a] = state == AMB_LEVITATING ? t->sensors.position[a] : t->reference[a] - t->value[a];
+    amb_disarm(t);
+    t->state = state;
+    t->ramp = t->ramp_left = amb_steps(t, seconds);
+    t->settle_left = amb_steps(t, t->limits[AMB_SETTLE_TIME]);
+}
+
+/* Reference of this step: nominal, or on the way to it from where the rotor lies, or on the way to where it lands. */
+static void set_reference(struct amb_target *t) {
+    const double *to = t->state == AMB_LANDING ? t->landing : t->nominal;
+    if (!amb_levitating(t)) t->ramp_left = 0;
+    for (size_t a = 0; a < t->config->axes; a++) {
+        t->reference[a] = to[a];
+        if (t->ramp_left) t->reference[a] += (t->from[a] - to[a]) * ((double)t->ramp_left / (double)t->ramp);
+        if (t->excitation != AMB_NONE && t->excitation != AMB_ARMED) t->reference[a] += t->value[a];
+    }
+    if (t->ramp_left) t->ramp_left--;
+    else if (t->state == AMB_LEVITATING) t->state = AMB_LEVITATED;
+    else if (t->state == AMB_LANDING) t->state = AMB_OFF;
+    if (t->state == AMB_LEVITATED && t->settle_left) t->settle_left--;
+}
+
+static void set_current(struct amb_target *t) {
+    if (amb_levitating(t)) amb_law(t);
+    for (size_t a = 0; a < t->config->axes && amb_levitating(t); a++)
+        if (!(fabs(t->current[a]) <= t->limits[AMB_CURRENT_LIMIT])) amb_trip(t, AMB_LAW, a, t->current[a]);
+    if (!amb_levitating(t)) {
+        memset(t->current, 0, sizeof t->current);
+        t->begun = false; /* the law forgets the past */
+    }
+}
+
+static uint8_t *put_values(uint8_t *p, const double *values, size_t count, bool wide) {
+    for (size_t i = 0; i < count; i++) p = wide ? amb_put_double(p, values[i]) : amb_put_float(p, values[i]);
+    return p;
+}
+
+static void record(struct amb_target *t) {
+    size_t axes = t->config->axes;
+    bool wide = t->options & FLOAT64;
+    if (!t->per_frame) return;
+    if (!t->filled) t->first[t->filling] = t->step;
+    uint8_t *p = t->block[t->filling] + ROWS + (size_t)t->filled * t->row;
+    p = put_values(put_values(p, t->reference, axes, wide), t->sensors.position, axes, wide);
+    p = put_values(p, t->current, axes, wide);
+    if (t->options & COILS) p = put_values(p, t->sensors.coil, t->config->coils, wide);
+    uint32_t status = (uint32_t)t->state | (uint32_t)t->alarm << 3 | (uint32_t)t->excitation << 4;
+    if (t->options & STATUS) amb_put(p, status | (uint32_t)t->trips << 8, wide ? 8 : 4);
+    if (++t->filled < t->per_frame) return;
+    t->filled = 0;
+    t->count[AMB_UNSENT] += t->pending; /* the background was too slow: a gap in the steps */
+    if (!t->pending) t->filling ^= 1;
+    t->pending = true;
+}
+
+void amb_control_step(struct amb_target *t) {
+    amb_watch(t);
+    board_read_sensors(t->board, &t->sensors);
+    amb_protect(t);
+    amb_excite(t);
+    set_reference(t);
+    set_current(t);
+    board_write_currents(t->board, t->current, amb_levitating(t));
+    record(t);
+    t->step++;
+}
+
+uint16_t amb_row(const struct amb_target *t, uint8_t options) {
+    size_t values = 3u * t->config->axes + (options & COILS ? t->config->coils : 0u) + (options & STATUS ? 1u : 0u);
+    return (uint16_t)(values * (options & FLOAT64 ? 8 : 4));
+}
+
+void amb_send(struct amb_target *t, uint8_t *frame, const uint8_t *end, uint8_t type, uint64_t step,
+              const struct amb_peer *to) {
+    size_t length = amb_close(t, frame, end, type, step);
+    t->sequence++;
+    if (!board_send(t->board, frame, length, to)) t->count[AMB_UNSENT]++;
+}
+
+static void send_telemetry(struct amb_target *t) {
+    uint8_t *block = t->block[t->filling ^ 1], *p = block + AMB_HEADER;
+    uint32_t coils = t->options & COILS ? t->config->coils : 0u;
+    p = amb_put(p, t->options | (uint32_t)t->config->axes << 8 | coils << 16, 4);
+    p = amb_put(p, t->per_frame | (uint32_t)t->row << 16, 4) + (size_t)t->per_frame * t->row;
+    amb_send(t, block, p, AMB_TELEMETRY, t->first[t->filling ^ 1], &t->peer);
+    t->pending = false;
+}
+
+void amb_poll(struct amb_target *t) {
+    struct amb_peer from;
+    size_t length = 1;
+    for (int frames = 0; frames < 8 && length; frames++) {
+        if (t->pending) send_telemetry(t);
+        length = board_receive(t->board, t->io, sizeof t->io, &from);
+        if (length) amb_receive(t, length, &from);
+        amb_digest(t);
+    }
+    uint64_t step;
+    bool report = t->report; /* taken back before the status is read, so that no trip is missed in between */
+    t->report = false;
+    uint8_t *end = amb_put_status(t, t->io + AMB_HEADER, &step);
+    if (!t->per_frame || (!report && step - t->last_status < amb_steps(t, 0.1))) return;
+    t->last_status = step;
+    amb_send(t, t->io, end, AMB_STATUS, step, &t->peer);
+}

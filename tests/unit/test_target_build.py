@@ -1,0 +1,128 @@
+"""The C target as an embedded engineer gets it: size, memory, what it calls, and a run over real UDP."""
+
+from __future__ import annotations
+
+import re
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from amb_core.errors import TargetError
+from amb_core.target import (
+    Code,
+    CommandWriter,
+    Description,
+    Refusal,
+    Reply,
+    TelemetryBlock,
+    build_library,
+    commands,
+    decode,
+    hello,
+    machine_of,
+)
+from amb_core.target.reference import COMPILER, SOURCE
+
+CORE = sorted([*SOURCE.glob("*.c"), *SOURCE.glob("*.h")])
+KEY = bytes(range(16))
+
+
+def test_it_has_at_most_900_lines() -> None:
+    assert sum(len(file.read_text().splitlines()) for file in CORE) <= 900
+
+
+def test_it_calls_nothing_but_mathematics_memory_and_its_board(tmp_path: Path) -> None:
+    sources = [file for file in CORE if file.suffix == ".c"]
+    subprocess.run([*COMPILER, "-O2", "-c", *sources], check=True, cwd=tmp_path)
+    named = subprocess.run(["nm", *tmp_path.glob("*.o")], check=True, capture_output=True, text=True).stdout
+    needed = set(re.findall(r" U (\w+)", named)) - set(re.findall(r" T (\w+)", named))
+    board = set(re.findall(r"(board_\w+)\(", (SOURCE / "board.h").read_text()))
+    assert needed - board <= {
+        "memcpy", "memset", "memcmp", "sqrt", "floor", "ceil", "fmax", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_",
+    }  # fmt: skip
+    assert board <= needed
+    kept = subprocess.run(["size", *tmp_path.glob("*.o")], check=True, capture_output=True, text=True).stdout
+    assert {tuple(line.split()[1:3]) for line in kept.splitlines()[1:]} == {("0", "0")}  # nothing outside its struct
+
+
+def test_it_needs_at_most_16_kib_besides_the_waveform_buffer(tmp_path: Path) -> None:
+    unit = tmp_path / "memory.c"
+    unit.write_text('#include "amb_target.h"\nstruct amb_target target;\n')
+    subprocess.run([*COMPILER, f"-I{SOURCE}", "-c", unit, "-o", tmp_path / "memory.o"], check=True)
+    size = subprocess.run(["size", tmp_path / "memory.o"], check=True, capture_output=True, text=True).stdout
+    assert int(size.splitlines()[1].split()[2]) <= 16 * 1024
+
+
+def test_every_trip_and_code_has_the_number_that_the_c_code_gives_it(tmp_path: Path) -> None:
+    from amb_core.target import ExcitationPhase, FrameType, TargetState, TripReason
+
+    names = {
+        **{f"AMB_{code.name}": code for code in Code if code.name != "CHECKSUM"},
+        **{f"AMB_{state.name}": state for state in TargetState},
+        **{f"AMB_{reason.name}": reason for reason in TripReason},
+        **{f"AMB_{kind.name}": kind for kind in FrameType},
+        **{f"AMB_{phase.name}": phase for phase in ExcitationPhase},
+        "AMB_CHECKSUM": Code.CHECKSUM,
+    }
+    checks = "".join(f"typedef char check_{number}[{name} == {int(value)} ? 1 : -1];\n"
+                     for number, (name, value) in enumerate(names.items()))  # fmt: skip
+    (tmp_path / "numbers.c").write_text(f'#include "amb_target.h"\n{checks}')
+    subprocess.run(["gcc", "-std=c99", f"-I{SOURCE}", "-c", tmp_path / "numbers.c", "-o", tmp_path / "o"], check=True)
+
+
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(TargetError, match="no C code"):
+        build_library(tmp_path / "target.so", source=tmp_path)
+
+
+@pytest.fixture(scope="module")
+def port(tmp_path_factory: pytest.TempPathFactory):
+    """UDP port of a target with a rotor, in a process of its own."""
+    program = tmp_path_factory.mktemp("posix") / "amb_target"
+    sources = [*SOURCE.glob("*.c"), SOURCE / "posix" / "main.c"]
+    subprocess.run([*COMPILER, "-O2", "-o", program, *sources, "-lm"], check=True)
+    process = subprocess.Popen([program, "0", KEY.hex()], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    yield int(process.stdout.readline())
+    process.kill()
+    process.wait()
+    process.stdout.close()
+
+
+def test_a_rotor_levitates_over_udp(port: int) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        link.connect(("127.0.0.1", port))
+        link.settimeout(5.0)
+        link.send(hello())
+        found = decode(link.recv(2000))
+        assert isinstance(found, Description)
+        assert machine_of([found]).axis_names == ("x", "y")
+        session = found.session(KEY)
+        writer = CommandWriter(session, found.counter)
+
+        def answer(command) -> Reply:
+            link.send(writer.write(command))
+            while not isinstance(reply := decode(link.recv(2000), session), Reply):
+                assert not isinstance(reply, Refusal)
+            return reply
+
+        assert answer(commands.stream(10)).code == Code.DONE
+        assert answer(commands.levitate(0.05)).code == Code.DONE
+        until = time.monotonic() + 20.0
+        while time.monotonic() < until:  # missed deadlines of a loaded machine may delay it
+            block = decode(link.recv(2000), session)
+            if isinstance(block, TelemetryBlock) and block.current.any() and abs(block.position).max() < 1e-7:
+                break
+        else:
+            pytest.fail("the rotor did not come to its reference")
+        assert answer(commands.delevitate()).code == Code.DONE
+
+
+def test_the_posix_target_refuses_a_wrong_key(tmp_path: Path) -> None:
+    program = tmp_path / "amb_target"
+    subprocess.run([*COMPILER, "-o", program, *SOURCE.glob("*.c"), SOURCE / "posix" / "main.c", "-lm"], check=True)
+    ended = subprocess.run([program, "0", "secret"], capture_output=True, text=True, timeout=10)
+    assert (ended.returncode, "allowed" in ended.stderr) == (1, True)
