@@ -124,6 +124,7 @@ def test_a_cancelled_run_returns_nothing(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize(("name", "within"), [("rig", 1.0), ("flexible", 1.0)])
 def test_modes_of_machines_are_identified_at_speed(name, within, tmp_path):
     """Rigid modes within a percent, bending within half a percent; every computed mode is found."""
