@@ -70,7 +70,9 @@ def test_commands_of_before_a_reboot_are_not_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("peer", "taken"), [(LOOPBACK, True), (HOST, False), (Peer(0x7F000001, 1, False), False)], ids=str
+    ("peer", "taken"),
+    [(LOOPBACK, True), (HOST, False), (Peer(0x7F000001, 1, False), False)],
+    ids=["loopback", "another machine", "another machine with an address like it"],
 )
 def test_without_a_key_commands_come_from_loopback_only(peer: Peer, taken: bool) -> None:
     rig = Rig(key=b"")
