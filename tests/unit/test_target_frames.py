@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import re
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -174,6 +176,18 @@ def test_numbers_that_no_frame_may_carry_are_refused_at_once() -> None:
 def test_a_key_does_not_show_in_messages() -> None:
     assert KEY.hex() not in repr(SESSION)
     assert repr(KEY) not in repr(SESSION)
+
+
+def test_the_document_gives_every_number_its_name() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "target-protocol.md").read_text()
+    for kind in FrameType:
+        assert re.search(rf"(\| |\*\*)0x{int(kind):02X}( \| | ){kind.name}\b", text), kind
+    for code in Code:
+        assert re.search(rf"\| {int(code)} \| {code.name}\b", text), code
+    for reason in TripReason:
+        assert f"| {int(reason)} {reason.name} |" in text
+    for state in TargetState:
+        assert f"{state.name} {int(state)}" in text
 
 
 def resummed(frame: bytes) -> bytes:

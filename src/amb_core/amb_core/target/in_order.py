@@ -56,8 +56,10 @@ class InOrder:
         stop = block.first_step + block.steps
         if self._next < 0:
             self._next = block.first_step
-        if stop <= self._newest and block.first_step >= self._next:
-            self.count.reordered += not self._waits(block)
+        if any(first == block.first_step for first, *_ in self._early):
+            self.count.doubled += block.steps
+            return []
+        self.count.reordered += self._next <= block.first_step and stop <= self._newest
         self._newest = max(self._newest, stop)
         self._arrivals += 1
         heapq.heappush(self._early, (block.first_step, self._arrivals, block))
@@ -66,9 +68,6 @@ class InOrder:
     def flush(self) -> list[TelemetryBlock]:
         """All that is left at the end of a stream."""
         return self._ready(0)
-
-    def _waits(self, block: TelemetryBlock) -> bool:
-        return any(first == block.first_step for first, *_ in self._early)
 
     def _ready(self, wait: int) -> list[TelemetryBlock]:
         ready: list[TelemetryBlock] = []
