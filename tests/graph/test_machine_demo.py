@@ -30,5 +30,23 @@ def test_the_rig_is_identified_on_four_axes(tmp_path: Path, domain: int, running
     rigid = {"precession", "nutation"} if running_speed else {"tilt"}
     assert {mode["kind"] for mode in summary.modes} == {"translation", *rigid}
     assert max(abs(mode["frequency_error_percent"]) for mode in summary.modes) <= 1.0
+    assert summary.frf_error_percent <= 3.0
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["fit"] == summary.fit
     assert Recording.read(tmp_path / "out" / "bag").machine().axis_names == tuple(summary.axes)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_bending_of_the_flexible_rotor_is_identified(tmp_path: Path, domain: int) -> None:
+    parameters = share_folder("amb_bringup") / "config" / "flexible.yaml"
+
+    summary = run_machine_demo(tmp_path / "out", parameters, domain, lambda _name, _done, _total: None)
+
+    assert summary.bit_identical
+    assert summary.unstable_poles == summary.unstable_poles_computed == 4
+    assert min(summary.fit.values()) >= 98.0
+    assert summary.modes_missing == 0
+    bending = [abs(mode["frequency_error_percent"]) for mode in summary.modes if mode["kind"] == "bending"]
+    assert len(bending) == 4  # two bending modes in two planes
+    assert max(bending) <= 0.5
+    assert summary.frf_error_percent <= 3.0
