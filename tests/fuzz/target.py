@@ -46,7 +46,7 @@ def run(frames: int, seed: int, jobs: int = 1) -> dict[str, object]:
             for job in range(jobs)
         ]
         ended = [(process, *process.communicate()) for process in running]
-    findings = [errors.strip() for process, _, errors in ended if process.returncode]
+    findings = [f"exit {process.returncode}: {errors.strip()}" for process, _, errors in ended if process.returncode]
     counts = [json.loads(output) for process, output, _ in ended if not process.returncode]
     total = {name: sum(count[name] for count in counts) for name in ("frames", "signed", "forged", "accepted")}
     states = [sum(count["states"][state] for count in counts) for state in range(5)]
