@@ -16,7 +16,7 @@ PAPER = "paper"
 CONTROLLER_NODE, LINEAR_CONTROLLER_NODE = "pd_controller", "state_space_controller"
 _PARAMETER_FILES = (".yaml", ".yml")
 _CONTROLLER_FILES = (".json", ".npz", ".mat")
-ALLOWED = f"{PAPER}, a ROS parameter file (.yaml), or the file of a linear controller ({', '.join(_CONTROLLER_FILES)})"
+ALLOWED = f"{PAPER}, a ROS parameter file (.yaml), or a state-space controller ({', '.join(_CONTROLLER_FILES)})"
 """What `named_controller` takes, as text."""
 
 
@@ -37,13 +37,13 @@ def named_controller(
     ----------
     name : str
         `paper` for that of the paper's table 1; a ROS parameter file (.yaml or .yml), of a PD controller or of a
-        linear one that names its file; or the file of a linear controller (.json, .npz or .mat).
+        linear one that names its file; or the file of a state-space controller (.json, .npz or .mat).
     node : str
         Name of the PD controller's section in a parameter file.
     sample_rate : float, optional
         That of the data (Hz); by default 10 kHz, or that of the simulator in the file.
     current_limit : float, optional
-        Limit of the currents (A), which the file of a linear controller does not hold; by default 3 A.
+        Limit of the currents (A), which the file of a state-space controller does not hold; by default 3 A.
 
     Raises
     ------
