@@ -125,7 +125,7 @@ build() {
 
 # numba notices a change of the file that a compiled function stands in, not of what that function calls.
 compile_kernels() {
-    say "compiling the numerical kernels (a minute)"
+    say "compiling the numerical kernels (a few minutes)"
     rm -f "$kernel_stamp"
     find src/amb_core/amb_core -name '*.nb[ic]' -delete
     (
