@@ -179,7 +179,7 @@ def validate(model: type[P], values: Mapping[str, Any], error: type[Exception] =
         if name not in declared:
             raise error(_unknown(name, flat[name], declared))
     try:
-        return model.model_validate(_nest(flat))
+        return model.model_validate(nest(flat))
     except ValidationError as problem:
         first = problem.errors()[0]
         name = ".".join(str(part) for part in first["loc"])
@@ -263,7 +263,8 @@ def _unknown(name: str, value: Any, known: Collection[str]) -> str:
     return f"unknown parameter '{name}' = {value!r}; {hint}"
 
 
-def _nest(flat: Mapping[str, Any]) -> dict[str, Any]:
+def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Dotted names as nested mappings: the inverse of `flatten`."""
     nested: dict[str, Any] = {}
     for name, value in flat.items():
         *groups, leaf = name.split(".")

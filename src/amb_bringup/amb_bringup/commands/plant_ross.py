@@ -15,7 +15,7 @@ from amb_controller_node.parameters import PdControllerParameters
 from amb_core.errors import PlantError
 from amb_core.files.parameter_files import PARAMETERS, ParameterFile, full_name
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import load_parameters, part_of, validate
+from amb_core.parameters import load_parameters, nest, part_of, validate
 from amb_core.plant import Plant, modal_data_from_ross
 from amb_core.plant.closed_forms import current_gain
 from amb_core.plant.modal_data import ModalData
@@ -154,7 +154,7 @@ def _gains(simulator: dict[str, Any], controller: dict[str, Any], modes: Path) -
 
 def _write(out: Path, source: str, simulator: dict[str, Any], controller: dict[str, Any], remarks: list[str]) -> None:
     sections = {
-        full_name(node): {PARAMETERS: _nested(values)}
+        full_name(node): {PARAMETERS: nest(values)}
         for node, values in (("simulator", simulator), ("pd_controller", controller))
     }
     comments = [
@@ -168,15 +168,3 @@ def _write(out: Path, source: str, simulator: dict[str, Any], controller: dict[s
         out.write_text(text)
     except OSError as problem:
         raise ResultError(f"{out}: cannot be written: {problem.strerror}") from None
-
-
-def _nested(flat: dict[str, Any]) -> dict[str, Any]:
-    """Dotted names as nested mappings."""
-    nested: dict[str, Any] = {}
-    for name, value in flat.items():
-        *groups, leaf = name.split(".")
-        place = nested
-        for group in groups:
-            place = place.setdefault(group, {})
-        place[leaf] = value
-    return nested

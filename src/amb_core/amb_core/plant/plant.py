@@ -341,29 +341,24 @@ class Plant:
             )
 
     def _stop(self, status: int) -> None:
-        if status == records.DELEVITATED:
-            self.delevitated = True
-            return
-        when = f"at sample {self.samples}, {self.samples * self.sample_time:.6f} s"
-        if status == records.GAP_CLOSED:
-            raise PlantError(
-                f"a journal reached the poles {when}, through a backup bearing of stiffness "
-                f"{self.parameters.backup_bearing.stiffness:g} N/m; reset the plant"
-            )
         bearings = self._arrays.bearings
         rotor = [bearings[name] for name in ("position", "velocity", "acceleration")]
         names = {"flux": bearings["flux"], "rotor": np.stack(rotor)}
         bad = [name for name, part in names.items() if not np.isfinite(part).all()]
-        raise PlantError(f"state not finite ({', '.join(bad)}) {when}; reset the plant")
+        self._end(status, "a journal reached the poles", ", ".join(bad))
 
     def _stop_axial(self, status: int) -> None:
+        self._end(status, "the disc reached the poles of the thrust bearing", "thrust bearing")
+
+    def _end(self, status: int, closed: str, bad: str) -> None:
+        """Note a delevitation; raise for a closed gap, as `closed` says it, or a state that is not finite in `bad`."""
         if status == records.DELEVITATED:
             self.delevitated = True
             return
         when = f"at sample {self.samples}, {self.samples * self.sample_time:.6f} s"
         if status == records.GAP_CLOSED:
             raise PlantError(
-                f"the disc reached the poles of the thrust bearing {when}, through a backup bearing of stiffness "
+                f"{closed} {when}, through a backup bearing of stiffness "
                 f"{self.parameters.backup_bearing.stiffness:g} N/m; reset the plant"
             )
-        raise PlantError(f"state not finite (thrust bearing) {when}; reset the plant")
+        raise PlantError(f"state not finite ({bad}) {when}; reset the plant")
