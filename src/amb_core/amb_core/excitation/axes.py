@@ -87,9 +87,7 @@ def parts_of(axes: str, steps: int, machine: Machine | None = None) -> list[Part
     if axes in MODES:
         factors = mode_factors(axes, machine)
         return [Part(0, steps, factors[0][0], factors)]
-    everything = axes == ALL or (axes == BOTH and count == 2)
-    excited = range(count) if everything else _named(axes, machine)
-    return [Part(0, steps, axis, ((axis, 1.0),)) for axis in excited]
+    return [Part(0, steps, axis, ((axis, 1.0),)) for axis in _excited(axes, machine, (IN_TURN, ORTHOGONAL))]
 
 
 def factors_of(axes: str, machine: Machine) -> NDArray[np.float64]:
@@ -110,9 +108,11 @@ def factors_of(axes: str, machine: Machine) -> NDArray[np.float64]:
     if axes in (IN_TURN, ORTHOGONAL):
         raise ExcitationError(f"axes = '{axes}' is not allowed here; allowed: axes excited at the same time")
     factors = np.zeros(len(machine.axes))
-    for part in parts_of(axes, 1, machine):
-        for axis, factor in part.factors:
+    if axes in MODES:
+        for axis, factor in mode_factors(axes, machine):
             factors[axis] = factor
+    else:
+        factors[_excited(axes, machine, sequences=())] = 1.0
     return factors
 
 
@@ -191,23 +191,25 @@ def _span(number: int, count: int, steps: int) -> tuple[int, int]:
     return number * each, steps if number == count - 1 else (number + 1) * each
 
 
-def _named(axes: str, machine: Machine) -> list[int]:
-    """Numbers of the axes that a list names, in the order of the machine."""
+def _excited(axes: str, machine: Machine, sequences: tuple[str, ...]) -> list[int]:
+    """Numbers of the axes that a list names, in the order of the machine; an error offers the sequences as well."""
+    if axes == ALL or (axes == BOTH and len(machine.axes) == 2):
+        return list(range(len(machine.axes)))
     named: list[int] = []
     for name in (item.strip() for item in axes.split(",")):
         numbers = [number for number, axis in enumerate(machine.axes) if name in (axis.name, BEARING + axis.bearing)]
         if not numbers:
-            raise ExcitationError(_unknown(name, axes, machine))
+            raise ExcitationError(_unknown(name, axes, machine, sequences))
         named += numbers
     if len(set(named)) < len(named):
         raise ExcitationError(f"axes = {_quoted(axes)} is not allowed: it names an axis twice")
     return sorted(named)
 
 
-def _unknown(name: str, axes: str, machine: Machine) -> str:
+def _unknown(name: str, axes: str, machine: Machine, sequences: tuple[str, ...]) -> str:
     """What is wrong with a name, and what the machine has instead."""
     names = [*machine.axis_names, *(BEARING + bearing.name for bearing in machine.bearings)]
-    words = [*_possible_modes(machine), ALL, *([BOTH] if len(machine.axes) == 2 else []), IN_TURN, ORTHOGONAL]
+    words = [*_possible_modes(machine), ALL, *([BOTH] if len(machine.axes) == 2 else []), *sequences]
     allowed = f"allowed: {', '.join(names)} (several joined with commas), {', '.join(words)}"
     close = [ALL] if name == BOTH else difflib.get_close_matches(name, [*names, *words], 1)
     hint = f"did you mean '{close[0]}'? " if close else ""
