@@ -1,5 +1,6 @@
 """Real-time targets: the frames of AMB-UDP (docs/target-protocol.md), and the reference target in this process."""
 
+from amb_core.target.amb_udp import PORT, AmbUdpLink
 from amb_core.target.answers import Answer, Description, Reply, TargetStatus, TelemetryBlock, Trip, decode, machine_of
 from amb_core.target.commands import Command, CommandWriter
 from amb_core.target.frames import Refusal, Session, hello
@@ -13,11 +14,21 @@ from amb_core.target.layout import (
     TelemetryOption,
     TripReason,
 )
+from amb_core.target.link import (
+    LinkCount,
+    LinkListener,
+    TargetDescription,
+    TargetLink,
+    TargetSettings,
+    TooLateError,
+)
 from amb_core.target.reference import LOOPBACK, Peer, ReferenceTarget, build_library
 from amb_core.target.upload import Upload, controller_upload, excitation_upload
 
 __all__ = [
     "LOOPBACK",
+    "PORT",
+    "AmbUdpLink",
     "Answer",
     "Code",
     "Command",
@@ -27,16 +38,22 @@ __all__ = [
     "FrameType",
     "InOrder",
     "Limits",
+    "LinkCount",
+    "LinkListener",
     "Peer",
     "ReferenceTarget",
     "Refusal",
     "Reply",
     "Session",
+    "TargetDescription",
+    "TargetLink",
+    "TargetSettings",
     "TargetState",
     "TargetStatus",
     "TelemetryBlock",
     "TelemetryCount",
     "TelemetryOption",
+    "TooLateError",
     "Trip",
     "TripReason",
     "Upload",

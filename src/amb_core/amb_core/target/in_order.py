@@ -38,6 +38,8 @@ class InOrder:
     ----------
     wait : int
         Steps that may arrive after a missing one before it is given up.
+    count : TelemetryCount, optional
+        Goes on from there, after a reboot for example; its list of gaps begins anew.
 
     Attributes
     ----------
@@ -45,11 +47,12 @@ class InOrder:
         What arrived.
     """
 
-    def __init__(self, wait: int = 200) -> None:
+    def __init__(self, wait: int = 200, count: TelemetryCount | None = None) -> None:
         self._wait, self._next, self._newest = wait, -1, -1
         self._early: list[tuple[int, int, TelemetryBlock]] = []
         self._arrivals = 0
-        self.count = TelemetryCount()
+        self.count = count or TelemetryCount()
+        self.count.gaps.clear()  # by the steps of another boot
 
     def add(self, block: TelemetryBlock) -> list[TelemetryBlock]:
         """Blocks that can be passed on now that this one has arrived."""

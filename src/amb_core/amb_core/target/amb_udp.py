@@ -1,0 +1,408 @@
+"""The host's end of AMB-UDP (docs/target-protocol.md): it repeats what is lost, and keeps the target awake.
+
+One thread receives, puts telemetry in order, shows the target that the host is there, and finds it again after a
+silence. Commands come from other threads, one open at a time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+import random
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.errors import TargetError
+from amb_core.loop.known_controller import LinearControl
+from amb_core.target import commands
+from amb_core.target.answers import (
+    Answer,
+    Description,
+    Reply,
+    TargetStatus,
+    TelemetryBlock,
+    decode,
+    machine_of,
+)
+from amb_core.target.commands import Command, CommandWriter
+from amb_core.target.frames import Refusal, hello, require_key
+from amb_core.target.in_order import InOrder
+from amb_core.target.layout import (
+    CHECKSUM,
+    HEADER,
+    LARGEST_FRAME,
+    Code,
+    ExcitationPhase,
+    TargetState,
+    TelemetryOption,
+)
+from amb_core.target.link import LinkCount, LinkListener, TargetDescription, TargetLink, TargetSettings
+from amb_core.target.pages import Pages
+from amb_core.target.refusals import require_done
+from amb_core.target.upload import Upload, controller_upload, excitation_upload
+
+PORT = 47_000
+RECEIVE_TIMEOUT = 0.002  # s; also the precision of heartbeats
+FIRST_REPEAT, LONGEST_REPEAT = 0.02, 0.1  # s after which a command without a reply is sent again
+HELLO_PERIOD = 0.05  # s
+HEARTBEAT_PERIOD, EXCITED_HEARTBEAT_PERIOD = 0.1, 0.005  # s; the target waits 20 ms while it is excited
+SILENCE = 0.4  # s without a frame after which the target is taken for gone; its status comes every 100 ms
+STREAM_TIMEOUT = 0.25  # s without samples after which telemetry is asked for again
+CLOCK_PERIOD = 2.0  # s
+BURST = 48  # chunks of an upload before the target is asked which have arrived: less than any receive buffer holds
+RECEIVE_BUFFER = 1 << 22  # bytes: half a second of telemetry of 16 axes
+
+
+class AmbUdpLink(TargetLink):
+    """A connection to a target by AMB-UDP.
+
+    Parameters
+    ----------
+    address : str
+        IPv4 address or name of the target.
+    port : int
+        Its port.
+    key : bytes
+        Shared secret; empty: the target takes commands from its own host only.
+    float64 : bool
+        Telemetry as float64, bit for bit, instead of float32.
+    wait : int
+        Steps that may arrive after a missing one before it is given up.
+    timeout : float
+        Longest wait for the reply to a command (s).
+
+    Raises
+    ------
+    TargetError
+        If the key has a wrong length.
+    """
+
+    def __init__(
+        self,
+        address: str = "127.0.0.1",
+        port: int = PORT,
+        key: bytes = b"",
+        float64: bool = False,
+        wait: int = 200,
+        timeout: float = 1.0,
+    ) -> None:
+        require_key(key)
+        self._where = f"the target at {address} port {port}"
+        self._address, self._key, self._wait, self._timeout = (address, port), key, wait, timeout
+        self._options = TelemetryOption.STATUS | (TelemetryOption.FLOAT64 if float64 else TelemetryOption(0))
+        self.count = LinkCount()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._thread: threading.Thread | None = None
+        self._closing = threading.Event()
+        self._exchange = threading.Lock()  # held while a command is open
+        self._waiting = 0  # commands that wait until an upload lets them pass
+        self._replied = threading.Event()
+        self._reply: Reply | None = None
+        self._awaited = 0  # counter of the open command
+        self._uploads = itertools.count(random.randrange(1, 1 << 30))
+        self._pages = Pages()
+        self._silent = False
+        # Times of the monotonic clock (s)
+        self._next_hello = self._next_heartbeat = self._next_clock = self._heard = self._sampled = -math.inf
+        self._clock: tuple[int, int] | None = None  # of host and target (ns), when the session began
+
+    # -- connection
+
+    def connect(self, listener: LinkListener) -> TargetDescription:
+        """Find the target and start its telemetry.
+
+        Raises
+        ------
+        TargetError
+            If it does not answer in time, has another version or needs another key.
+        """
+        self._listener = listener
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+            self._socket.connect(self._address)
+        except OSError as problem:
+            self.close()
+            raise TargetError(f"{self._where} cannot be reached: {problem.strerror or problem}") from None
+        self._socket.settimeout(RECEIVE_TIMEOUT)
+        deadline = time.monotonic() + self._timeout
+        while self._pages.complete is None:
+            if time.monotonic() > deadline:
+                self.close()
+                raise TargetError(f"no answer from {self._where} within {self._timeout:g} s; is it on?")
+            self._say_hello(time.monotonic())
+            datagram = self._receive()
+            answer = None if datagram is None else decode(datagram)
+            if isinstance(answer, Description):
+                self._pages.add(answer)
+        description = self._begin_session()
+        self._heard = self._sampled = time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="amb_udp", daemon=True)
+        self._thread.start()
+        try:
+            self._command(self._stream())
+        except TargetError as problem:
+            self.close()
+            raise TargetError(f"{problem}{'; is the key right?' if self._with_key else ''}") from None
+        return description
+
+    def close(self) -> None:
+        """Leave the target as it is, and end."""
+        self._closing.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+        self._socket.close()
+
+    # -- commands
+
+    def configure(self, settings: TargetSettings) -> None:
+        """Send controller, limits and references. A state-space controller in use stays as it is while levitated.
+
+        Raises
+        ------
+        TargetError
+            If the target refuses one.
+        ParameterError
+            If they are for another machine.
+        """
+        machine = self._known.machine
+        axes = len(machine.axes)
+        status = self._command(commands.limits(settings.limits)).status
+        levitated = status.state not in (TargetState.OFF, TargetState.TRIPPED)
+        law = settings.controller.at_rate(machine.sample_rate)
+        law.require_axes(axes)
+        if isinstance(law, LinearControl):
+            given = law.parameters.nominal_reference
+            if not (levitated and status.state_space):
+                self._bring(controller_upload(next(self._uploads), law.model), lambda: False)
+                self._command(commands.controller(True))
+        else:
+            given = law.nominal_reference
+            self._command(commands.gains(law, axes))
+            if not levitated:
+                self._command(commands.controller(False))
+        if status.state in (TargetState.OFF, TargetState.LEVITATED):
+            self._command(commands.nominal_reference(given or (0.0,) * axes))
+            self._command(commands.landing_reference(settings.landing_reference or (0.0,) * axes))
+
+    def levitate(self, seconds: float) -> None:
+        """Close the loop in so many seconds."""
+        self._command(commands.levitate(seconds))
+
+    def land(self, seconds: float) -> None:
+        """Land in so many seconds."""
+        self._command(commands.delevitate(seconds))
+
+    def upload(
+        self, samples: NDArray[np.float64], cancelled: Callable[[], bool] = lambda: False
+    ) -> Callable[[int], None]:
+        """Bring an excitation to the target; returns what arms it."""
+        upload = excitation_upload(next(self._uploads), samples)
+        self._bring(upload, cancelled)
+
+        def arm(step: int) -> None:
+            self._command(commands.arm(upload.id, step))
+
+        return arm
+
+    def disarm(self) -> None:
+        """Stop the excitation."""
+        self._command(commands.disarm())
+
+    def reset_faults(self) -> None:
+        """Forget latched trips."""
+        self._command(commands.fault_reset())
+
+    def status(self) -> TargetStatus:
+        """The state of the target now."""
+        return self._command(commands.heartbeat()).status
+
+    def _command(self, command: Command) -> Reply:
+        with self._open():
+            return self._exchanged(command)
+
+    @contextlib.contextmanager
+    def _open(self) -> Iterator[None]:
+        """The right to command: held for one command, or one burst of an upload, which lets others pass in between."""
+        self._waiting += 1
+        try:
+            self._exchange.acquire()
+        finally:
+            self._waiting -= 1
+        try:
+            yield
+        finally:
+            self._exchange.release()
+
+    def _exchanged(self, command: Command) -> Reply:
+        """The reply to a command, which is sent again, byte for byte, until it is there."""
+        frame = self._writer.write(command)
+        self._replied.clear()
+        self._awaited = self._writer.counter
+        began = time.monotonic()
+        pause, sent = FIRST_REPEAT, began
+        self._send(frame)
+        while not self._replied.wait(pause):
+            if self._closing.is_set() or self._silent or time.monotonic() - began > self._timeout:
+                raise TargetError(f"no reply from {self._where} to {command.type.name}")
+            pause, sent = min(2.0 * pause, LONGEST_REPEAT), math.nan
+            self.count.resent += 1
+            self._send(frame)
+        if not math.isnan(sent):
+            self.count.round_trip = time.monotonic() - sent
+        reply = self._reply
+        assert reply is not None
+        require_done(self._where, command, reply)
+        return reply
+
+    def _bring(self, upload: Upload, cancelled: Callable[[], bool]) -> None:
+        """Bring an upload to the target, whole. One burst at a time, so that other commands can pass in between."""
+        self._command(upload.begin)
+        missing: tuple[int, ...] = tuple(range(upload.chunks))
+        at = 0
+        while missing:
+            while self._waiting:
+                time.sleep(RECEIVE_TIMEOUT)
+            if cancelled():
+                raise TargetError("the upload was called off")
+            with self._open():
+                for index in missing[at : at + BURST]:
+                    self._send(self._writer.write(upload.chunk(index)))
+                left = self._exchanged(upload.bitmap).missing
+            at += BURST
+            if at >= len(missing) and left is not None:  # a repeated reply has no bitmap
+                missing, at = left, 0
+        while self._command(upload.commit).code is Code.BUSY:
+            time.sleep(RECEIVE_TIMEOUT)
+
+    # -- the thread of the link
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            datagram = self._receive()
+            now = time.monotonic()
+            if datagram is not None:
+                self._take(decode(datagram, self._session), now)
+            self._keep_up(now)
+
+    def _take(self, answer: Answer | Refusal, now: float) -> None:
+        if isinstance(answer, Refusal):
+            self.count.refused += 1
+            return
+        if isinstance(answer, Description):
+            self._recognise(answer, now)
+            return
+        self._heard = now
+        if isinstance(answer, TelemetryBlock):
+            self._sampled = now
+            self._deliver(self._order.add(answer))
+            return
+        if isinstance(answer, Reply):
+            self._note_clock(answer)
+            if answer.counter == self._awaited and not self._replied.is_set():
+                self._reply = answer
+                self._replied.set()
+            answer = answer.status
+        self._excited = answer.excitation is not ExcitationPhase.NONE
+        if self._excited:
+            self._next_heartbeat = min(self._next_heartbeat, now + EXCITED_HEARTBEAT_PERIOD)
+        self._listener.on_status(answer)
+
+    def _deliver(self, blocks: list[TelemetryBlock]) -> None:
+        for block in blocks:
+            self._listener.on_samples(block)
+
+    def _keep_up(self, now: float) -> None:
+        """What is due by the clock."""
+        if now - self._heard > SILENCE:
+            if not self._silent:
+                self._silent, self._pages = True, Pages()
+                self._deliver(self._order.flush())
+                self._listener.on_silence()
+            self._say_hello(now)
+        elif now >= self._next_heartbeat and self._exchange.acquire(blocking=False):
+            try:  # not answered by anybody who waits: the status in the reply is what it is for
+                self._send(self._writer.write(self._due(now)))
+            finally:
+                self._exchange.release()
+            self._next_heartbeat = now + (EXCITED_HEARTBEAT_PERIOD if self._excited else HEARTBEAT_PERIOD)
+
+    def _due(self, now: float) -> Command:
+        """What shows the target that the host is there: telemetry if it stopped, its clock at times, else nothing."""
+        if now - self._sampled > STREAM_TIMEOUT:
+            self._sampled = now
+            return self._stream()
+        if now >= self._next_clock:
+            self._next_clock = now + CLOCK_PERIOD
+            return commands.clock(time.monotonic_ns())
+        return commands.heartbeat()
+
+    def _note_clock(self, reply: Reply) -> None:
+        if reply.clock is None:
+            return
+        host, target = reply.clock
+        if self._clock is None:
+            self._clock = host, target
+        elif host > self._clock[0]:
+            since = host - self._clock[0]
+            self.count.clock_drift = 1e6 * ((target - self._clock[1]) / since - 1.0)
+
+    def _recognise(self, description: Description, now: float) -> None:
+        """The target answers again: the same boot, or another."""
+        if not self._silent:
+            return
+        self._pages.add(description)
+        if self._pages.complete is None:
+            return
+        rebooted = self._pages.complete[0].nonce != self._session.nonce
+        with self._exchange:  # an open command has ended, or ends at once, since the target is silent
+            known = self._begin_session() if rebooted else self._known
+        self._silent, self._heard, self._sampled = False, now, -math.inf
+        self._next_heartbeat = now
+        self._listener.on_return(known, rebooted)
+
+    def _begin_session(self) -> TargetDescription:
+        pages = self._pages.complete
+        assert pages is not None
+        page = pages[0]
+        self._session = page.session(self._key)
+        self._writer = CommandWriter(self._session, page.counter)
+        self._order, self._excited, self._clock = InOrder(self._wait, self.count.samples), False, None
+        version = ".".join(map(str, page.firmware_version))
+        room = page.waveform_bytes // (8 * page.axes)
+        self._known = TargetDescription(machine_of(pages), page.limits, f"{page.firmware} {version}", room, page.nonce)
+        self._with_key = page.with_key
+        return self._known
+
+    # -- frames
+
+    def _stream(self) -> Command:
+        """Telemetry in frames as large as Ethernet carries."""
+        width = 8 if self._options & TelemetryOption.FLOAT64 else 4
+        row = width * (3 * self._session.axes + 1)
+        return commands.stream((LARGEST_FRAME - HEADER.size - 8 - CHECKSUM) // row, self._options)
+
+    def _say_hello(self, now: float) -> None:
+        if now >= self._next_hello:
+            self._next_hello = now + HELLO_PERIOD
+            for first in self._pages.missing:
+                self._send(hello(first))
+
+    def _send(self, frame: bytes) -> None:
+        with contextlib.suppress(OSError):  # refused or unreachable for the moment: like a frame that was lost
+            self._socket.send(frame)
+
+    def _receive(self) -> bytes | None:
+        """The next datagram; None if there is none for a moment."""
+        try:
+            return self._socket.recv(2 * LARGEST_FRAME)
+        except TimeoutError:
+            return None
+        except OSError:  # nobody listens at the target's port
+            time.sleep(RECEIVE_TIMEOUT)
+            return None

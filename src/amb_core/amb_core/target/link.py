@@ -1,0 +1,180 @@
+"""`TargetLink`: what the hardware bridge needs of a connection to a real-time target, whatever its protocol.
+
+AMB-UDP is one implementation (`amb_udp.AmbUdpLink`). Another one, for XCP, EtherCAT or a vendor's interface, is a
+module of its own with a subclass; the bridge loads it by name.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.errors import TargetError
+from amb_core.loop.known_controller import KnownController
+from amb_core.loop.machine import Machine
+from amb_core.target.answers import TargetStatus, TelemetryBlock
+from amb_core.target.in_order import TelemetryCount
+from amb_core.target.layout import Limits
+
+
+class TooLateError(TargetError):
+    """An excitation was armed for a step that has passed.
+
+    Attributes
+    ----------
+    next_step : int
+        The step of the target that came next.
+    """
+
+    def __init__(self, step: int, next_step: int) -> None:
+        super().__init__(f"step {step} of the target has passed; step {next_step} came next")
+        self.next_step = next_step
+
+
+@dataclass(frozen=True)
+class TargetDescription:
+    """What a target is.
+
+    Attributes
+    ----------
+    machine : Machine
+        The machine that it controls, with source `bridge`.
+    limits : Limits
+        Those of its configuration; a host can only lower them.
+    firmware : str
+        Name and version.
+    waveform_steps : int
+        Longest excitation that it has room for, in steps.
+    boot : bytes
+        Differs at every boot.
+    """
+
+    machine: Machine
+    limits: Limits
+    firmware: str
+    waveform_steps: int
+    boot: bytes
+
+
+@dataclass(frozen=True)
+class TargetSettings:
+    """What a host sets before levitation.
+
+    Attributes
+    ----------
+    controller : ControllerParameters or LinearControl
+        The law that closes the loop on the target.
+    limits : Limits
+        None above that of the target's configuration.
+    landing_reference : tuple of float
+        Where the reference of each axis ends before the currents are switched off (m).
+    """
+
+    controller: KnownController
+    limits: Limits
+    landing_reference: tuple[float, ...]
+
+
+class LinkListener(Protocol):
+    """Receives what a target sends. Called in the thread of the link: short, and without calls of the link."""
+
+    def on_samples(self, block: TelemetryBlock) -> None:
+        """Samples, each step once and in order; a step that is missing was lost."""
+
+    def on_status(self, status: TargetStatus) -> None:
+        """The state of the target, at least every 100 ms and at once after a trip."""
+
+    def on_silence(self) -> None:
+        """The target does not answer any more."""
+
+    def on_return(self, description: TargetDescription, rebooted: bool) -> None:
+        """The target answers again. After a reboot it has forgotten settings and uploads, and counts steps anew."""
+
+
+@dataclass
+class LinkCount:
+    """What a link has counted.
+
+    Attributes
+    ----------
+    samples : TelemetryCount
+        Samples delivered, lost, doubled, late and reordered.
+    refused : int
+        Datagrams that are no frame of this target.
+    resent : int
+        Commands that were sent again.
+    round_trip : float
+        Time from the latest command to its reply (s).
+    clock_drift : float
+        Clock of the target against that of the host (ppm, positive: the target's is faster); NaN before it is known.
+    """
+
+    samples: TelemetryCount = field(default_factory=TelemetryCount)
+    refused: int = 0
+    resent: int = 0
+    round_trip: float = float("nan")
+    clock_drift: float = float("nan")
+
+
+class TargetLink(ABC):
+    """A connection to one target. All methods but `connect` and `close` need a connection.
+
+    Methods may be called from any thread but that of the listener, and block until the target has answered.
+
+    Raises
+    ------
+    TargetError
+        By every method: if the target does not answer in time, or refuses. One line with what and why.
+    """
+
+    count: LinkCount
+    """What the link has counted since it was connected."""
+
+    @abstractmethod
+    def connect(self, listener: LinkListener) -> TargetDescription:
+        """Find the target and start its telemetry."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the target as it is, and end."""
+
+    @abstractmethod
+    def configure(self, settings: TargetSettings) -> None:
+        """Send controller, limits and references."""
+
+    @abstractmethod
+    def levitate(self, seconds: float) -> None:
+        """Close the loop; the reference goes from where the rotor lies to the nominal one in so many seconds."""
+
+    @abstractmethod
+    def land(self, seconds: float) -> None:
+        """Stop the excitation; the reference goes to the landing one in so many seconds, then currents are off."""
+
+    @abstractmethod
+    def upload(
+        self, samples: NDArray[np.float64], cancelled: Callable[[], bool] = lambda: False
+    ) -> Callable[[int], None]:
+        """Bring an excitation (m), shape (steps, axes), to the target, bit for bit; nothing plays meanwhile.
+
+        Returns
+        -------
+        callable
+            Arms it: plays it exactly from a step of the target onwards. Raises `TooLate` if that step has passed.
+        """
+
+    @abstractmethod
+    def disarm(self) -> None:
+        """Stop the excitation: it fades."""
+
+    @abstractmethod
+    def reset_faults(self) -> None:
+        """Forget latched trips."""
+
+    @abstractmethod
+    def status(self) -> TargetStatus:
+        """The state of the target now."""
