@@ -21,6 +21,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
+            "hardware_bridge=amb_sim_node.executables:hardware_bridge",
             "simulator=amb_sim_node.executables:simulator",
         ]
     },

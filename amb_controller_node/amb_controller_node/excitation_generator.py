@@ -21,7 +21,7 @@ from amb_core.excitation import excitation_from_request, generate
 from amb_core.loop.machine import Machine
 from amb_core.parameters import Parameters
 from amb_core.recording.messages.excitation import fill_excitation
-from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
+from amb_msgs.msg import BridgeState, Excitation, ExcitationStatus, SimulatorState
 from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
 from amb_ros import topics
@@ -63,8 +63,9 @@ class ExcitationGeneratorNode(Node):
             self, ExcitationStatus, topics.EXCITATION_STATUS, self._on_status, EVERY_STATE
         )
         self._state_subscription = create_subscription(
-            self, SimulatorState, topics.SIMULATOR_STATE, self._on_simulator_state, LATCHED
+            self, SimulatorState, topics.SIMULATOR_STATE, self._on_state, LATCHED
         )
+        self._bridge_subscription = create_subscription(self, BridgeState, topics.BRIDGE_STATE, self._on_state, LATCHED)
         self._last_map: RegionMapMessage | None = None
         self._map_subscription = create_subscription(
             self, RegionMapMessage, topics.REGION_MAP, self._on_region_map, LATCHED
@@ -181,7 +182,7 @@ class ExcitationGeneratorNode(Node):
         if not self._run_known.wait(timeout):
             raise ExcitationError(
                 f"no message within {timeout:g} s on {self._state_subscription.topic_name} with the current run; "
-                "is the simulator running? Or give the run in the request"
+                "is the simulator running, or the rotor of the rig levitated? Or give the run in the request"
             )
         return self._run
 
@@ -224,9 +225,10 @@ class ExcitationGeneratorNode(Node):
     def _on_region_map(self, message: RegionMapMessage) -> None:
         self._last_map = message
 
-    def _on_simulator_state(self, message: SimulatorState) -> None:
-        self._run = message.run
-        self._run_known.set()
+    def _on_state(self, message: SimulatorState | BridgeState) -> None:
+        if message.run:  # a bridge has none before the first levitation
+            self._run = message.run
+            self._run_known.set()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -19,13 +19,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.timer import Timer
 
-from amb_controller_node.excitation_message import Checked, check, length, read
 from amb_core.errors import ExcitationError
 from amb_core.excitation import Playback
 from amb_core.excitation.playback import WINDOW
 from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
+from amb_ros.excitation_messages import Checked, check, length, read
 from amb_ros.qos import EVERY_STATE
 from amb_ros.subscriptions import create_subscription
 

@@ -12,6 +12,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from amb_core.recording.messages.loop_samples import steps_in
 from amb_ident_node.completeness import Mark
 from amb_msgs.msg import (
+    BridgeState,
     Excitation,
     ExcitationStatus,
     LoopSamples,
@@ -21,6 +22,7 @@ from amb_msgs.msg import (
     RegionState,
     SimulatorState,
     StateSpaceModel,
+    Trip,
 )
 from amb_ros import topics
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
@@ -80,6 +82,8 @@ RECORDED = (
     RecordedTopic(topics.REGION_MAP, RegionMap, LATCHED),
     RecordedTopic(topics.MODEL, StateSpaceModel, LATCHED),
     RecordedTopic(topics.SIMULATOR_STATE, SimulatorState, EVERY_STATE),
+    RecordedTopic(topics.BRIDGE_STATE, BridgeState, EVERY_STATE),
+    RecordedTopic(topics.TRIP, Trip, EVERY_STATE),
     RecordedTopic(topics.CLOCK, ClockMessage, STREAM),
     RecordedTopic(PARAMETER_EVENTS, ParameterEvent, STREAM),
     RecordedTopic(ROSOUT, Log, STREAM),
@@ -97,6 +101,6 @@ def end_of(message: Any) -> Mark | None:
         return Mark(message.run, message.step + 1)
     if isinstance(message, RegionState):
         return Mark(message.run, message.next_step)
-    if isinstance(message, Excitation | ExcitationStatus):
+    if isinstance(message, BridgeState | Excitation | ExcitationStatus | Trip):
         return Mark(message.run, LAST_STEP)
     return None

@@ -30,7 +30,7 @@ from amb_ident_node.monitoring import RegionWatch
 from amb_ident_node.recorded_topics import REGION_MESSAGES
 from amb_ident_node.region_report import MEANINGS, shown
 from amb_msgs.action import BuildMap
-from amb_msgs.msg import AxisRegion, BearingRegion, LoopSamples, RegionMap, SimulatorState
+from amb_msgs.msg import AxisRegion, BearingRegion, BridgeState, LoopSamples, RegionMap, SimulatorState
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_ros import diagnostics, topics
 from amb_ros.actions import create_action
@@ -97,6 +97,9 @@ class RegionMonitorNode(Node):
         self._state_subscription = create_subscription(
             self, SimulatorState, topics.SIMULATOR_STATE, self._on_message, EVERY_STATE
         )
+        self._bridge_subscription = create_subscription(
+            self, BridgeState, topics.BRIDGE_STATE, self._on_bridge_state, EVERY_STATE
+        )
         self._wait_timer = self.create_timer(
             WAIT_PERIOD, self._on_wait_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
@@ -152,6 +155,10 @@ class RegionMonitorNode(Node):
         if message.mode == SimulatorState.DELEVITATED:
             self._publish(self._watch.delevitate(message.run, message.step))
         elif message.mode in (SimulatorState.PAUSED, SimulatorState.FAULT):
+            self._publish(self._watch.stand(message.run, message.step))
+
+    def _on_bridge_state(self, message: BridgeState) -> None:
+        if message.run and message.mode in (BridgeState.OFF, BridgeState.TRIPPED):
             self._publish(self._watch.stand(message.run, message.step))
 
     def _publish(self, states: list[RegionState]) -> None:

@@ -8,3 +8,8 @@ from amb_ros.startup import start
 def simulator() -> int:
     """Run the node `simulator` until SIGINT or SIGTERM."""
     return start("amb_sim_node.simulator")
+
+
+def hardware_bridge() -> int:
+    """Run the node `hardware_bridge` until SIGINT or SIGTERM."""
+    return start("amb_sim_node.hardware_bridge")

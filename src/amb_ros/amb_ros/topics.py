@@ -12,6 +12,8 @@ REGION = "region"
 REGION_MAP = "region_map"
 PLANT_STATE = "plant_state"
 SIMULATOR_STATE = "simulator/state"
+BRIDGE_STATE = "hardware_bridge/state"
+TRIP = "trip"
 CLOCK = "clock"
 
 NAMESPACE = "amb"

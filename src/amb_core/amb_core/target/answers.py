@@ -196,6 +196,21 @@ class TelemetryBlock:
         """Number of samples."""
         return len(self.position)
 
+    def part(self, first: int, stop: int) -> TelemetryBlock:
+        """Its samples from one row to before another."""
+        if (first, stop) == (0, self.steps):
+            return self
+        rows = slice(first, stop)
+        return TelemetryBlock(
+            self.first_step + first,
+            self.sequence,
+            self.reference[rows],
+            self.position[rows],
+            self.current[rows],
+            None if self.coil_current is None else self.coil_current[rows],
+            None if self.status is None else self.status[rows],
+        )
+
 
 Answer = Description | Reply | TargetStatus | TelemetryBlock
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from amb_core.target.answers import TelemetryBlock
 
@@ -101,13 +101,4 @@ class InOrder:
         self.count.doubled += known - late
         if known == block.steps:
             return None
-        rest = slice(known, None)
-        return replace(
-            block,
-            first_step=stop,
-            reference=block.reference[rest],
-            position=block.position[rest],
-            current=block.current[rest],
-            coil_current=None if block.coil_current is None else block.coil_current[rest],
-            status=None if block.status is None else block.status[rest],
-        )
+        return block.part(known, block.steps)

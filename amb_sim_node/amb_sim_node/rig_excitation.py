@@ -1,0 +1,204 @@
+"""The bridge's side of an excitation: a message becomes samples, is checked, goes to the target, and is armed there.
+
+The answer on `excitation_status` follows when the target has armed it, with the exact step, or with the reason why not.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+
+from amb_core.errors import AmbError, ExcitationError, one_line
+from amb_core.excitation import ExcitationSignal, Playback
+from amb_core.excitation.playback import instantaneous_frequency
+from amb_core.loop.machine import Machine
+from amb_core.rig import ExcitationProtection, Runs
+from amb_core.target import ExcitationPhase, TargetLink, TargetState, TooLateError
+from amb_msgs.msg import Excitation, ExcitationStatus
+from amb_ros import topics
+from amb_ros.excitation_messages import STOP, Checked, check, read
+from amb_ros.qos import EVERY_STATE
+from amb_ros.subscriptions import create_subscription
+from amb_sim_node.region_guard import Guard
+
+LEAD = 0.02  # s from the next step of the target until an excitation begins that is to begin as soon as possible
+ATTEMPTS = 5  # to arm one; a frame that is lost costs more than the lead
+FADE_TIMEOUT = 70.0  # s; the longest fade of a target, and some
+LONGEST_KIND = 50  # characters of it that are repeated in an answer
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What is behind the bridge while it is configured."""
+
+    link: TargetLink
+    machine: Machine
+    runs: Runs
+    protection: ExcitationProtection
+    guard: Guard
+
+
+class RigExcitation:
+    """Topics `excitation` and `excitation_status` of the bridge.
+
+    Parameters
+    ----------
+    node : Node
+        The bridge.
+    rig_of : callable
+        Returns the rig; None while the bridge is not active.
+    """
+
+    def __init__(self, node: Node, rig_of: Callable[[], Rig | None]) -> None:
+        self._node, self._rig_of = node, rig_of
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="rig_excitation")
+        self._newest = 0  # number of the newest message: older ones are called off
+        self._counting = threading.Lock()
+        self._publisher = node.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, EVERY_STATE)
+        self._done: set[tuple[int, int, str, int]] = set()  # answered, of the present run
+        self._subscription = create_subscription(
+            node, Excitation, topics.EXCITATION, self._on_excitation, EVERY_STATE, raw=True
+        )
+
+    def call_off(self) -> None:
+        """Give up what is on its way to the target."""
+        with self._counting:
+            self._newest += 1
+
+    def close(self) -> None:
+        """Give up, and end the worker."""
+        self.call_off()
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _on_excitation(self, data: bytes) -> None:
+        message = read(data)
+        if isinstance(message, ExcitationStatus):
+            self._refuse(message, message.message)
+            return
+        identity = message.run, message.id, message.kind, message.checksum
+        if identity in self._done:
+            return  # published again with its step resolved
+        with self._counting:
+            self._newest += 1
+            number = self._newest
+        self._worker.submit(self._apply, message, number)
+
+    # -- in the worker
+
+    def _apply(self, message: Excitation, number: int) -> None:
+        """Apply an excitation, and answer it in every case."""
+        status = ExcitationStatus(run=message.run, id=message.id, kind=message.kind[:LONGEST_KIND])
+
+        def called_off() -> bool:
+            return number != self._newest
+
+        try:
+            rig = self._rig_of()
+            if rig is None or not rig.runs.levitated:
+                raise ExcitationError("the rotor is not levitated; activate hardware_bridge first")
+            if message.run != rig.runs.run:
+                raise ExcitationError(f"meant for run {message.run}; the present run is {rig.runs.run}")
+            checked = check(message, rig.machine, rig.runs.run, rig.runs.next_step - 1)
+            status.first_step = self._play(rig, message, checked, called_off)
+            status.steps = checked.steps
+        except AmbError as problem:
+            self._refuse(status, "replaced by a later one" if called_off() else one_line(problem))
+            return
+        except Exception as problem:  # in every case the sender gets an answer and the bridge goes on
+            self._node.get_logger().error(traceback.format_exc())
+            self._refuse(status, f"internal error: {problem!r}; see the log of the bridge")
+            return
+        status.accepted = True
+        self._done = {known for known in self._done if known[0] == message.run}
+        self._done.add((message.run, message.id, message.kind, message.checksum))
+        if self._node.context.ok():
+            self._publisher.publish(status)
+
+    def _play(self, rig: Rig, message: Excitation, checked: Checked, called_off: Callable[[], bool]) -> int:
+        """Bring it to the target and arm it. The step of the run at which it begins."""
+        if message.kind == STOP:
+            rig.link.disarm()
+            return rig.runs.next_step
+        rig.protection.require_length(checked.steps)
+        samples = self._samples(rig, checked, called_off)
+        rig.protection.require(samples)
+        self._make_room(rig, called_off)
+        arm = rig.link.upload(samples, called_off)
+        if message.first_step != Excitation.FROM_NEXT_STEP:
+            first = int(message.first_step)
+            try:
+                arm(rig.runs.target_step_of(first))
+            except TooLateError as problem:
+                allowed = rig.runs.step_of(problem.next_step)
+                raise ExcitationError(
+                    f"step {first} came before the excitation was on the target; allowed for first_step: {allowed} or "
+                    "later"
+                ) from None
+            return first
+        return rig.runs.step_of(self._arm_soon(rig, arm))
+
+    def _samples(self, rig: Rig, checked: Checked, called_off: Callable[[], bool]) -> NDArray[np.float64]:
+        """All samples of an excitation, shape (steps, axes), from its message or its definition."""
+        if checked.excitation is None:
+            rig.guard(None)
+            return checked.samples
+        machine, rate = rig.machine, rig.machine.sample_rate
+        playback = Playback(checked.excitation, rate, machine, called_off)
+        if checked.checksum and checked.checksum != playback.checksum:
+            raise ExcitationError(
+                f"the samples made from its description have checksum {playback.checksum}, those of the sender "
+                f"{checked.checksum}; does it run another version of amb_core or numpy, or another kind of processor?"
+            )
+        samples = np.empty((playback.steps, len(machine.axes)))
+        index = 0
+        while index < playback.steps:
+            first, window = playback.window(index)
+            samples[first : first + len(window)] = window
+            index = first + len(window)
+        frequency = instantaneous_frequency(checked.excitation, rate, machine)
+        kind = checked.excitation.kind
+        rig.guard(ExcitationSignal(kind, checked.excitation, 1.0 / rate, samples, frequency, machine))
+        return samples
+
+    def _make_room(self, rig: Rig, called_off: Callable[[], bool]) -> None:
+        """Stop the excitation that plays, since a new one replaces it, and wait until it has faded."""
+        status = rig.link.status()
+        if status.excitation is ExcitationPhase.NONE:
+            return
+        rig.link.disarm()
+        until = time.monotonic() + FADE_TIMEOUT
+        while rig.link.status().excitation is not ExcitationPhase.NONE:
+            if called_off():
+                raise ExcitationError("called off")
+            if time.monotonic() > until:
+                raise ExcitationError("the excitation before it does not end")
+            time.sleep(0.002)
+
+    def _arm_soon(self, rig: Rig, arm: Callable[[int], None]) -> int:
+        lead = LEAD
+        for _ in range(ATTEMPTS):
+            status = rig.link.status()
+            if status.state is not TargetState.LEVITATED:
+                raise ExcitationError(f"the target is {status.state.name.lower()}; it excites a levitated rotor only")
+            step = status.step + round(lead * rig.machine.sample_rate)
+            try:
+                arm(step)
+            except TooLateError:
+                lead *= 4.0
+                continue
+            return step
+        raise ExcitationError("the target did not take it in time; is the network overloaded?")
+
+    def _refuse(self, status: ExcitationStatus, reason: str) -> None:
+        status.accepted, status.message = False, reason
+        self._node.get_logger().warning(f"excitation {status.id} refused: {reason}")
+        if self._node.context.ok():
+            self._publisher.publish(status)

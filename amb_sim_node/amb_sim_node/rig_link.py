@@ -1,0 +1,50 @@
+"""The link and the control law that the parameters of the bridge name."""
+
+from __future__ import annotations
+
+import importlib
+
+from amb_core.errors import ParameterError
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.loop.linear_control import LinearControllerParameters
+from amb_core.parameters import part_of
+from amb_core.target import AmbUdpLink, TargetLink
+from amb_core.target.key_file import read_key
+from amb_sim_node.parameters import BridgeParameters, LinkParameters
+
+
+def controller_of(settings: BridgeParameters) -> KnownController:
+    """The law that is to close the loop on the target.
+
+    Raises
+    ------
+    ParameterError
+        If its file cannot be read, or is no controller.
+    """
+    if settings.controller_file:
+        return LinearControl.load(settings.controller_file, part_of(LinearControllerParameters, settings.model_dump()))
+    return part_of(ControllerParameters, settings.model_dump())
+
+
+def link_of(parameters: LinkParameters) -> TargetLink:
+    """The link that the parameters name.
+
+    Raises
+    ------
+    ParameterError, TargetError
+        If there is none of that name, or its parameters are wrong.
+    """
+    if parameters.kind == "amb_udp":
+        key = read_key(parameters.key_file)
+        return AmbUdpLink(parameters.address, parameters.port, key, parameters.float64, timeout=parameters.timeout)
+    module, _, name = parameters.kind.partition(":")
+    try:
+        made = getattr(importlib.import_module(module), name)(parameters)
+    except (ImportError, AttributeError, ValueError) as problem:
+        raise ParameterError(
+            f"link.kind = {parameters.kind!r} is not allowed: {problem}; allowed: amb_udp, or module:class"
+        ) from None
+    if not isinstance(made, TargetLink):
+        raise ParameterError(f"link.kind = {parameters.kind!r} is not allowed; allowed: a subclass of TargetLink")
+    return made

@@ -1,0 +1,131 @@
+"""Protection on the host's side of a rig: excitations are checked before they reach the target.
+
+The target checks amplitude and slew again, and everything that it measures, in every step.
+
+Sources: ISO 14839-2 for the defaults of alarm and trip, the upper boundaries of its zones B and C, 0.4 and 0.5 of the
+smallest clearance; to be checked against the standard itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.errors import ExcitationError, ParameterError
+from amb_core.parameters import Parameters, quantity
+from amb_core.target import Limits
+
+OUT_OF_BAND = 0.01
+"""Share of the power of an excitation that may lie outside the band: its steps from and to zero are never in it."""
+
+
+class ProtectionParameters(Parameters):
+    """Limits that the host sets; the target's own hold where they are lower."""
+
+    excitation_amplitude: float = quantity(0.0, "m", "largest excitation; 0: the target's limit", 0.0, 1e-3)
+    excitation_slew: float = quantity(0.0, "m/s", "fastest change of an excitation; 0: the target's limit", 0.0, 1000.0)
+    lowest_frequency: float = quantity(0.0, "Hz", "lower end of the band of excitations", 0.0, 50_000.0)
+    highest_frequency: float = quantity(
+        0.0, "Hz", "upper end of the band of excitations; 0: half the sample rate", 0.0, 50_000.0
+    )
+    longest_excitation: float = quantity(
+        0.0, "s", "longest excitation; 0: as long as the target has room for", 0.0, 86_400.0
+    )
+    alarm_share: float = quantity(
+        0.4, "-", "radial displacement over clearance: alarm (zone boundary B/C after ISO 14839-2)", 0.01, 1.0
+    )
+    trip_share: float = quantity(
+        0.5, "-", "radial displacement over clearance: trip (zone boundary C/D after ISO 14839-2)", 0.01, 1.0
+    )
+
+    def lowered(self, of_target: Limits, current_limit: float) -> Limits:
+        """The target's limits with these in their place where they are lower, and a limit of the current (A).
+
+        Raises
+        ------
+        ParameterError
+            If the alarm would come after the trip.
+        """
+        if self.alarm_share > self.trip_share:
+            raise ParameterError(
+                f"alarm_share = {self.alarm_share:g} is above trip_share = {self.trip_share:g}; allowed: up to that"
+            )
+        changed = {
+            "control_current": current_limit,
+            "alarm_share": self.alarm_share,
+            "trip_share": self.trip_share,
+            "excitation_amplitude": self.excitation_amplitude or math.inf,
+            "excitation_slew": self.excitation_slew or math.inf,
+        }
+        own = dict(zip(Limits.__dataclass_fields__, astuple(of_target), strict=True))
+        return Limits(**{name: min(value, changed.get(name, math.inf)) for name, value in own.items()})
+
+
+class ExcitationProtection:
+    """Checks excitations against the limits of a rig.
+
+    Parameters
+    ----------
+    parameters : ProtectionParameters
+        Band and length.
+    limits : Limits
+        Amplitude and slew.
+    axes : tuple of str
+        Names of the axes.
+    sample_rate : float
+        Controller sample rate (Hz).
+    room : int
+        Longest excitation that the target has room for, in steps.
+    """
+
+    def __init__(
+        self, parameters: ProtectionParameters, limits: Limits, axes: tuple[str, ...], sample_rate: float, room: int
+    ) -> None:
+        self._parameters, self._limits, self._axes, self._rate = parameters, limits, axes, sample_rate
+        wanted = parameters.longest_excitation
+        self._steps, self._by = room, "room for it on the target"
+        if wanted and round(wanted * sample_rate) < room:
+            self._steps, self._by = round(wanted * sample_rate), "the limit longest_excitation"
+
+    def require_length(self, steps: int) -> None:
+        """Raise ExcitationError if an excitation has more steps than allowed; needs no samples."""
+        if steps > self._steps:
+            raise ExcitationError(
+                f"{steps / self._rate:g} s long; allowed on this rig: {self._steps / self._rate:g} s ({self._by})"
+            )
+
+    def require(self, samples: NDArray[np.float64]) -> None:
+        """Raise ExcitationError unless an excitation (m), shape (steps, axes), is within all limits."""
+        self.require_length(len(samples))
+        self._require_below(np.abs(samples), self._limits.excitation_amplitude, "amplitude", 1e6, "um")
+        slew = np.abs(np.diff(samples, axis=0, prepend=0.0, append=0.0)) * self._rate  # from and to zero, too
+        self._require_below(slew, self._limits.excitation_slew, "slew", 1e3, "mm/s")
+        self._require_band(samples)
+
+    def _require_below(self, values: NDArray[np.float64], limit: float, what: str, scale: float, unit: str) -> None:
+        peaks = values.max(axis=0)
+        worst = int(np.argmax(peaks))
+        if peaks[worst] > limit:
+            raise ExcitationError(
+                f"{what} of {peaks[worst] * scale:.4g} {unit} on {self._axes[worst]}; allowed on this rig: "
+                f"{limit * scale:.4g} {unit}"
+            )
+
+    def _require_band(self, samples: NDArray[np.float64]) -> None:
+        low = self._parameters.lowest_frequency
+        high = self._parameters.highest_frequency or 0.5 * self._rate
+        if low == 0.0 and high >= 0.5 * self._rate:
+            return
+        frequency = np.fft.rfftfreq(len(samples), 1.0 / self._rate)
+        for column, axis in zip(samples.T, self._axes, strict=True):
+            power = np.abs(np.fft.rfft(column)) ** 2
+            total = power.sum()
+            outside = power[(frequency < low) | (frequency > high)].sum()
+            if outside > OUT_OF_BAND * total:
+                raise ExcitationError(
+                    f"{100 * outside / total:.3g} % of its power on {axis} lies outside of {low:g} to {high:g} Hz; "
+                    f"allowed on this rig: {100 * OUT_OF_BAND:g} %"
+                )

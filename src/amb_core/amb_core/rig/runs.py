@@ -1,0 +1,173 @@
+"""The telemetry of a target as runs: a run lasts from a levitation to the step at which the currents are off.
+
+Step 0 of a run is the first one with currents, as step 0 of the simulator is the first one that the controller answers.
+Samples of a rotor that is not levitated belong to no run.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.loop.machine import Machine
+from amb_core.loop.records import LoopRecord
+from amb_core.target import TelemetryBlock
+
+_STATE = 0b111  # of the status word: the state of the target
+_FIRST, _LAST = 1, 3  # states in which the rotor is levitated: LEVITATING to LANDING
+REMEMBERED = 1.0  # s before a trip that are kept
+
+
+@dataclass(frozen=True, eq=False)
+class RunSamples:
+    """Consecutive samples of a run; `record` counts steps in the run."""
+
+    run: int
+    record: LoopRecord
+
+
+class Runs:
+    """Cuts telemetry into runs, and runs into blocks.
+
+    Parameters
+    ----------
+    machine : Machine
+        Gives axes and sample rate.
+    block : int
+        Steps in a block; the last one of a run, and one before a gap, may be shorter.
+    new_run : callable
+        Returns the number of a run that begins.
+
+    Attributes
+    ----------
+    run : int
+        The present run, or the last one; 0 before the first.
+    levitated : bool
+        Whether a run is in progress.
+    next_step : int
+        Step of the run after its last sample, blocks in the making included.
+    next_target_step : int
+        Step of the target after the last sample.
+    position : ndarray, shape (axes,)
+        Latest measured position (m); NaN before the first.
+    """
+
+    def __init__(self, machine: Machine, block: int, new_run: Callable[[], int]) -> None:
+        self._axes, self._sample_time = machine.axis_names, 1.0 / machine.sample_rate
+        self._block, self._new_run = block, new_run
+        self._base = 0  # step of the target at step 0 of the run
+        self._parts: list[TelemetryBlock] = []  # of the block in the making, consecutive
+        self._held = 0  # samples in them
+        self._past: deque[RunSamples] = deque()
+        self._past_steps = round(REMEMBERED * machine.sample_rate)
+        self.run = 0
+        self.levitated = False
+        self.next_step = self.next_target_step = 0
+        self.position = np.full(len(self._axes), np.nan)
+
+    def add(self, samples: TelemetryBlock) -> list[RunSamples]:
+        """The blocks that are whole now that these samples, with status words, have arrived."""
+        assert samples.status is not None
+        state = samples.status & _STATE
+        levitated = (state >= _FIRST) & (state <= _LAST)
+        done: list[RunSamples] = []
+        for first, stop in _stretches(levitated):
+            done += self._take(samples.part(first, stop), bool(levitated[first]))
+        self.position = samples.position[-1]
+        self.next_target_step = samples.first_step + samples.steps
+        return done
+
+    def flush(self) -> list[RunSamples]:
+        """The block in the making, if there is one: no samples come for a while."""
+        done = self._cut(self._held) if self._held else []
+        self._remember(done)
+        return done
+
+    def end(self) -> list[RunSamples]:
+        """The run is over: the target started anew, and counts its steps from 0 again."""
+        done = self.flush()
+        self.levitated = False
+        return done
+
+    def step_of(self, target_step: int) -> int:
+        """The step in the present run of a step of the target."""
+        return target_step - self._base
+
+    def target_step_of(self, step: int) -> int:
+        """The step of the target at a step of the present run."""
+        return self._base + step
+
+    def before(self, target_step: int) -> list[LoopRecord]:
+        """What is known of the second before a step of the target, within the present run, in blocks."""
+        stop = self.step_of(target_step)
+        whole = [*self._past, *([self._made(self._held)] if self._held else [])]
+        records = [samples.record for samples in whole if samples.run == self.run]
+        cut = [_between(record, stop - self._past_steps, stop) for record in records]
+        return [record for record in cut if record.steps]
+
+    def _take(self, samples: TelemetryBlock, levitated: bool) -> list[RunSamples]:
+        """Samples with one and the same state."""
+        if not levitated:
+            return self.end() if self.levitated else []
+        done: list[RunSamples] = []
+        if not self.levitated:
+            self.levitated, self.run, self._base = True, self._new_run(), samples.first_step
+        elif self.step_of(samples.first_step) != self.next_step:
+            done = self.flush()  # a gap
+        self._parts.append(samples)
+        self._held += samples.steps
+        self.next_step = self.step_of(samples.first_step + samples.steps)
+        while self._held >= self._wanted():
+            done += self._cut(self._wanted())
+        self._remember(done)
+        return done
+
+    def _wanted(self) -> int:
+        """Samples up to the next multiple of the size of a block."""
+        return self._block - self.step_of(self._parts[0].first_step) % self._block if self._parts else self._block
+
+    def _cut(self, steps: int) -> list[RunSamples]:
+        made = self._made(steps)
+        rest, self._parts = self._parts, []
+        left = steps
+        for part in rest:
+            if part.steps > left:
+                self._parts.append(part.part(left, part.steps))
+            left = max(left - part.steps, 0)
+        self._held -= steps
+        return [made]
+
+    def _made(self, steps: int) -> RunSamples:
+        first = self.step_of(self._parts[0].first_step)
+        reference, position, current = (
+            _joined([getattr(part, name) for part in self._parts], steps)
+            for name in ("reference", "position", "current")
+        )
+        return RunSamples(self.run, LoopRecord(first, self._sample_time, reference, position, current, self._axes))
+
+    def _remember(self, done: list[RunSamples]) -> None:
+        self._past.extend(done)
+        while len(self._past) > 1 and sum(one.record.steps for one in self._past) > self._past_steps + self._block:
+            self._past.popleft()
+
+
+def _stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and stop of each stretch of equal flags."""
+    edges = np.flatnonzero(flags[1:] != flags[:-1]) + 1 if len(flags) > 1 else np.zeros(0, int)
+    bounds = [0, *edges.tolist(), len(flags)]
+    return list(itertools.pairwise(bounds))
+
+
+def _joined(columns: list[NDArray[np.float64]], steps: int) -> NDArray[np.float64]:
+    return (columns[0] if len(columns) == 1 else np.concatenate(columns))[:steps]
+
+
+def _between(record: LoopRecord, first: int, stop: int) -> LoopRecord:
+    begin = min(max(first - record.first_step, 0), record.steps)
+    end = min(max(stop - record.first_step, begin), record.steps)
+    return record.window(record.first_step + begin, end - begin)

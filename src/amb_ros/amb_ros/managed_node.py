@@ -1,0 +1,159 @@
+"""A managed (lifecycle) node that outlives wrong requests, and whose transitions may take their time.
+
+rclpy 7.1.6 ends the whole process at a transition that the present state does not allow. Here such a request is
+answered with success=false, and the log says what is allowed. Transitions run in a worker: topics and services go on.
+There is no transition from `active` to an error: a node that falls into one deactivates itself and keeps the reason.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import traceback
+from abc import abstractmethod
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+from lifecycle_msgs.msg import State, Transition
+from rclpy.exceptions import InvalidHandle
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+from amb_core.errors import AmbError, one_line
+
+SHUTDOWN = "shutdown"
+
+
+class ManagedNode(LifecycleNode):
+    """A managed node; a subclass gives what its transitions do, as methods that raise `AmbError` where they cannot.
+
+    Attributes
+    ----------
+    worker : ThreadPoolExecutor
+        Runs the transitions, and whatever must not run at the same time.
+    problem : str
+        Why the last transition failed; empty after one that did not.
+    """
+
+    def __init__(self, name: str, **arguments: Any) -> None:
+        self.worker = ThreadPoolExecutor(1, thread_name_prefix=name)
+        self.problem = ""
+        super().__init__(name, **arguments)
+        # As in `services`: the executor passes the request on, and the worker sends the answer.
+        service: Any = self._service_change_state
+        self._send_response = service.send_response
+        service.send_response = lambda call, header: self.worker.submit(self._work, call, header)
+
+    # -- what a node gives
+
+    @abstractmethod
+    def configure(self) -> None:
+        """From unconfigured to inactive."""
+
+    @abstractmethod
+    def activate(self) -> None:
+        """From inactive to active."""
+
+    @abstractmethod
+    def deactivate(self) -> None:
+        """From active to inactive."""
+
+    @abstractmethod
+    def clean_up(self) -> None:
+        """From inactive to unconfigured, and at shutdown."""
+
+    # -- transitions
+
+    @property
+    def state_label(self) -> str:
+        """The present state: unconfigured, inactive, active, finalized, or that of a transition."""
+        return str(self._state_machine.current_state[1])
+
+    def fall_back(self) -> Future[None]:
+        """Deactivate the node if it is active, because of an error that its subclass has kept."""
+        return self.worker.submit(self._fall_back)
+
+    def _fall_back(self) -> None:
+        if self.context.ok() and self._state_machine.current_state[0] == State.PRIMARY_STATE_ACTIVE:
+            self.trigger_deactivate()
+
+    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802 (of rclpy)
+        return request, response
+
+    def _work(self, call: tuple[Any, Any], header: Any) -> None:
+        request, response = call
+        try:
+            response.success = self._change(request.transition)
+        except Exception:  # in every case the caller gets an answer and the node keeps running
+            self.get_logger().error(traceback.format_exc())
+            response.success = False
+        with contextlib.suppress(InvalidHandle):  # the node was shut down meanwhile
+            if self.context.ok():
+                self._send_response(response, header)
+
+    def _change(self, asked: Any) -> bool:
+        """Do a transition, asked for by its label or number, if the present state allows it."""
+        allowed = {label: number for number, label, *_ in self._state_machine.available_transitions}
+        label = asked.label or next((name for name, number in allowed.items() if number == asked.id), "")
+        triggers: dict[str, Callable[[], Any]] = {
+            "configure": self.trigger_configure,
+            "activate": self.trigger_activate,
+            "deactivate": self.trigger_deactivate,
+            "cleanup": self.trigger_cleanup,
+            SHUTDOWN: self.trigger_shutdown,
+        }
+        if label not in allowed or label not in triggers:
+            name = label or _NAMES.get(asked.id, f"transition {asked.id}")
+            possible = ", ".join(name for name in triggers if name in allowed) or "none, the node has been shut down"
+            self.get_logger().error(f"{name} is not allowed while {self.state_label}; allowed: {possible}")
+            return False
+        return bool(triggers[label]() == TransitionCallbackReturn.SUCCESS)
+
+    def _done(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            work()
+        except AmbError as problem:
+            self.problem = f"{name}: {one_line(problem)}"
+        except Exception as problem:
+            self.get_logger().error(traceback.format_exc())
+            self.problem = f"{name}: internal error: {problem!r}; see the log"
+        else:
+            self.problem = ""
+            self.get_logger().info(f"{name}: done")
+            return TransitionCallbackReturn.SUCCESS
+        self.get_logger().error(self.problem)
+        return TransitionCallbackReturn.FAILURE
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure; a failure leaves the node unconfigured."""
+        return self._done("configure", self.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate; a failure leaves the node inactive."""
+        return self._done("activate", self.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate. What fails is kept as the problem; the node is inactive in every case."""
+        self._done("deactivate", self.deactivate)
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Clean up."""
+        return self._done("cleanup", self.clean_up)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate if active, and clean up; the node is finalized in every case."""
+        if state.state_id == State.PRIMARY_STATE_ACTIVE:
+            self._done("deactivate", self.deactivate)
+        self._done("cleanup", self.clean_up)
+        return TransitionCallbackReturn.SUCCESS
+
+
+_NAMES = {
+    Transition.TRANSITION_CONFIGURE: "configure",
+    Transition.TRANSITION_CLEANUP: "cleanup",
+    Transition.TRANSITION_ACTIVATE: "activate",
+    Transition.TRANSITION_DEACTIVATE: "deactivate",
+    Transition.TRANSITION_UNCONFIGURED_SHUTDOWN: SHUTDOWN,
+    Transition.TRANSITION_INACTIVE_SHUTDOWN: SHUTDOWN,
+    Transition.TRANSITION_ACTIVE_SHUTDOWN: SHUTDOWN,
+}
