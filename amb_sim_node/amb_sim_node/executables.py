@@ -8,3 +8,8 @@ from amb_ros.startup import start
 def simulator() -> int:
     """Run the node `simulator` until SIGINT or SIGTERM."""
     return start("amb_sim_node.simulator")
+
+
+def target_emulator() -> int:
+    """Run the node `target_emulator` until SIGINT or SIGTERM."""
+    return start("amb_sim_node.target_emulator")

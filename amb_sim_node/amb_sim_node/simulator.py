@@ -18,6 +18,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from amb_core.errors import AmbError, ParameterError, PlantError
 from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.loop.pace import Pace, pace_values
+from amb_core.loop.real_time import enter_real_time
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
 from amb_core.recording.messages.machine import fill_machine
@@ -88,6 +89,8 @@ class SimulatorNode(Node):
         )
         self._watch = self._create_watch()
         self._machine: MachineDescription | None = None  # as last published
+        if problem := enter_real_time(settings.real_time):
+            self.get_logger().warning(problem)
         self._reset()
         if self._settings.autostart:
             self._start(0)

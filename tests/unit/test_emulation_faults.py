@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from amb_core.emulation import FaultyLink, Gap, LinkFaults
-from amb_core.emulation.faulty_sensors import axes_of
+from amb_core.emulation import FaultyLink, Gap, LinkFaults, SensorFaultParameters
+from amb_core.emulation.faulty_sensors import faulty_axes
 from amb_core.errors import ParameterError
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
@@ -193,5 +193,5 @@ def test_a_fault_of_an_axis_that_is_not_there_is_refused_and_changes_nothing() -
 
 def test_axes_are_named_with_or_without_commas() -> None:
     axes = ("x_a", "y_a", "x_b", "y_b")
-    assert axes_of("stuck", "x_b, x_a", axes) == axes_of("stuck", "x_a x_b", axes) == [0, 2]
-    assert axes_of("stuck", "", axes) == []
+    faults = SensorFaultParameters(stuck="x_b, x_a", noisy="y_b x_a", failed="")
+    assert faulty_axes(faults, axes) == ([0, 2], [0, 3], [])

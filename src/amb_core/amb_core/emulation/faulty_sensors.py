@@ -47,9 +47,7 @@ class FaultySensors:
         ParameterError
             If a fault names an axis that the machine lacks; nothing changes.
         """
-        stuck, noisy, failed = (
-            axes_of(name, getattr(faults, name), self._axes) for name in ("stuck", "noisy", "failed")
-        )
+        stuck, noisy, failed = faulty_axes(faults, self._axes)
         self._stuck, self._noisy, self._failed, self._noise = stuck, noisy, failed, faults.noise
         self._held = {axis: value for axis, value in self._held.items() if axis in stuck}
         self._right = not (stuck or noisy or failed)
@@ -65,14 +63,20 @@ class FaultySensors:
         position[self._failed] = math.nan
 
 
-def axes_of(fault: str, names: str, axes: tuple[str, ...]) -> list[int]:
-    """Numbers of the axes that a text such as `x_a, y_b` names.
+def faulty_axes(faults: SensorFaultParameters, axes: tuple[str, ...]) -> tuple[list[int], list[int], list[int]]:
+    """Numbers of the axes whose sensors are stuck, noisy and failed.
 
     Raises
     ------
     ParameterError
-        If the machine lacks one of them.
+        If the machine, with these axes, lacks one of them.
     """
+    stuck, noisy, failed = (_numbers(name, getattr(faults, name), axes) for name in ("stuck", "noisy", "failed"))
+    return stuck, noisy, failed
+
+
+def _numbers(fault: str, names: str, axes: tuple[str, ...]) -> list[int]:
+    """Numbers of the axes that a text such as `x_a, y_b` names."""
     asked = names.replace(",", " ").split()
     for name in asked:
         if name not in axes:

@@ -47,7 +47,10 @@ class LimitParameters(Parameters):
     settle_time: float = quantity(
         _LIMITS.settle_time, "s", "time from levitation until displacement can trip", 1e-4, 100.0
     )
-    missed_steps: float = quantity(_LIMITS.missed_steps, "-", "control steps missed at a time: trip", 1.0, 1e9)
+    # Ordinary operating systems stop a process for some milliseconds now and then.
+    missed_steps: float = quantity(
+        1_000.0, "-", "control steps missed at a time: trip; those of a late machine count too", 1.0, 1e9
+    )
 
     def with_current(self, control_current: float) -> Limits:
         """The limits of a target with a limit on its control current references (A); 0 of a time is no limit."""
