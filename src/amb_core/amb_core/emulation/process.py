@@ -154,6 +154,11 @@ class EmulatorProcess:
             self.latest = self._report()
         return self.latest
 
+    @property
+    def returncode(self) -> int | None:
+        """Exit code of the process; None while it runs."""
+        return self._process.poll()
+
     def close(self) -> None:
         """End the process."""
         self._connection.close()

@@ -13,7 +13,8 @@ import math
 import numpy as np
 
 _SHORTEST, _LONGEST = 1e-7, 100.0  # s
-MISSED = "deadlines missed"
+PACED, MISSED = " paced", "deadlines missed"
+"""Keys of a report: after what is paced, its number of deadlines; how many of them were missed."""
 QUANTILES = {"p50": 0.5, "p99": 0.99, "p99.99": 0.9999, "max": 1.0}
 """Shares of the distribution of the lateness that are reported, by name."""
 _RATIO = 1.05  # of the edges of neighbouring bins: a quantile is at most 5 % above the true one
@@ -115,6 +116,6 @@ def pace_values(pace: Pace, paced: str = "steps") -> dict[str, int | str]:
     paced : str
         What it paces: steps, or blocks of them.
     """
-    return {f"{paced} paced": pace.lateness.count, MISSED: pace.missed} | {
+    return {f"{paced}{PACED}": pace.lateness.count, MISSED: pace.missed} | {
         f"lateness {name} (us)": f"{1e6 * pace.lateness.quantile(share):.3g}" for name, share in QUANTILES.items()
     }
