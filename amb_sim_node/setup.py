@@ -7,7 +7,7 @@ NAME = "amb_sim_node"
 setup(
     name=NAME,
     version="0.1.0",
-    description="Simulator of an active magnetic bearing as a ROS 2 node.",
+    description="Simulator of active magnetic bearings as a ROS 2 node, and an emulator of their real-time target.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",
     license="Apache-2.0",
@@ -23,6 +23,7 @@ setup(
         "console_scripts": [
             "hardware_bridge=amb_sim_node.executables:hardware_bridge",
             "simulator=amb_sim_node.executables:simulator",
+            "target_emulator=amb_sim_node.executables:target_emulator",
         ]
     },
 )

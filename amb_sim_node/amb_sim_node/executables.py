@@ -13,3 +13,8 @@ def simulator() -> int:
 def hardware_bridge() -> int:
     """Run the node `hardware_bridge` until SIGINT or SIGTERM."""
     return start("amb_sim_node.hardware_bridge")
+
+
+def target_emulator() -> int:
+    """Run the node `target_emulator` until SIGINT or SIGTERM."""
+    return start("amb_sim_node.target_emulator")

@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from amb_core.errors import AmbError, TargetError
 from amb_core.loop.machine import Machine as MachineDescription
+from amb_core.loop.real_time import enter_real_time
 from amb_core.recording.messages.loop_samples import fill_loop_samples
 from amb_core.recording.messages.machine import fill_machine
 from amb_core.rig import BridgeTrip, ExcitationProtection, Runs, RunSamples, TripLog, describe
@@ -105,7 +106,7 @@ class HardwareBridgeNode(ManagedNode):
         settings = self._settings
         controller = controller_of(settings)
         guard = guard_of(settings, controller)
-        link = link_of(settings.link)
+        link = link_of(settings.link, self._enter_real_time)
         try:
             description = link.connect(self)
             machine = description.machine
@@ -163,6 +164,11 @@ class HardwareBridgeNode(ManagedNode):
             self._publish(self._runs.end() if self._runs is not None else [])
             self._runs, self._status, self._reachable = None, None, False
         self._note_state()
+
+    def _enter_real_time(self) -> None:
+        """In the thread of the link, when it starts."""
+        if problem := enter_real_time(self._settings.real_time):
+            self.get_logger().warning(problem)
 
     def _connected(self) -> TargetLink:
         if self._link is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Callable
 
 from amb_core.errors import ParameterError
 from amb_core.loop.control import ControllerParameters
@@ -27,7 +28,7 @@ def controller_of(settings: BridgeParameters) -> KnownController:
     return part_of(ControllerParameters, settings.model_dump())
 
 
-def link_of(parameters: LinkParameters) -> TargetLink:
+def link_of(parameters: LinkParameters, starting: Callable[[], object]) -> TargetLink:
     """The link that the parameters name.
 
     Raises
@@ -36,8 +37,10 @@ def link_of(parameters: LinkParameters) -> TargetLink:
         If there is none of that name, or its parameters are wrong.
     """
     if parameters.kind == "amb_udp":
-        key = read_key(parameters.key_file)
-        return AmbUdpLink(parameters.address, parameters.port, key, parameters.float64, timeout=parameters.timeout)
+        key = read_key(parameters.key_file) if parameters.key_file else b""
+        return AmbUdpLink(
+            parameters.address, parameters.port, key, parameters.float64, timeout=parameters.timeout, starting=starting
+        )
     module, _, name = parameters.kind.partition(":")
     try:
         made = getattr(importlib.import_module(module), name)(parameters)

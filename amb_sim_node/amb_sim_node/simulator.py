@@ -17,7 +17,8 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from amb_core.errors import AmbError, ParameterError, PlantError
 from amb_core.loop.machine import Machine as MachineDescription
-from amb_core.loop.pace import Pace
+from amb_core.loop.pace import Pace, pace_values
+from amb_core.loop.real_time import enter_real_time
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
 from amb_core.recording.messages.machine import fill_machine
@@ -88,6 +89,8 @@ class SimulatorNode(Node):
         )
         self._watch = self._create_watch()
         self._machine: MachineDescription | None = None  # as last published
+        if problem := enter_real_time(settings.real_time):
+            self.get_logger().warning(problem)
         self._reset()
         if self._settings.autostart:
             self._start(0)
@@ -334,14 +337,6 @@ class SimulatorNode(Node):
         mode = MODE_NAMES[state.mode]
         values = {"run": state.run, "step": state.step, "mode": mode, "steps in contact": self._contact_steps}
         return level, summary, values if self._pace is None else values | pace_values(self._pace)
-
-
-def pace_values(pace: Pace) -> dict[str, int | str]:
-    """Missed deadlines and the distribution of the lateness, for /diagnostics."""
-    shares = {"p50": 0.5, "p99": 0.99, "p99.99": 0.9999, "max": 1.0}
-    return {"steps paced": pace.lateness.count, "deadlines missed": pace.missed} | {
-        f"lateness {name} (us)": f"{1e6 * pace.lateness.quantile(share):.3g}" for name, share in shares.items()
-    }
 
 
 def _next_run(last: int) -> int:

@@ -51,6 +51,7 @@ def test_a_late_wake_up_is_lateness_and_a_missed_deadline_only_from_a_whole_peri
     assert pace.wait(1.5e-3) == pytest.approx(0.5e-3), "the grid stays"
     pace.published(3.1e-3)
     assert pace.missed == 1
+    assert pace.shift == pytest.approx(1.1e-3)
     assert pace.wait(3.6e-3) == pytest.approx(0.5e-3), "the grid has shifted"
 
 

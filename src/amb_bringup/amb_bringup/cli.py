@@ -68,6 +68,10 @@ COMMANDS = {
         "distortion:distortion",
         "Measure nonlinear distortion: how much of the rotor's motion no linear model can explain.",
     ),
+    "jitter": (
+        "jitter:jitter",
+        "Show how late the steps of paced nodes come, and how many deadlines they miss, from /diagnostics.",
+    ),
     "bag": (
         "bag:app",
         "Inspect and play bags.",

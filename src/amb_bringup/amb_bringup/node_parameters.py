@@ -11,7 +11,7 @@ from amb_core.plant.machine import machine_of
 from amb_ident_node.identifier import IdentifierParameters
 from amb_ident_node.recorder import RecorderParameters
 from amb_ident_node.region_monitor import RegionMonitorParameters
-from amb_sim_node.parameters import SimulatorParameters
+from amb_sim_node.parameters import BridgeParameters, SimulatorParameters, TargetEmulatorParameters
 
 PARAMETERS: dict[str, type[Parameters]] = {
     "simulator": SimulatorParameters,
@@ -21,6 +21,8 @@ PARAMETERS: dict[str, type[Parameters]] = {
     "recorder": RecorderParameters,
     "region_monitor": RegionMonitorParameters,
     "identifier": IdentifierParameters,
+    "hardware_bridge": BridgeParameters,
+    "target_emulator": TargetEmulatorParameters,
 }
 """Every node of `amb_core.files.parameter_files.KNOWN_NODES`, and its parameters in a parameter file."""
 

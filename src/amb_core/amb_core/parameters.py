@@ -73,14 +73,14 @@ def quantities(unit: str, description: str, minimum: float, maximum: float, *, r
     )
 
 
-def switch(default: bool, description: str) -> Any:
+def switch(default: bool, description: str, *, runtime: bool = False) -> Any:
     """Declare an on/off parameter."""
-    return Field(default, description=description)
+    return Field(default, description=description, json_schema_extra={"runtime": runtime})
 
 
-def choice(default: str, description: str) -> Any:
+def choice(default: str, description: str, *, runtime: bool = False) -> Any:
     """Declare a parameter whose type is a Literal of the allowed words, or free text where its type is str."""
-    return Field(default, description=description)
+    return Field(default, description=description, json_schema_extra={"runtime": runtime})
 
 
 @dataclass(frozen=True)

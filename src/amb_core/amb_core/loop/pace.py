@@ -2,7 +2,8 @@
 
 Step k is due k periods after the start. A step that is ready before is held back until then; one that is ready after it
 has missed its deadline: it is counted, and the grid shifts by its lateness, so that the steps after it keep their
-distance instead of hurrying. Times are those of a monotonic clock, given by the caller.
+distance instead of hurrying. Times are those of a monotonic clock, given by the caller. A block of steps can be paced
+just as well as a step.
 """
 
 from __future__ import annotations
@@ -12,6 +13,10 @@ import math
 import numpy as np
 
 _SHORTEST, _LONGEST = 1e-7, 100.0  # s
+PACED, MISSED = " paced", "deadlines missed"
+"""Keys of a report: after what is paced, its number of deadlines; how many of them were missed."""
+QUANTILES = {"p50": 0.5, "p99": 0.99, "p99.99": 0.9999, "max": 1.0}
+"""Shares of the distribution of the lateness that are reported, by name."""
 _RATIO = 1.05  # of the edges of neighbouring bins: a quantile is at most 5 % above the true one
 
 
@@ -56,38 +61,61 @@ class Pace:
 
     Attributes
     ----------
+    period : float
+        Wall-clock time between two steps (s); may be changed at any time.
     missed : int
         Steps that were ready only after they were due.
+    shift : float
+        Sum of the times by which missed deadlines have shifted the grid (s).
     lateness : Lateness
         Time of every step after it was due, in time or not.
     """
 
     def __init__(self, period: float) -> None:
-        self._period = period
+        self.period = period
         self._due = math.nan
         self.missed = 0
+        self.shift = 0.0
         self.lateness = Lateness()
 
     def start(self, now: float) -> None:
         """A step was published at `now` (s): the next one is due a period later. Counts go on."""
-        self._due = now + self._period
+        self._due = now + self.period
 
     def wait(self, now: float) -> float:
         """Time (s) for which the step that is ready at `now` (s) is held back; 0 if it has missed its deadline."""
         left = self._due - now
         if left >= 0.0:
             return left
-        self.missed += 1
         self.lateness.note(-left)
-        self.start(now)
+        self._miss(-left, now)
         return 0.0
 
     def published(self, now: float) -> None:
         """The step that was held back was published at `now` (s); if a whole period late, it missed its deadline."""
         late = max(now - self._due, 0.0)
         self.lateness.note(late)
-        if late >= self._period:
-            self.missed += 1
-            self.start(now)
+        if late >= self.period:
+            self._miss(late, now)
         else:
-            self._due += self._period
+            self._due += self.period
+
+    def _miss(self, late: float, now: float) -> None:
+        self.missed += 1
+        self.shift += late
+        self.start(now)
+
+
+def pace_values(pace: Pace, paced: str = "steps") -> dict[str, int | str]:
+    """Missed deadlines and the distribution of the lateness, for /diagnostics.
+
+    Parameters
+    ----------
+    pace : Pace
+        The pace.
+    paced : str
+        What it paces: steps, or blocks of them.
+    """
+    return {f"{paced}{PACED}": pace.lateness.count, MISSED: pace.missed} | {
+        f"lateness {name} (us)": f"{1e6 * pace.lateness.quantile(share):.3g}" for name, share in QUANTILES.items()
+    }

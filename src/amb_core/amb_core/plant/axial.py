@@ -142,6 +142,11 @@ class Axial:
         return self._measured
 
     @property
+    def coil_currents(self) -> NDArray[np.float64]:
+        """Of the two magnets at the end of the last internal step (A), shape (2,)."""
+        return np.array(self._state[0]["current"])
+
+    @property
     def contact(self) -> bool:
         """Whether the backup bearing pushed the rotor in the last internal step."""
         return bool(self._state["contact_force"].any())

@@ -187,6 +187,12 @@ class Plant:
         currents[list(active_coils(self.parameters.magnetic_circuit))] = self.parameters.amplifier.bias_current
         return currents
 
+    @property
+    def coil_currents(self) -> NDArray[np.float64]:
+        """Currents at the end of the last sample (A), shape (coils,): +x, +y, -x, -y of each bearing, then +z, -z."""
+        currents = self._arrays.bearings["current"].flatten()
+        return currents if self.axial is None else np.append(currents, self.axial.coil_currents)
+
     def advance(self, currents: Sequence[float] | NDArray[np.float64]) -> tuple[float, ...]:
         """Hold control current references (A) over one controller sample; return the new measured positions (m).
 

@@ -76,6 +76,8 @@ class AmbUdpLink(TargetLink):
         Steps that may arrive after a missing one before it is given up.
     timeout : float
         Longest wait for the reply to a command (s).
+    starting : callable, optional
+        Called first in the thread of the link, to give it a real-time priority for example.
 
     Raises
     ------
@@ -91,10 +93,12 @@ class AmbUdpLink(TargetLink):
         float64: bool = False,
         wait: int = 200,
         timeout: float = 1.0,
+        starting: Callable[[], object] = lambda: None,
     ) -> None:
         require_key(key)
         self._where = f"the target at {address} port {port}"
         self._address, self._key, self._wait, self._timeout = (address, port), key, wait, timeout
+        self._starting = starting
         self._options = TelemetryOption.STATUS | (TelemetryOption.FLOAT64 if float64 else TelemetryOption(0))
         self.count = LinkCount()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -283,6 +287,7 @@ class AmbUdpLink(TargetLink):
     # -- the thread of the link
 
     def _run(self) -> None:
+        self._starting()
         while not self._closing.is_set():
             datagram = self._receive()
             now = time.monotonic()

@@ -1,39 +1,42 @@
-"""The shared key of host and target, in a file that nobody else can read."""
+"""The shared key of host and target, from a file that nobody but its owner can read."""
 
 from __future__ import annotations
 
-import stat
+import os
 from pathlib import Path
 
 from amb_core.errors import TargetError
+from amb_core.files.regular_files import open_regular, shown
 from amb_core.target.frames import require_key
 
-ALLOWED = "32 to 128 hexadecimal digits in a file of mode 0600; make one: (umask 077; openssl rand -hex 32 > FILE)"
+_LARGEST_FILE = 1024  # bytes
 
 
 def read_key(path: str | Path) -> bytes:
-    """The key in a file, in hexadecimal digits; an empty path is no key.
+    """Key from a file with its bytes in hexadecimal digits; `openssl rand -hex 32` makes one.
 
     Raises
     ------
     TargetError
-        If the file cannot be read, can be read or written by others, or holds no key.
+        If the file cannot be read, others than its owner may read or change it, or it holds no key.
     """
-    if not str(path):
-        return b""
-    file = Path(path).expanduser()
+    where = f"key file {shown(path)}"
     try:
-        mode = file.stat().st_mode
-        text = file.read_text(encoding="ascii", errors="replace").strip()
+        with open_regular(path, _LARGEST_FILE) as file:
+            mode = os.fstat(file.fileno()).st_mode & 0o777
+            text = file.read(_LARGEST_FILE + 1)
     except OSError as problem:
-        raise TargetError(f"key file {file} cannot be read: {problem.strerror}") from None
-    if mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise TargetError(f"key file {file} has mode {stat.S_IMODE(mode):04o}; others can use it; allowed: 0600")
+        raise TargetError(f"{where}: cannot be read: {problem.strerror}") from None
+    if mode & 0o077:
+        raise TargetError(f"{where} has mode {mode:04o}; allowed: 0600 (run: chmod 600 {shown(path)})")
     try:
-        key = bytes.fromhex(text)
-        require_key(key)
-    except (ValueError, TargetError):
-        raise TargetError(f"key file {file} does not hold a key; allowed: {ALLOWED}") from None
+        key = bytes.fromhex(text.decode())
+    except ValueError:  # UnicodeDecodeError too
+        raise TargetError(f"{where}: is not in hexadecimal digits; make one by: openssl rand -hex 32") from None
     if not key:
-        raise TargetError(f"key file {file} is empty; allowed: {ALLOWED}")
+        raise TargetError(f"{where}: is empty; make one by: openssl rand -hex 32")
+    try:
+        require_key(key)
+    except TargetError as problem:
+        raise TargetError(f"{where}: {problem}") from None
     return key

@@ -1,0 +1,29 @@
+"""A real-time target without hardware: the C code of `target/` around a simulated plant, on a real UDP socket."""
+
+from amb_core.emulation.emulator import LOCALHOST, Address, TargetEmulator
+from amb_core.emulation.faulty_link import FaultyLink, Gap, LinkCount
+from amb_core.emulation.library import reference_library
+from amb_core.emulation.load import Load, measure_load
+from amb_core.emulation.paced import PacedEmulator
+from amb_core.emulation.parameters import FaultParameters, LimitParameters, LinkFaults, SensorFaultParameters
+from amb_core.emulation.process import EmulatorProcess, EmulatorReport, EmulatorSettings
+
+__all__ = [
+    "LOCALHOST",
+    "Address",
+    "EmulatorProcess",
+    "EmulatorReport",
+    "EmulatorSettings",
+    "FaultParameters",
+    "FaultyLink",
+    "Gap",
+    "LimitParameters",
+    "LinkCount",
+    "LinkFaults",
+    "Load",
+    "PacedEmulator",
+    "SensorFaultParameters",
+    "TargetEmulator",
+    "measure_load",
+    "reference_library",
+]
