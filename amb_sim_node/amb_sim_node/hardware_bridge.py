@@ -7,9 +7,11 @@ machine and telemetry, and takes excitations, as simulator and controller do tog
 from __future__ import annotations
 
 import math
+import sys
 import threading
 import time
 from concurrent.futures import TimeoutError as NotInTime
+from functools import partial
 
 from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
@@ -38,6 +40,7 @@ from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
 from amb_ros.services import create_service
+from amb_sim_node.machine_files import gains_in
 from amb_sim_node.parameters import BridgeParameters
 from amb_sim_node.region_guard import guard_of
 from amb_sim_node.rig_excitation import Rig, RigExcitation
@@ -48,12 +51,26 @@ PATIENCE = 5.0  # s in addition to its duration for a levitation or a landing
 
 
 class HardwareBridgeNode(ManagedNode):
-    """The bridge. Topics, services and parameters: see the package's README."""
+    """The bridge. Topics, services and parameters: see the package's README.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    arguments : list of str
+        Of the process: gains that the bridge is not given come from the block of pd_controller in its parameter file.
+
+    Raises
+    ------
+    AmbError
+        If a parameter is wrong.
+    """
+
+    def __init__(self, arguments: list[str]) -> None:
         super().__init__(
             "hardware_bridge", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True
         )
+        for name, value in gains_in(arguments, self.get_namespace()).items():
+            if not self.has_parameter(name):
+                self.declare_parameter(name, value)
         self._settings = declare(self, BridgeParameters, self._on_parameters)
         self._lock = threading.RLock()  # samples and trips: thread of the link, executor and worker
         self._link: TargetLink | None = None
@@ -395,7 +412,7 @@ def _shown(value: float) -> str:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run_node(HardwareBridgeNode, args)
+    return run_node(partial(HardwareBridgeNode, args or sys.argv), args)
 
 
 if __name__ == "__main__":
