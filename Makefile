@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo reproduce test test-slow test-graph stress validate fuzz bench bench-regions bench-ident lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress validate fuzz bench bench-regions bench-ident lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -13,6 +13,9 @@ setup:  ## make .venv with ROS 2 Jazzy, build the packages (EXTRAS=ross adds ROS
 
 demo: setup  ## the paper's main experiment over ROS topics; leaves results/demo
 	@$(RUN) amb demo
+
+rig-demo: setup  ## the first session with a rig, on an emulated target; leaves results/rig-demo
+	@$(RUN) amb rig demo
 
 reproduce: setup  ## the paper's figures and claims on the simulator; leaves results/paper/index.html
 	@$(RUN) amb reproduce

@@ -72,6 +72,10 @@ COMMANDS = {
         "jitter:jitter",
         "Show how late the steps of paced nodes come, and how many deadlines they miss, from /diagnostics.",
     ),
+    "rig": (
+        "rig:app",
+        "Work with a rig behind a real-time target, real or emulated.",
+    ),
     "bag": (
         "bag:app",
         "Inspect and play bags.",

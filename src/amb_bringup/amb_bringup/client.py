@@ -13,10 +13,12 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from amb_bringup.connection import ClientError, GraphConnection
+from amb_bringup.rig import Rig
 from amb_core.files.parameter_files import NODES
 from amb_core.identification import IdentificationProgress, StateSpaceModel
 from amb_core.recording.messages.region_map import region_map_from_message
@@ -84,6 +86,15 @@ class AmbClient(GraphConnection):
         self._region: RegionStateMessage | None = None
         self._region_subscription: Any = None  # made at the first request for regions
         create_subscription(self.node, SimulatorState, topics.SIMULATOR_STATE, self._on_state, LATCHED)
+
+    @cached_property
+    def rig(self) -> Rig:
+        """The rig behind a hardware bridge, in a graph that has one instead of simulator and controller."""
+        return Rig(self)
+
+    def use_run(self, run: int) -> None:
+        """Take a later run for the present one."""
+        self._run = max(self._run, run)
 
     # -- simulator
 
@@ -384,7 +395,7 @@ class AmbClient(GraphConnection):
 
     def _on_state(self, message: SimulatorState) -> None:
         self._state = message
-        self._run = max(self._run, message.run)
+        self.use_run(message.run)
 
 
 def _absolute(path: str | Path) -> str:

@@ -1,7 +1,7 @@
 """Reads declarative launch files (`*.launch.yaml`) where the `launch` packages of ROS 2 are not installed.
 
 The subset is what this workbench uses, with the meaning that `ros2 launch` gives it: `arg` (name, default, description)
-and `node` (pkg, exec, name, namespace, output, args, param, remap, env) with the substitutions `$(var NAME)`,
+and `node` (pkg, exec, name, namespace, output, args, param, remap, env, if) with the substitutions `$(var NAME)`,
 `$(find-pkg-share PACKAGE)` and `$(env NAME [DEFAULT])`. Anything else is refused by name, never skipped.
 
 Source: design article "ROS 2 Launch Static Descriptions", and the parsers of launch_yaml and launch_ros in Jazzy.
@@ -23,7 +23,7 @@ import yaml
 from amb_bringup.packages import LaunchError, find_executable, share_folder
 from amb_core.files.regular_files import read_text, shown
 
-NODE_KEYS = ("pkg", "exec", "name", "namespace", "output", "args", "param", "remap", "env")
+NODE_KEYS = ("pkg", "exec", "name", "namespace", "output", "args", "param", "remap", "env", "if")
 ARGUMENT_KEYS = ("name", "default", "description")
 SUBSTITUTION = re.compile(r"\$\(([^()$]*)\)")
 
@@ -94,7 +94,7 @@ class _Reader:
             _check_keys(place, body, ARGUMENT_KEYS if kind == "arg" else NODE_KEYS)
             if kind == "arg":
                 self._declare(place, body)
-            else:
+            elif self._wanted(place, body):
                 nodes.append(self._node(place, body))
         unknown = sorted(set(self._given) - set(self._values))
         if unknown:
@@ -114,6 +114,15 @@ class _Reader:
             self._values[name] = self._text(place, body, "default")
         else:
             raise LaunchError(f"argument '{name}' needs a value")
+
+    def _wanted(self, place: str, body: Mapping[str, Any]) -> bool:
+        """Whether the condition of a node holds, if it has one."""
+        if "if" not in body:
+            return True
+        word = self._text(place, body, "if").lower()
+        if word not in ("true", "1", "false", "0"):
+            raise LaunchError(f"{place}: 'if' = {word!r} must be true or false")
+        return word in ("true", "1")
 
     def _node(self, place: str, body: Mapping[str, Any]) -> NodeProcess:
         package, executable = self._text(place, body, "pkg"), self._text(place, body, "exec")

@@ -1,0 +1,134 @@
+"""`amb rig`: start the nodes of a rig, levitate, land, and see what the bridge reports."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from amb_bringup.commands.options import ParamsOption
+from amb_core.files.parameter_files import RIG_NODES
+
+if TYPE_CHECKING:
+    from amb_bringup.client import AmbClient
+
+app = typer.Typer(no_args_is_help=True, help="Work with a rig behind a real-time target, real or emulated.")
+
+
+@app.command()
+def connect(
+    patience: Annotated[float, typer.Option(help="Longest wait for a target that still starts (s).")] = 5.0,
+) -> None:
+    """Connect the bridge to the target, check it, and send it controller, limits and references."""
+    with _client() as amb:
+        amb.rig.connect(patience)
+        _show(amb)
+
+
+@app.command()
+def levitate() -> None:
+    """Levitate the rotor: a run begins."""
+    with _client() as amb:
+        run = amb.rig.levitate()
+        typer.echo(f"levitated: run {run}")
+        _show(amb)
+
+
+@app.command()
+def land() -> None:
+    """Land the rotor: the excitation fades, the reference goes to the landing one, the currents go off."""
+    with _client() as amb:
+        amb.rig.land()
+        _show(amb)
+
+
+@app.command()
+def disconnect() -> None:
+    """Leave the target as it is."""
+    with _client() as amb:
+        amb.rig.disconnect()
+
+
+@app.command()
+def reset() -> None:
+    """Forget latched trips, after their cause has been removed."""
+    with _client() as amb:
+        amb.rig.reset_faults()
+        _show(amb)
+
+
+@app.command()
+def status() -> None:
+    """Show the state of bridge and target, positions, lost samples and trips."""
+    with _client() as amb:
+        _show(amb)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for bag, model, report and summary.")] = Path("results/rig-demo"),
+    params: ParamsOption = None,
+) -> None:
+    """The first session with a rig, on an emulated target in real time: levitate, sweep, identify, land, report.
+
+    Results of an earlier session in the folder are replaced. The graph runs in its own DDS domain, or in ROS_DOMAIN_ID.
+    """
+    from amb_bringup.commands.inputs import parameter_file
+    from amb_bringup.commands.progress import Stages
+    from amb_bringup.commands.results import make_folder
+    from amb_bringup.launcher import own_domain
+    from amb_bringup.node_parameters import check_parameter_file
+    from amb_bringup.rig_demo import run_rig_demo
+
+    console = Console()
+    path = parameter_file(params).absolute()
+    check_parameter_file(path)  # a wrong file must not delete the results of an earlier session
+    make_folder(out)
+    shutil.rmtree(out / "bag", ignore_errors=True)
+    for name in ("model.json", "report.html", "summary.json"):
+        (out / name).unlink(missing_ok=True)
+    with Stages(console) as stages:
+        summary = run_rig_demo(out, path, own_domain(), stages.update)
+    table = Table("quantity", "value", title=f"A session with an emulated rig: {', '.join(summary.axes)}")
+    table.add_row("samples", f"{summary.steps:,}, {summary.lost:,} lost, {summary.doubled:,} doubled")
+    table.add_row("control steps that the emulated target missed", f"{summary.missed:,}")
+    table.add_row("trips", "; ".join(summary.trips) or "none")
+    table.add_row("region", summary.region)
+    table.add_row("model order", str(summary.order))
+    table.add_row("closed-loop fit", ", ".join(f"{name} {value:.2f} %" for name, value in summary.fit.items()))
+    table.add_row("unstable plant poles", str(summary.unstable_poles))
+    table.add_row("frequency response against the linearised plant", summary.frf_worst)
+    table.add_row("duration", f"{summary.seconds:.0f} s")
+    console.print(table)
+    console.print(f"bag, model.json, report.html, summary.json: {out}")
+
+
+def _client() -> AmbClient:
+    from amb_bringup.client import AmbClient  # takes a second to import
+
+    return AmbClient(nodes=RIG_NODES)
+
+
+def _show(amb: AmbClient) -> None:
+    from amb_bringup.rig import MODES
+
+    state = amb.rig.wait_for_state()
+    table = Table("quantity", "value")
+    table.add_row("bridge", amb.rig.life_cycle())
+    table.add_row("target", MODES[state.mode])
+    if state.run:
+        table.add_row("run", f"{state.run}, up to step {state.step:,}")
+    positions = ", ".join(
+        f"{axis} {1e6 * value:.1f} um" for axis, value in zip(state.axes, state.position, strict=False)
+    )
+    table.add_row("position", positions or "-")
+    table.add_row("samples lost, doubled", f"{state.lost:,}, {state.doubled:,}")
+    table.add_row("control steps missed", f"{state.missed:,}")
+    table.add_row("problem", state.problem or "none")
+    for trip in amb.rig.trips:
+        table.add_row("trip", trip.text)
+    Console().print(table)

@@ -1,0 +1,201 @@
+"""The first session with a rig, on an emulated target: levitate, sweep in region A, identify, land, report.
+
+Everything goes the way that it goes with hardware: the C target behind UDP in real time, the bridge, the nodes.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from amb_bringup.client import AmbClient
+from amb_bringup.demo_run import Progress, controller_of, plant_of
+from amb_bringup.launcher import Graph, launch_file
+from amb_core.errors import AmbError
+from amb_core.excitation import Excitation, Multisine, Sweep
+from amb_core.files.parameter_files import RIG_NODES
+from amb_core.identification.response_error import response_error
+from amb_core.model import StateSpaceModel
+from amb_core.plant import Plant, linearize
+from amb_core.recording import Recording
+from amb_core.regions import Region
+from amb_core.report import write_report
+from amb_core.report.recording import recording_report
+
+SETTLING = 0.5  # s after levitation, and after each excitation
+SWEEP_AMPLITUDE = 4e-6  # m: well inside region A of the bearings of this project
+SWEEP_BAND = 5.0, 200.0  # Hz
+MULTISINE_AMPLITUDE = 3e-6  # m
+MULTISINE_BAND = 2.0, 600.0  # Hz
+LONGEST_SESSION = 10.0  # s of one excitation: what an emulated target has room for with four axes
+
+
+@dataclass(frozen=True)
+class RigDemoSummary:
+    """Results of the session; `summary.json`.
+
+    Fits are closed-loop NRMSE fits by axis in percent, `frf_error_percent` is the largest relative error of the model's
+    frequency response against the linearised plant of the emulator, 5 to 1000 Hz. Samples lost and doubled are those
+    of telemetry, missed control steps those of the emulated target. `region` is the highest region of the session.
+    """
+
+    axes: list[str]
+    seconds: float
+    run: int
+    steps: int
+    lost: int
+    doubled: int
+    missed: int
+    trips: list[str]
+    region: str
+    order: int
+    fit: dict[str, float]
+    unstable_poles: int
+    frf_error_percent: float
+    frf_worst: str
+    bag: str
+    report: str
+
+
+def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progress) -> RigDemoSummary:
+    """Run the session and write bag, model.json, report.html and summary.json to a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Must be empty or not exist.
+    parameter_file : Path
+        Parameters of all nodes: its simulator and controller are what the target emulates.
+    domain_id : int
+        DDS domain in which the graph is started.
+    progress : callable
+        See `amb_bringup.demo_run.Progress`.
+
+    Raises
+    ------
+    AmbError
+        If a node fails, the target trips, or the rotor leaves region A.
+    """
+    began = time.monotonic()
+    folder.mkdir(parents=True, exist_ok=True)
+    plant, controller = plant_of(parameter_file), controller_of(parameter_file)
+    arguments = {"params": str(parameter_file), "emulator": "true"}
+    with (
+        Graph.from_launch_file(launch_file("rig"), arguments, {"ROS_DOMAIN_ID": str(domain_id)}) as graph,
+        AmbClient(domain_id=domain_id, nodes=RIG_NODES) as amb,
+    ):
+        progress("connect", 0, 1)
+        amb.rig.connect()
+        progress("connect", 1, 1)
+        bag = amb.start_recording(folder / "bag")
+        progress("levitate", 0, 1)
+        run = amb.rig.levitate()
+        progress("levitate", 1, 1)
+        with _landing(amb, progress):
+            for excitation in (_sweep(), _multisine(plant)):
+                _excite(amb, excitation, 1.0 / plant.sample_time, progress)
+                _require_region_a(amb, excitation.kind)
+            model = amb.identify(
+                order=_order(plant), progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total)
+            )
+        state = amb.rig.wait_for_state()
+        amb.stop_recording(run, int(state.step))
+        graph.check()
+    model.save(folder / "model.json")
+    error = response_error(model, linearize(plant, controller).discrete)
+    summary = RigDemoSummary(
+        axes=list(plant.machine.axis_names),
+        seconds=0.0,
+        run=run,
+        steps=int(state.step),
+        lost=int(state.lost),
+        doubled=int(state.doubled),
+        missed=int(state.missed),
+        trips=[str(trip.text) for trip in amb.rig.trips],
+        region=Region.A.name,
+        order=model.order,
+        fit=dict(zip(plant.machine.axis_names, _fit(model), strict=True)),
+        unstable_poles=len(model.unstable_poles()),
+        frf_error_percent=100.0 * error.largest,
+        frf_worst=error.worst,
+        bag=str(bag),
+        report=str(_report(folder, model.order, progress)),
+    )
+    summary = RigDemoSummary(**{**asdict(summary), "seconds": time.monotonic() - began})
+    (folder / "summary.json").write_text(json.dumps(asdict(summary), indent=2) + "\n")
+    return summary
+
+
+@contextmanager
+def _landing(amb: AmbClient, progress: Progress) -> Iterator[None]:
+    """Land at the end, also after an error or Ctrl-C: a rotor is never left levitated by a session that has ended."""
+    try:
+        yield
+    finally:
+        progress("land", 0, 1)
+        if amb.rig.life_cycle() == "active":
+            amb.rig.land()
+        progress("land", 1, 1)
+
+
+def _excite(amb: AmbClient, excitation: Excitation, sample_rate: float, progress: Progress) -> None:
+    """Apply an excitation and wait until the rotor has come to rest after it."""
+    rest = round(SETTLING * sample_rate)
+    amb.rig.wait_for_step(int(amb.rig.wait_for_state().step) + rest)
+    started = amb.start_excitation(excitation.kind, **excitation.model_dump())
+    progress(excitation.kind, 0, started.steps)
+    end = started.first_step + started.steps + rest
+    amb.rig.wait_for_step(
+        end,
+        lambda step: progress(excitation.kind, min(max(step - started.first_step, 0), started.steps), started.steps),
+    )
+    progress(excitation.kind, started.steps, started.steps)
+
+
+def _require_region_a(amb: AmbClient, kind: str) -> None:
+    state = amb.region_state()
+    if state.region > Region.A:
+        raise AmbError(f"the rotor left region A during the {kind}: region {state.region.name}; lower the amplitude")
+
+
+def _sweep() -> Sweep:
+    low, high = SWEEP_BAND
+    return Sweep(
+        amplitude=SWEEP_AMPLITUDE, duration=LONGEST_SESSION, axes="in_turn", frequency_start=low, frequency_end=high
+    )
+
+
+def _multisine(plant: Plant) -> Multisine:
+    low, high = MULTISINE_BAND
+    axes = len(plant.machine.axes)
+    return Multisine(
+        amplitude=MULTISINE_AMPLITUDE,
+        axes="orthogonal",
+        duration=LONGEST_SESSION * min(1.0, axes / 4),
+        periods=4,
+        frequency_start=low,
+        frequency_end=high,
+        phasing="optimised",
+        odd=True,
+    )
+
+
+def _order(plant: Plant) -> int:
+    """Two states for each rigid coordinate at an axis, and one for its amplifier; the paper's ten for one bearing."""
+    axes = len(plant.machine.axes)
+    return 10 if axes == 2 else 3 * axes
+
+
+def _fit(model: StateSpaceModel) -> list[float]:
+    return [float(value) for value in model.fit]
+
+
+def _report(folder: Path, order: int, progress: Progress) -> Path:
+    path = folder / "report.html"
+    recording = Recording.read(folder / "bag")
+    write_report(recording_report(recording, None, order, progress), path)
+    return path
