@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -59,7 +61,7 @@ def loop(graph: Graph, disk: StallingDisk) -> Loop:
 
 
 def publish_slowly(loop: Loop, health: Health, blocks: int) -> None:
-    """Publish blocks of a run in portions, each after the one before was received: the queue of DDS must not overflow."""
+    """Publish blocks of a run in portions, and wait for each: the queue of DDS must not overflow."""
     for first in range(0, blocks, 500):
         stop = min(first + 500, blocks)
         loop.publish_blocks(1, first, stop)
@@ -117,3 +119,33 @@ def test_a_stop_waits_for_the_disk(graph: Graph, disk: StallingDisk, health: Hea
     graph.wait_until(stopped.done, "the answer")
     assert stopped.result().success, stopped.result().message
     assert Recording.read(stopped.result().uri).telemetry().steps == 500 * BLOCK
+
+
+def test_a_disk_that_gets_full_ends_the_recording_with_a_whole_bag(graph: Graph, health: Health, loop: Loop) -> None:
+    """And a new one starts when there is room."""
+    room = int(400e6)  # B
+    least = shutil.disk_usage(graph.folder).free - room
+    graph.start(RECORDER, parameters={"minimum_free_space": float(least)})
+    assert loop.start_bag().success
+    publish_slowly(loop, health, 100)
+    graph.wait_until(lambda: health.number("messages") >= 100, "the blocks in the bag")
+    filler = graph.folder / "filler"
+    with filler.open("wb") as file:
+        os.posix_fallocate(file.fileno(), 0, 2 * room)
+    graph.wait_until(lambda: "MB are free on its disk" in health.status.message, "the end of the recording")
+    assert health.status.level == DiagnosticStatus.ERROR
+    loop.publish_blocks(1, 100, 110)
+    graph.wait_until(lambda: health.number("dropped messages") >= 10, "the loss")
+    stopped = loop.stop_bag(1, 110 * BLOCK)
+    assert not stopped.success
+    assert "allowed: " in stopped.message
+    assert "10 messages of /amb/telemetry (1000 steps)" in stopped.message
+    bag = Recording.read(stopped.uri)
+    assert not bag.truncated
+    assert (bag.telemetry().steps, bag.messages) == (100 * BLOCK, stopped.messages)
+
+    assert "MB are free on its disk" in loop.start_bag("too_early").message
+    filler.unlink()
+    assert loop.start_bag("next").success
+    loop.publish_blocks(1, 110, 120)
+    assert loop.stop_bag(1, 120 * BLOCK).success
