@@ -183,6 +183,16 @@ class SequenceAccount:
             self._gaps.append((1, sequence))
         self.last = sequence
 
+    def note_dropped(self, sequence: int) -> None:
+        """A message has arrived that is not in the recording."""
+        if sequence in (0, self.last):
+            return
+        self.note(sequence)
+        if self._gaps and self._gaps[-1][1] == sequence:
+            self._gaps[-1] = (self._gaps[-1][0], sequence + 1)
+        else:
+            self._gaps.append((sequence, sequence + 1))
+
     def lacks(self) -> list[str]:
         """What is missing between messages that have arrived."""
         if not self._gaps:

@@ -98,6 +98,15 @@ class Ledger:
                 self._notes[topic](message)
             self._changed.notify_all()
 
+    def note_dropped(self, topic: str, message: Any) -> None:
+        """A message has arrived on a topic, and is not in the recording."""
+        with self._changed:
+            if topic in self._counted:
+                self._counted[topic].note_dropped(getattr(message, COUNTED[topic]))
+            if topic == topics.SIMULATOR_STATE:  # its place decides what is awaited
+                self._note_reported_state(message)
+            self._changed.notify_all()
+
     def note_monitor(self, run: int, next_step: int, messages: int) -> None:
         """The region monitor reports its progress, and how many messages it has published."""
         with self._changed:

@@ -26,6 +26,7 @@ from rclpy.subscription import Subscription
 from amb_core.errors import AmbError, BagError, ParameterError
 from amb_core.parameters import Parameters, choice, quantity, switch
 from amb_core.recording import BagWriter
+from amb_core.recording.messages.loop_samples import steps_in
 from amb_core.recording.messages.parameters import ParameterValue
 from amb_ident_node.bag_in_progress import BagInProgress, require_free_space
 from amb_ident_node.completeness import Mark
@@ -39,7 +40,7 @@ from amb_ident_node.recorded_topics import (
     RecordedTopic,
     end_of,
 )
-from amb_msgs.msg import PlantState, SimulatorState
+from amb_msgs.msg import LoopSamples, PlantState, SimulatorState
 from amb_msgs.srv import GetState, StartRecording, StopRecording
 from amb_ros import diagnostics, topics
 from amb_ros.definitions import message_definition
@@ -53,6 +54,7 @@ from amb_ros.subscriptions import create_subscription
 
 DISCOVERY_TIMEOUT = 2.0  # s
 DISCOVERY_QUIET = 1.0  # s without a new publisher, after which all are assumed to be known
+WATCH_PERIOD = 0.5  # s, between looks for new nodes and publishers
 DISCOVERY_END = 10.0  # s after the start of the node, after which all are assumed to be known
 LONGEST_PAUSE = 30.0  # s, between attempts to read the parameters of a node; the pause doubles each time
 DEFAULT_STOP_TIMEOUT = 10.0  # s
@@ -70,7 +72,14 @@ class RecorderParameters(Parameters):
     parameter_timeout: float = quantity(
         2.0, "s", "longest wait for an answer about the parameters or the state of a node", 0.05, 10.0
     )
-    minimum_free_space: float = quantity(50e6, "B", "free space on the disk below which no recording starts", 0.0, 1e15)
+    queue_size: float = quantity(
+        200e6, "B", "memory for messages that wait for the disk; when it is full, messages are dropped", 1e6, 1e11
+    )
+    minimum_free_space: float = quantity(
+        50e6, "B", "free space on the disk below which no recording starts, and a recording ends", 0.0, 1e15
+    )
+    split_size: float = quantity(0.0, "B", "size at which a file is closed and the next one begins; 0: none", 0.0, 1e15)
+    split_period: float = quantity(0.0, "s", "time after which the next file begins; 0: none", 0.0, 1e9)
 
 
 class RecorderNode(Node):
@@ -84,6 +93,7 @@ class RecorderNode(Node):
         self._ledger = Ledger()
         self._latched: dict[str, bytes] = {}
         self._plant_state: tuple[Mark, bytes] | None = None  # the last one
+        self._in_trouble: BagInProgress | None = None  # the recording that was last reported for losing messages
         self._conflicts: dict[str, None] = {}  # seen while this bag was recorded
         self._published: set[str] = set()  # topics that had a publisher while this bag was recorded
         self._switching = threading.Lock()  # a message belongs either to a starting bag or to the time before it
@@ -102,8 +112,8 @@ class RecorderNode(Node):
         self._diagnostics = diagnostics.DiagnosticsReporter(
             self, self._report, exclusive=(topics.TELEMETRY, topics.SIMULATOR_STATE)
         )
-        self._flush_timer = self.create_timer(
-            self._settings.chunk_period, self._on_flush_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        self._watch_timer = self.create_timer(
+            WATCH_PERIOD, self._on_watch_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
         if self._settings.record_on_start:
             self._worker.submit(self._start_by_itself)
@@ -139,9 +149,15 @@ class RecorderNode(Node):
             end = end_of(message)
             if topic.type is PlantState and end is not None:
                 self._plant_state = end, data
-            if self._recording is not None:
-                self._recording.write(name, data, end)
-            self._ledger.note(topic.name, message)
+            recording = self._recording
+            steps = steps_in(message) if topic.type is LoopSamples else 0
+            if recording is None or recording.write(name, data, end, steps):
+                self._ledger.note(topic.name, message)
+                return
+            self._ledger.note_dropped(topic.name, message)
+        if recording is not self._in_trouble:
+            self._in_trouble = recording
+            self._diagnostics.publish()
 
     def _is_of_the_graph(self, array: DiagnosticArray) -> bool:
         """Whether diagnostics are of nodes in this namespace. Those of the region monitor report its progress."""
@@ -153,9 +169,8 @@ class RecorderNode(Node):
                 self._ledger.note_monitor(*map(int, known))
         return any(status.name.startswith(prefix) for status in array.status)
 
-    def _on_flush_timer(self) -> None:
+    def _on_watch_timer(self) -> None:
         if self._recording is not None:
-            self._recording.flush()
             self._note_published()
             now = time.monotonic()
             late = [name for name in self._undescribed_nodes() if now >= self._next_attempt.get(name, now)]
@@ -189,15 +204,16 @@ class RecorderNode(Node):
             )
         self._describe(self._undescribed_nodes(), max(deadline - time.monotonic(), self._settings.parameter_timeout))
         self._note_conflicts()
-        problems = [recording.failure] if recording.failure else self._ledger.lacks(awaited, self._published)
+        with self._switching:
+            recording.end()
+            lacks = self._ledger.lacks(awaited, self._published)
+        recording.close()  # takes as long as the disk needs for what waits
+        self._recording = None
+        problems = [recording.trouble] if recording.trouble else []
+        problems += [] if recording.failure else lacks
         problems += self._conflicts
         if missing := self._undescribed_nodes():
             problems.append(f"the parameters of {', '.join(missing)} are missing")
-        self._recording = None
-        try:
-            recording.close()
-        except BagError as problem:
-            problems = [str(problem)]
         response.success = not problems
         response.message = "; ".join(problems)
         response.uri = str(recording.folder)
@@ -234,8 +250,8 @@ class RecorderNode(Node):
             recording.write_parameters(PARAMETER_EVENTS, node, values)
         recording.flush()
         if recording.failure:  # a disk on which nothing can be written
-            self._recording = None
             recording.discard()
+            self._recording = None
             raise BagError(recording.failure)
         self.get_logger().info(f"recording {recording.folder}")
         return recording.folder
@@ -243,10 +259,17 @@ class RecorderNode(Node):
     def _open(self, folder: Path) -> BagInProgress:
         """An empty bag with all topics."""
         offered = {name: self._offered(name, topic) for name, topic in self._topics.items()}
-        writer = BagWriter(folder, self._settings.chunk_period)
+        settings = self._settings
+        writer = BagWriter(folder, settings.chunk_period, settings.split_size, settings.split_period)
         for name, topic in self._topics.items():
             writer.add_topic(name, topic.type_name, self._definitions[topic.type_name], offered[name])
-        return BagInProgress(writer)
+        return BagInProgress(
+            writer,
+            settings.chunk_period,
+            settings.queue_size,
+            [name for name, topic in self._topics.items() if topic.latched],
+            partial(require_free_space, folder, settings.minimum_free_space),
+        )
 
     def _begin(self, recording: BagInProgress, first: dict[str, bytes]) -> None:
         """Determine the run and step at which the recording begins, and write the current states."""
@@ -380,10 +403,9 @@ class RecorderNode(Node):
     def _close(self) -> None:
         recording, self._recording = self._recording, None
         if recording is not None:
-            try:
-                recording.close()
-            except BagError as problem:
-                self.get_logger().error(str(problem))
+            recording.close()
+            if recording.trouble:
+                self.get_logger().error(recording.trouble)
 
     # -- health
 
@@ -393,14 +415,24 @@ class RecorderNode(Node):
             return diagnostics.OK, "not recording", {}
         self._note_conflicts()
         lacks = self._ledger.lacks()
-        values = {"bag": recording.folder, "messages": recording.messages, "topics with gaps": len(lacks)}
-        if recording.failure:
-            return diagnostics.ERROR, recording.failure, values
+        waiting, size = recording.queued
+        dropped = recording.dropped.values()
+        values = {
+            "bag": recording.folder,
+            "messages": recording.messages,
+            "queued messages": waiting,
+            "queue (B)": size,
+            "dropped messages": sum(loss.messages for loss in dropped),
+            "dropped steps": sum(loss.steps for loss in dropped),
+            "topics with gaps": len(lacks),
+        }
+        if recording.trouble:
+            return diagnostics.ERROR, recording.trouble, values
         if self._ledger.conflict:
             return diagnostics.ERROR, self._ledger.conflict, values
         if lacks:
             return diagnostics.WARN, "; ".join(lacks), values
-        return diagnostics.OK, "recording", values
+        return diagnostics.OK, "closing the bag" if recording.ended else "recording", values
 
 
 def main(args: list[str] | None = None) -> int:

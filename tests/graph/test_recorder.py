@@ -230,13 +230,15 @@ def test_a_full_disk_ends_the_recording_but_not_the_node(loop: Loop, graph: Grap
     process = graph.start(RECORDER, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
     loop.start_bag()
     rng = np.random.default_rng(1)
-    noise = rng.normal(size=(6, 3000))
     for number in range(40):
+        noise = rng.normal(size=(6, 3000))  # always another, which cannot be compressed
         loop.telemetry.publish(block(1, 3000 * number, noise.__getitem__))
     stopped = loop.stop_bag(1, 3000 * 40)
     assert not stopped.success
-    assert "cannot be written: File too large" in stopped.message
-    assert Recording.read(stopped.uri).truncated
+    assert "cannot be written: File too large; not in the bag: " in stopped.message
+    bag = Recording.read(stopped.uri)
+    assert bag.truncated
+    assert stopped.messages == bag.messages
     assert process.poll() is None
     assert not loop.stop_bag().success
 

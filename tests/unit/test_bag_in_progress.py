@@ -1,12 +1,19 @@
-"""A recording in progress: what is held back until it is known where it begins."""
+"""A recording in progress: what waits until its beginning is known, and what a slow or full disk does to it."""
 
 from __future__ import annotations
 
+import resource
+import threading
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from amb_core.errors import BagError
 from amb_core.recording import BagWriter, Recording
 from amb_ident_node.bag_in_progress import BagInProgress
 from amb_ident_node.completeness import Mark
+from amb_ident_node.message_queue import Loss
 
 STATE = "some_msgs/msg/State"
 
@@ -16,10 +23,10 @@ def message(step: int) -> bytes:
     return b"\x00\x01\x00\x00" + step.to_bytes(8, "little")
 
 
-def recording(folder: Path) -> BagInProgress:
-    writer = BagWriter(folder)
+def recording(folder: Path, kind: type[BagWriter] = BagWriter, **options: Any) -> BagInProgress:
+    writer = kind(folder, chunk_age=60.0)
     writer.add_topic("/state", STATE, "uint64 step")
-    return BagInProgress(writer)
+    return BagInProgress(writer, **options)
 
 
 def steps(folder: Path) -> list[int]:
@@ -52,3 +59,73 @@ def test_present_states_come_first(tmp_path: Path) -> None:
     bag.begin(Mark(7, 100), {"/state": message(100)})
     bag.close()
     assert steps(tmp_path / "bag") == [100, 150]
+
+
+class StallingWriter(BagWriter):
+    """Its disk takes nothing while the gate is closed."""
+
+    gate = threading.Event()
+
+    def flush(self) -> None:
+        self.gate.wait()
+        super().flush()
+
+
+def test_a_disk_that_stalls_does_not_hold_up_who_writes(tmp_path: Path) -> None:
+    bag = recording(tmp_path / "bag", StallingWriter, flush_period=0.0)
+    bag.begin(None, {})
+    assert all(bag.write("/state", message(step)) for step in range(1000))
+    StallingWriter.gate.set()
+    bag.close()
+    assert steps(tmp_path / "bag") == list(range(1000))
+    assert bag.trouble == ""
+
+
+def test_after_the_end_nothing_is_taken(tmp_path: Path) -> None:
+    bag = recording(tmp_path / "bag")
+    bag.begin(None, {})
+    bag.write("/state", message(0))
+    bag.end()
+    assert bag.write("/state", message(1))
+    bag.close()
+    assert steps(tmp_path / "bag") == [0]
+    assert bag.trouble == ""
+
+
+def test_a_check_that_fails_ends_the_recording_with_a_whole_bag(tmp_path: Path) -> None:
+    room = iter([True, False])
+
+    def require_room() -> None:
+        if not next(room):
+            raise BagError("no room")
+
+    bag = recording(tmp_path / "bag", flush_period=60.0, check=require_room)
+    bag.begin(None, {})
+    assert bag.write("/state", message(0), steps=1)
+    bag.flush()
+    assert bag.write("/state", message(1), steps=1)
+    bag.flush()
+    assert not bag.write("/state", message(2), steps=1)
+    assert bag.trouble == "no room; not in the bag: 1 messages of /state (1 steps)"
+    bag.close()
+    assert steps(tmp_path / "bag") == [0, 1]
+    assert Recording.read(tmp_path / "bag").truncated == ""
+
+
+def test_what_a_full_disk_does_not_take_is_counted_exactly(tmp_path: Path) -> None:
+    bag = recording(tmp_path / "bag", flush_period=60.0)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    rng = np.random.default_rng(1)
+    try:
+        bag.begin(None, {})
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, limits[1]))
+        for _ in range(500):
+            bag.write("/state", b"\x00\x01\x00\x00" + rng.bytes(10_000), steps=1)  # cannot be compressed
+        bag.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    found = Recording.read(tmp_path / "bag")
+    assert found.truncated
+    assert found.messages == bag.messages > 200
+    assert bag.dropped == {"/state": Loss(500 - found.messages, 500 - found.messages)}
+    assert "cannot be written: File too large; not in the bag: " in bag.trouble

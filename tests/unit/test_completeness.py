@@ -67,6 +67,21 @@ def fill(ledger: Ledger) -> None:
     ledger.note("simulator/state", state(5, 200, 2))
 
 
+def test_a_message_that_was_dropped_is_missing_although_it_has_come() -> None:
+    account = SequenceAccount("region")
+    for sequence in (1, 2):
+        account.note(sequence)
+    for sequence in (4, 5):
+        account.note_dropped(sequence)
+    account.note(6)
+    assert account.lacks() == ["region lacks messages 3 to 5 (3 messages)"]
+    account.note_dropped(7)
+    assert account.lacks() == ["region lacks messages 3 to 5 and 7 (4 messages)"]
+    account.start()
+    account.note(8)
+    assert account.lacks() == []
+
+
 def test_a_recording_that_holds_everything_lacks_nothing(ledger):
     fill(ledger)
     assert ledger.lacks(Mark(5, 200), TOPICS) == []

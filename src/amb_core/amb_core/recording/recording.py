@@ -1,15 +1,10 @@
-"""A recording: the content of a bag, read in one pass, as the library's own types.
-
-Topics are found by message type, so a bag from any namespace can be read.
-"""
+"""A recording: the content of a bag as the library's own types, run by run and node by node."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,15 +21,13 @@ from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord, PlantRecord, sample_rate_of
 from amb_core.loop.telemetry import StepCoverage, merge_blocks
 from amb_core.parameters import part_of
-from amb_core.recording.decoder import Decoder
-from amb_core.recording.messages.excitation import EXCITATION, frequency_from_message
-from amb_core.recording.messages.excitation_status import EXCITATION_STATUS, answer_from_message
-from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
-from amb_core.recording.messages.machine import MACHINE, machine_from_message
-from amb_core.recording.messages.parameters import PARAMETER_EVENT, ParameterValue, parameters_from_messages
+from amb_core.recording.content import BagContent
+from amb_core.recording.messages.excitation import frequency_from_message
+from amb_core.recording.messages.loop_samples import LOOP_SAMPLES
+from amb_core.recording.messages.parameters import ParameterValue
 from amb_core.recording.messages.plant_state import PLANT_STATE, plant_record_from_messages
-from amb_core.recording.messages.state_space_model import STATE_SPACE_MODEL, model_from_message
-from amb_core.recording.storage import Storage, open_storage
+from amb_core.recording.messages.state_space_model import model_from_message
+from amb_core.recording.storage import open_storage
 
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters
@@ -44,38 +37,7 @@ if TYPE_CHECKING:
     from amb_core.regions import RegionState
     from amb_core.regions.region_map import RegionMap
 
-T = TypeVar("T")
-
-SIMULATOR_STATE = "amb_msgs/msg/SimulatorState"
-DELEVITATED = 3  # mode in this message, see its definition
-REGION_STATE = "amb_msgs/msg/RegionState"
-REGION_MAP = "amb_msgs/msg/RegionMap"
-KEPT = (
-    LOOP_SAMPLES,
-    MACHINE,
-    PLANT_STATE,
-    EXCITATION,
-    EXCITATION_STATUS,
-    SIMULATOR_STATE,
-    STATE_SPACE_MODEL,
-    REGION_STATE,
-    REGION_MAP,
-    PARAMETER_EVENT,
-)
-"""Message types that the library reads, except those of single samples, since there are too many of these."""
-
 CONTROLLER_NODE, LINEAR_CONTROLLER_NODE, SIMULATOR_NODE = "pd_controller", "state_space_controller", "simulator"
-CONTROLLER = "controller"
-"""Last part of the name of the topic with linear controllers, whose message type is that of identified models."""
-
-
-@dataclass(frozen=True)
-class TopicInfo:
-    """A topic of a bag and the number of its messages."""
-
-    name: str
-    type: str
-    messages: int
 
 
 class Recording:
@@ -95,24 +57,12 @@ class Recording:
         Why it cannot be read to its end; empty for a complete bag. Everything before the damage is read.
     """
 
-    def __init__(self, path: Path, storage: Storage) -> None:
-        self.path = path
-        self._storage = storage
-        self._decoder = Decoder(path, storage.definitions)
-        self._stored: dict[str, list[bytes]] = {}
-        counts: dict[tuple[str, str], int] = {}
-        start, end = 2**63 - 1, 0
-        for message in storage.messages():
-            key = (message.topic, message.type)
-            counts[key] = counts.get(key, 0) + 1
-            start, end = min(start, message.log_time), max(end, message.log_time)
-            if message.type in KEPT:
-                self._stored.setdefault(_kind(*key), []).append(message.data)
-        self.topics = [TopicInfo(name, kind, count) for (name, kind), count in sorted(counts.items())]
-        self.duration = (end - start) / 1e9 if counts else 0.0
-        self.truncated = storage.damage
-        if self.truncated and not counts:
-            raise BagError(f"bag {path}: no message can be read: {self.truncated}")
+    def __init__(self, content: BagContent) -> None:
+        self._content = content
+        self.path = content.path
+        self.topics = content.topics
+        self.duration = content.duration
+        self.truncated = content.truncated
 
     @classmethod
     def read(cls, path: str | Path) -> Recording:
@@ -123,7 +73,7 @@ class Recording:
         BagError
             If there is no bag, or if no message of a damaged one can be read.
         """
-        return cls(Path(path), open_storage(Path(path)))
+        return cls(BagContent(Path(path), open_storage(Path(path))))
 
     @property
     def messages(self) -> int:
@@ -133,7 +83,7 @@ class Recording:
     @property
     def runs(self) -> list[int]:
         """Runs with telemetry, in the order in which they were recorded."""
-        return list(self._blocks)
+        return list(self._content.blocks)
 
     def telemetry(self, run: int | None = None, first_step: int | None = None, stop: int | None = None) -> LoopRecord:
         """The loop samples of a run.
@@ -150,10 +100,10 @@ class Recording:
         BagError
             If there is no telemetry, no such run, or if steps are missing.
         """
-        if self._topic_of(LOOP_SAMPLES) is None:
+        if self._content.topic_of(LOOP_SAMPLES) is None:
             there = ", ".join(topic.name for topic in self.topics) or "none"
             raise BagError(f"bag {self.path}: holds no telemetry ({LOOP_SAMPLES}); its topics: {there}")
-        blocks = self._blocks
+        blocks = self._content.blocks
         run = self.runs[-1] if run is None else run
         if run not in blocks:
             raise BagError(f"bag {self.path}: holds no run {run}; its runs: {', '.join(map(str, blocks))}")
@@ -165,7 +115,7 @@ class Recording:
     def spans(self, run: int | None = None) -> list[tuple[int, int]]:
         """Spans (first step, step after the last) for which there is telemetry of a run, by default the last one."""
         coverage = StepCoverage()
-        blocks = self._blocks
+        blocks = self._content.blocks
         for block in blocks.get(next(reversed(blocks), 0) if run is None else run, []):
             coverage.add(block.first_step, block.steps)
         return coverage.spans
@@ -178,7 +128,7 @@ class Recording:
         BagError
             If there are none: the simulator publishes them only with its parameter `plant_state_steps`.
         """
-        states = self._plant_states
+        states = self._content.plant_states
         if run is not None:
             states = [message for message in states if message.run == run]
         if not states:
@@ -200,7 +150,7 @@ class Recording:
         if not self.runs:
             return self.telemetry()  # its error lists what is available
         run = self.runs[-1]
-        blocks = self._blocks[run]
+        blocks = self._content.blocks[run]
         available = (
             min(block.first_step for block in blocks),
             max(block.first_step + block.steps for block in blocks),
@@ -213,7 +163,7 @@ class Recording:
         if run is None and not self.runs:
             return []
         run = self.runs[-1] if run is None else run
-        return [answer for answer in self._answers if answer.run == run]
+        return [answer for answer in self._content.answers if answer.run == run]
 
     def input_frequency(self, first_step: int, stop: int, run: int | None = None) -> NDArray[np.float64]:
         """Instantaneous input frequency at the steps of a run (by default the last with telemetry), as excited (Hz).
@@ -231,7 +181,7 @@ class Recording:
             NaN where there was no excitation, for a signal without an instantaneous frequency, or for a definition that
             this version of the library does not know.
         """
-        known = {(int(item.run), int(item.id)): item for item in self._excitations}
+        known = {(int(item.run), int(item.id)): item for item in self._content.excitations}
         machine = self.machine()
         frequency = np.full(max(stop, 0), np.nan)
         for answer in self.excitations(run):
@@ -251,22 +201,22 @@ class Recording:
         if run is None and not self.runs:
             return None
         run = self.runs[-1] if run is None else run
-        return self._delevitations.get(run)
+        return self._content.delevitations.get(run)
 
     def parameters(self) -> dict[str, dict[str, ParameterValue]]:
         """The last known parameters of each node, by full node name and parameter name."""
-        return {node: dict(values) for node, values in self._parameters.items()}
+        return {node: dict(values) for node, values in self._content.parameters.items()}
 
     def parameters_of(self, name: str) -> dict[str, ParameterValue] | None:
         """The last known parameters of the node of this name in any namespace, None when they were not recorded."""
-        for node, values in self._parameters.items():
+        for node, values in self._content.parameters.items():
             if node.rsplit("/", 1)[-1] == name:
                 return dict(values)
         return None
 
     def machine(self) -> Machine | None:
         """The machine as it was last published, None when it was not recorded (as by version 0.1)."""
-        return self._machines[-1] if self._machines else None
+        return self._content.machines[-1] if self._content.machines else None
 
     @property
     def sample_rate(self) -> float:
@@ -279,7 +229,7 @@ class Recording:
         """
         if not self.runs:
             self.telemetry()  # its error lists what is available
-        return sample_rate_of(self._blocks[self.runs[-1]][0].sample_time)
+        return sample_rate_of(self._content.blocks[self.runs[-1]][0].sample_time)
 
     def controller_parameters(self) -> ControllerParameters | None:
         """Parameters of the recorded controller (a node named pd_controller), None when they were not recorded.
@@ -319,7 +269,7 @@ class Recording:
 
     def published_controller(self) -> StateSpaceModel | None:
         """The last linear controller on the topic `controller`, None when there is none."""
-        return model_from_message(self._controllers[-1]) if self._controllers else None
+        return model_from_message(self._content.controllers[-1]) if self._content.controllers else None
 
     def plant_parameters(self) -> PlantParameters | None:
         """Parameters of the simulated plant (a node named simulator), None if there are none, as for a real bearing.
@@ -338,22 +288,22 @@ class Recording:
 
     def model(self) -> StateSpaceModel | None:
         """The last model that was identified while recording, None when there is none."""
-        return model_from_message(self._models[-1]) if self._models else None
+        return model_from_message(self._content.models[-1]) if self._content.models else None
 
     def regions(self, run: int | None = None) -> list[RegionState]:
         """The states that the region monitor published in a run, by default the last with telemetry, in order."""
         if run is None and not self.runs:
             return []
         run = self.runs[-1] if run is None else run
-        return [state for number, state in self._regions if number == run]
+        return [state for number, state in self._content.regions if number == run]
 
     def region_map(self) -> RegionMap | None:
         """The last region map that was built while recording, None when there is none."""
-        if not self._region_maps:
+        if not self._content.region_maps:
             return None
         from amb_core.recording.messages.region_map import region_map_from_message  # loads a compiler
 
-        return region_map_from_message(self._region_maps[-1])
+        return region_map_from_message(self._content.region_maps[-1])
 
     def messages_of(self, topic: str) -> Iterator[Any]:
         """The messages of a topic, decoded, as they were recorded; reads the files again.
@@ -363,101 +313,4 @@ class Recording:
         BagError
             If there is no such topic, or a message cannot be decoded.
         """
-        if topic not in [known.name for known in self.topics]:
-            there = ", ".join(known.name for known in self.topics) or "none"
-            raise BagError(f"bag {self.path}: holds no topic {topic}; its topics: {there}")
-        for message in self._storage.messages():
-            if message.topic == topic:
-                yield self._decoder.decode(message.type, message.data)
-
-    @cached_property
-    def _blocks(self) -> dict[int, list[LoopRecord]]:
-        """Telemetry blocks by run, the run recorded last at the end."""
-
-        def block_of_run(message: Any) -> tuple[int, LoopRecord]:
-            return int(message.run), block_from_message(message)
-
-        blocks: dict[int, list[LoopRecord]] = {}
-        for run, block in self._converted(LOOP_SAMPLES, block_of_run):
-            if run in blocks and run != next(reversed(blocks)):
-                blocks[run] = blocks.pop(run)
-            blocks.setdefault(run, []).append(block)
-        return blocks
-
-    @cached_property
-    def _machines(self) -> list[Machine]:
-        return self._converted(MACHINE, machine_from_message)
-
-    @cached_property
-    def _plant_states(self) -> list[Any]:
-        return self._converted(PLANT_STATE, _unchanged)
-
-    @cached_property
-    def _excitations(self) -> list[Any]:
-        return self._converted(EXCITATION, _unchanged)
-
-    @cached_property
-    def _answers(self) -> list[AppliedExcitation]:
-        return self._converted(EXCITATION_STATUS, answer_from_message)
-
-    @cached_property
-    def _delevitations(self) -> dict[int, int]:
-        """Step before which the rotor delevitated, by run."""
-        steps: dict[int, int] = {}
-        for message in self._converted(SIMULATOR_STATE, _unchanged):
-            if message.mode == DELEVITATED:
-                steps.setdefault(int(message.run), int(message.step))
-        return steps
-
-    @cached_property
-    def _parameters(self) -> dict[str, dict[str, ParameterValue]]:
-        nodes: dict[str, dict[str, ParameterValue]] = {}
-        for event in self._converted(PARAMETER_EVENT, _unchanged):
-            values = nodes.setdefault(event.node, {})
-            values.update(parameters_from_messages([*event.new_parameters, *event.changed_parameters]))
-            for parameter in event.deleted_parameters:
-                values.pop(parameter.name, None)
-        return nodes
-
-    @cached_property
-    def _models(self) -> list[Any]:
-        return self._converted(STATE_SPACE_MODEL, _unchanged)
-
-    @cached_property
-    def _controllers(self) -> list[Any]:
-        return self._converted(CONTROLLER, _unchanged)
-
-    @cached_property
-    def _regions(self) -> list[tuple[int, RegionState]]:
-        from amb_core.recording.messages.region_state import region_state_from_message  # loads a compiler
-
-        return self._converted(REGION_STATE, lambda message: (int(message.run), region_state_from_message(message)))
-
-    @cached_property
-    def _region_maps(self) -> list[Any]:
-        return self._converted(REGION_MAP, _unchanged)
-
-    def _topic_of(self, message_type: str) -> str | None:
-        """Name of the topic of a kind of messages, which is their type or `CONTROLLER`; None when there is none."""
-        names = [topic.name for topic in self.topics if _kind(topic.name, topic.type) == message_type]
-        if len(names) > 1 and message_type != PARAMETER_EVENT:
-            raise BagError(f"bag {self.path}: {message_type} is on more than one topic: {', '.join(names)}")
-        return names[0] if names else None
-
-    def _converted(self, message_type: str, convert: Callable[[Any], T]) -> list[T]:
-        """The messages of a type in order; their stored form is dropped."""
-        if self._topic_of(message_type) is None:
-            return []
-        stored_as = STATE_SPACE_MODEL if message_type == CONTROLLER else message_type
-        converted = [convert(self._decoder.decode(stored_as, data)) for data in self._stored[message_type]]
-        del self._stored[message_type]
-        return converted
-
-
-def _kind(topic: str, message_type: str) -> str:
-    """What the messages of a topic are: their type, or `CONTROLLER`."""
-    return CONTROLLER if message_type == STATE_SPACE_MODEL and topic.rsplit("/", 1)[-1] == CONTROLLER else message_type
-
-
-def _unchanged(message: Any) -> Any:
-    return message
+        return self._content.messages_of(topic)

@@ -1,39 +1,28 @@
-"""Writes bags: an MCAP file in a folder with `metadata.yaml`, as rosbag2 does, so that `ros2 bag` and Foxglove open it.
+"""Writes bags: MCAP files in a folder with `metadata.yaml`, as rosbag2 does, so that `ros2 bag` and Foxglove open them.
 
 Messages are written as received, without decoding. Chunks are written to the disk by size and by age: if the recorder
-is killed, its file is readable up to the last chunk. Format: https://mcap.dev/spec and rosbag2 metadata version 9.
+is killed, its files are readable up to the last chunk.
 """
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import yaml
-from mcap.writer import Writer
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from amb_core.errors import BagError
+from amb_core.recording.bag_metadata import write_metadata
 from amb_core.recording.decoder import register
+from amb_core.recording.mcap_file import McapFile, StoredTopic
 from amb_core.recording.messages.parameters import ParameterValue, encode_parameters
 from amb_core.recording.storage import Definition
 
-METADATA_VERSION = 9
 SHOWN = 200  # characters shown of an invalid path
-CHUNK_SIZE = 256 * 1024
-"""Bytes after which a chunk is written regardless of its age."""
-
-
-@dataclass
-class _Topic:
-    channel: int
-    metadata: dict[str, Any]
-    messages: int = 0
 
 
 class BagWriter:
@@ -46,6 +35,10 @@ class BagWriter:
     chunk_age : float, optional
         Longest time that a message waits in memory while messages arrive (s). If they may stop arriving, call `flush`
         from a timer.
+    split_size : float, optional
+        Size at which a file is closed and the next one begins (B); 0: none.
+    split_period : float, optional
+        Time between the first messages of two files (s); 0: none.
 
     Raises
     ------
@@ -53,31 +46,37 @@ class BagWriter:
         If the folder exists or cannot be made.
     """
 
-    def __init__(self, folder: str | Path, chunk_age: float = 0.5) -> None:
+    def __init__(
+        self, folder: str | Path, chunk_age: float = 0.5, split_size: float = 0.0, split_period: float = 0.0
+    ) -> None:
         self.folder = Path(folder).absolute()
         self._chunk_age = chunk_age
-        self._topics: dict[str, _Topic] = {}
-        self._schemas: dict[str, int] = {}
+        self._split_size = split_size or float("inf")
+        self._split_period = 1e9 * (split_period or float("inf"))
+        self._topics: dict[str, StoredTopic] = {}
+        self._definitions: dict[str, bytes] = {}
         self._types = get_typestore(Stores.EMPTY)
-        self._start, self._end = 2**63 - 1, 0
-        self._file_name = f"{self.folder.name}_0.mcap"
         try:
             if self.folder.exists():
                 raise BagError(f"bag {self.folder}: exists already; name a folder that does not")
             self.folder.mkdir(parents=True)
-            self._stream = (self.folder / self._file_name).open("xb")
+            self._file = McapFile(self.folder / f"{self.folder.name}_0.mcap")
         except OSError as problem:
             raise BagError(f"bag {str(self.folder)[:SHOWN]}: cannot be made: {problem.strerror}") from None
         except ValueError as problem:  # a zero byte in the name
             raise BagError(f"bag {str(self.folder)[:SHOWN]!r}: cannot be made: {problem}") from None
-        self._writer = Writer(self._stream, chunk_size=CHUNK_SIZE)
-        self._writer.start(profile="ros2", library="amb_core")
+        self._contents = [self._file.content]  # of all files; the files themselves keep an index in memory
         self._flushed = time.monotonic()
 
     @property
     def messages(self) -> int:
-        """Number of messages written."""
-        return sum(topic.messages for topic in self._topics.values())
+        """Number of messages on the disk and in the chunk in progress."""
+        return sum(content.counts.total() for content in self._contents)
+
+    @property
+    def saved(self) -> int:
+        """Number of messages on the disk; only they remain if the disk fails."""
+        return self.messages - self._file.pending
 
     def add_topic(
         self, name: str, message_type: str, definition: str, offered_qos: Sequence[Mapping[str, Any]] = ()
@@ -97,28 +96,24 @@ class BagWriter:
             Quality of service that its publishers offer, in the format of rosbag2's metadata; a player of the bag
             offers the same. Reliable and volatile by default.
         """
-        if message_type not in self._schemas:
+        if message_type not in self._definitions:
             try:
                 register(self._types, message_type, Definition("ros2msg", definition))
             except TypesysError as problem:
                 raise BagError(f"bag {self.folder}: definition of {message_type} is wrong: {problem}") from None
-            self._schemas[message_type] = self._writer.register_schema(message_type, "ros2msg", definition.encode())
-        type_hash = self._types.hash_rihs01(message_type)
+            self._definitions[message_type] = definition.encode()
         profiles = [dict(profile) for profile in offered_qos] or [_reliable_profile()]
-        channel = self._writer.register_channel(
+        self._topics[name] = StoredTopic(
             name,
-            "cdr",
-            self._schemas[message_type],
-            {"offered_qos_profiles": yaml.safe_dump(profiles), "topic_type_hash": type_hash},
+            message_type,
+            "ros2msg",
+            self._definitions[message_type],
+            metadata={
+                "offered_qos_profiles": yaml.safe_dump(profiles),
+                "topic_type_hash": self._types.hash_rihs01(message_type),
+            },
         )
-        metadata = {
-            "name": name,
-            "type": message_type,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": profiles,
-            "type_description_hash": type_hash,
-        }
-        self._topics[name] = _Topic(channel, metadata)
+        self._file.add_topic(self._topics[name])
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int | None = None) -> None:
         """Append a message as received (CDR with its encapsulation header); times in ns since 1970.
@@ -128,19 +123,22 @@ class BagWriter:
         BagError
             If it cannot be written, for example because the disk is full.
         """
-        entry = self._topics[topic]
         try:
-            self._writer.add_message(entry.channel, log_time, data, log_time if publish_time is None else publish_time)
+            if self._is_file_full(log_time):
+                self._begin_next_file()
+            self._file.write(topic, data, log_time, log_time if publish_time is None else publish_time)
         except OSError as problem:
             raise self._unwritable(problem) from None
-        entry.messages += 1
-        self._start, self._end = min(self._start, log_time), max(self._end, log_time)
         if time.monotonic() - self._flushed > self._chunk_age:
             self.flush()
 
+    def parameter_event(self, node: str, values: Mapping[str, ParameterValue], log_time: int) -> bytes:
+        """The parameters of a node as a message of type rcl_interfaces/msg/ParameterEvent, which a topic must have."""
+        return encode_parameters(self._types, node, values, log_time)
+
     def write_parameters(self, topic: str, node: str, values: Mapping[str, ParameterValue], log_time: int) -> None:
         """Append the parameters of a node to a topic of type rcl_interfaces/msg/ParameterEvent."""
-        self.write(topic, encode_parameters(self._types, node, values, log_time), log_time)
+        self.write(topic, self.parameter_event(node, values, log_time), log_time)
 
     def flush(self) -> None:
         """Write the chunk in progress to the disk.
@@ -152,7 +150,7 @@ class BagWriter:
         """
         self._flushed = time.monotonic()
         try:
-            self._writer.flush()
+            self._file.flush()
         except OSError as problem:
             raise self._unwritable(problem) from None
 
@@ -165,15 +163,10 @@ class BagWriter:
             If they cannot be written; everything on the disk remains readable.
         """
         try:
-            self._writer.finish()
-            self._stream.close()
-            (self.folder / "metadata.yaml").write_text(yaml.safe_dump(self._metadata(), sort_keys=False))
+            self._file.close()
+            write_metadata(self.folder, list(self._topics.values()), self._contents)
         except OSError as problem:
             raise self._unwritable(problem) from None
-        finally:
-            # Closing tries again to write the rest, fails again, but still closes the file.
-            with contextlib.suppress(OSError):
-                self._stream.close()
 
     def __enter__(self) -> BagWriter:
         """Nothing more to do: the bag is open."""
@@ -185,39 +178,22 @@ class BagWriter:
         """Close the bag."""
         self.close()
 
+    def _is_file_full(self, log_time: int) -> bool:
+        content = self._file.content
+        return bool(content.counts) and (
+            self._file.size >= self._split_size or log_time - content.start >= self._split_period
+        )
+
+    def _begin_next_file(self) -> None:
+        """Close the file, and open the next one with all topics. No message is repeated, as in rosbag2."""
+        self._file.close()
+        self._file = McapFile(self.folder / f"{self.folder.name}_{len(self._contents)}.mcap")
+        self._contents.append(self._file.content)
+        for topic in self._topics.values():
+            self._file.add_topic(topic)
+
     def _unwritable(self, problem: OSError) -> BagError:
         return BagError(f"bag {self.folder}: cannot be written: {problem.strerror}")
-
-    def _metadata(self) -> dict[str, Any]:
-        messages = self.messages
-        starting_time = {"nanoseconds_since_epoch": self._start}
-        duration = {"nanoseconds": self._end - self._start if messages else 0}
-        return {
-            "rosbag2_bagfile_information": {
-                "version": METADATA_VERSION,
-                "storage_identifier": "mcap",
-                "duration": duration,
-                "starting_time": starting_time,
-                "message_count": messages,
-                "topics_with_message_count": [
-                    {"topic_metadata": topic.metadata, "message_count": topic.messages}
-                    for topic in self._topics.values()
-                ],
-                "compression_format": "",
-                "compression_mode": "",
-                "relative_file_paths": [self._file_name],
-                "files": [
-                    {
-                        "path": self._file_name,
-                        "starting_time": starting_time,
-                        "duration": duration,
-                        "message_count": messages,
-                    }
-                ],
-                "custom_data": None,
-                "ros_distro": "jazzy",
-            }
-        }
 
 
 def _reliable_profile() -> dict[str, Any]:

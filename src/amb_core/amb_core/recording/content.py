@@ -1,0 +1,214 @@
+"""The content of a bag: its messages counted and checked in one pass, and converted by type on request.
+
+Topics are found by message type, so a bag from any namespace can be read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from amb_core.errors import BagError
+from amb_core.loop.experiments import AppliedExcitation
+from amb_core.loop.machine import Machine
+from amb_core.loop.records import LoopRecord
+from amb_core.recording.decoder import Decoder
+from amb_core.recording.messages.excitation import EXCITATION
+from amb_core.recording.messages.excitation_status import EXCITATION_STATUS, answer_from_message
+from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
+from amb_core.recording.messages.machine import MACHINE, machine_from_message
+from amb_core.recording.messages.parameters import PARAMETER_EVENT, ParameterValue, parameters_from_messages
+from amb_core.recording.messages.plant_state import PLANT_STATE
+from amb_core.recording.messages.state_space_model import STATE_SPACE_MODEL
+from amb_core.recording.storage import Storage
+
+if TYPE_CHECKING:
+    from amb_core.regions import RegionState
+
+T = TypeVar("T")
+
+SIMULATOR_STATE = "amb_msgs/msg/SimulatorState"
+DELEVITATED = 3  # mode in this message, see its definition
+REGION_STATE = "amb_msgs/msg/RegionState"
+REGION_MAP = "amb_msgs/msg/RegionMap"
+KEPT = (
+    LOOP_SAMPLES,
+    MACHINE,
+    PLANT_STATE,
+    EXCITATION,
+    EXCITATION_STATUS,
+    SIMULATOR_STATE,
+    STATE_SPACE_MODEL,
+    REGION_STATE,
+    REGION_MAP,
+    PARAMETER_EVENT,
+)
+"""Message types that the library reads, except those of single samples, since there are too many of these."""
+
+CONTROLLER = "controller"
+"""Last part of the name of the topic with linear controllers, whose message type is that of identified models."""
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A topic of a bag and the number of its messages."""
+
+    name: str
+    type: str
+    messages: int
+
+
+class BagContent:
+    """The messages of a bag: those of known types are kept as stored, until they are asked for.
+
+    A wrong message affects only the data to which it belongs.
+
+    Attributes
+    ----------
+    path : Path
+        Folder or file of the bag.
+    topics : list of TopicInfo
+        Its topics, by name.
+    duration : float
+        Time from its first to its last message (s).
+    truncated : str
+        Why it cannot be read to its end; empty for a complete bag.
+    """
+
+    def __init__(self, path: Path, storage: Storage) -> None:
+        self.path = path
+        self._storage = storage
+        self._decoder = Decoder(path, storage.definitions)
+        self._stored: dict[str, list[bytes]] = {}
+        counts: dict[tuple[str, str], int] = {}
+        start, end = 2**63 - 1, 0
+        for message in storage.messages():
+            key = (message.topic, message.type)
+            counts[key] = counts.get(key, 0) + 1
+            start, end = min(start, message.log_time), max(end, message.log_time)
+            if message.type in KEPT:
+                self._stored.setdefault(_kind(*key), []).append(message.data)
+        self.topics = [TopicInfo(name, kind, count) for (name, kind), count in sorted(counts.items())]
+        self.duration = (end - start) / 1e9 if counts else 0.0
+        self.truncated = storage.damage
+        if self.truncated and not counts:
+            raise BagError(f"bag {path}: no message can be read: {self.truncated}")
+
+    def messages_of(self, topic: str) -> Iterator[Any]:
+        """The messages of a topic, decoded, as they were recorded; reads the files again.
+
+        Raises
+        ------
+        BagError
+            If there is no such topic, or a message cannot be decoded.
+        """
+        if topic not in [known.name for known in self.topics]:
+            there = ", ".join(known.name for known in self.topics) or "none"
+            raise BagError(f"bag {self.path}: holds no topic {topic}; its topics: {there}")
+        for message in self._storage.messages():
+            if message.topic == topic:
+                yield self._decoder.decode(message.type, message.data)
+
+    @cached_property
+    def blocks(self) -> dict[int, list[LoopRecord]]:
+        """Telemetry blocks by run, the run recorded last at the end."""
+
+        def block_of_run(message: Any) -> tuple[int, LoopRecord]:
+            return int(message.run), block_from_message(message)
+
+        blocks: dict[int, list[LoopRecord]] = {}
+        for run, block in self._converted(LOOP_SAMPLES, block_of_run):
+            if run in blocks and run != next(reversed(blocks)):
+                blocks[run] = blocks.pop(run)
+            blocks.setdefault(run, []).append(block)
+        return blocks
+
+    @cached_property
+    def machines(self) -> list[Machine]:
+        """The machines, in order."""
+        return self._converted(MACHINE, machine_from_message)
+
+    @cached_property
+    def plant_states(self) -> list[Any]:
+        """The states of the plant as messages, in order."""
+        return self._converted(PLANT_STATE, _unchanged)
+
+    @cached_property
+    def excitations(self) -> list[Any]:
+        """The excitations as messages, in order."""
+        return self._converted(EXCITATION, _unchanged)
+
+    @cached_property
+    def answers(self) -> list[AppliedExcitation]:
+        """The controller's answers to excitations, in order."""
+        return self._converted(EXCITATION_STATUS, answer_from_message)
+
+    @cached_property
+    def delevitations(self) -> dict[int, int]:
+        """Step before which the rotor delevitated, by run."""
+        steps: dict[int, int] = {}
+        for message in self._converted(SIMULATOR_STATE, _unchanged):
+            if message.mode == DELEVITATED:
+                steps.setdefault(int(message.run), int(message.step))
+        return steps
+
+    @cached_property
+    def parameters(self) -> dict[str, dict[str, ParameterValue]]:
+        """The last known parameters of each node, by full node name and parameter name."""
+        nodes: dict[str, dict[str, ParameterValue]] = {}
+        for event in self._converted(PARAMETER_EVENT, _unchanged):
+            values = nodes.setdefault(event.node, {})
+            values.update(parameters_from_messages([*event.new_parameters, *event.changed_parameters]))
+            for parameter in event.deleted_parameters:
+                values.pop(parameter.name, None)
+        return nodes
+
+    @cached_property
+    def models(self) -> list[Any]:
+        """The identified models as messages, in order."""
+        return self._converted(STATE_SPACE_MODEL, _unchanged)
+
+    @cached_property
+    def controllers(self) -> list[Any]:
+        """The published linear controllers as messages, in order."""
+        return self._converted(CONTROLLER, _unchanged)
+
+    @cached_property
+    def regions(self) -> list[tuple[int, RegionState]]:
+        """The states of the region monitor and their runs, in order."""
+        from amb_core.recording.messages.region_state import region_state_from_message  # loads a compiler
+
+        return self._converted(REGION_STATE, lambda message: (int(message.run), region_state_from_message(message)))
+
+    @cached_property
+    def region_maps(self) -> list[Any]:
+        """The region maps as messages, in order."""
+        return self._converted(REGION_MAP, _unchanged)
+
+    def topic_of(self, message_type: str) -> str | None:
+        """Name of the topic of a kind of messages, which is their type or `CONTROLLER`; None when there is none."""
+        names = [topic.name for topic in self.topics if _kind(topic.name, topic.type) == message_type]
+        if len(names) > 1 and message_type != PARAMETER_EVENT:
+            raise BagError(f"bag {self.path}: {message_type} is on more than one topic: {', '.join(names)}")
+        return names[0] if names else None
+
+    def _converted(self, message_type: str, convert: Callable[[Any], T]) -> list[T]:
+        """The messages of a type in order; their stored form is dropped."""
+        if self.topic_of(message_type) is None:
+            return []
+        stored_as = STATE_SPACE_MODEL if message_type == CONTROLLER else message_type
+        converted = [convert(self._decoder.decode(stored_as, data)) for data in self._stored[message_type]]
+        del self._stored[message_type]
+        return converted
+
+
+def _kind(topic: str, message_type: str) -> str:
+    """What the messages of a topic are: their type, or `CONTROLLER`."""
+    return CONTROLLER if message_type == STATE_SPACE_MODEL and topic.rsplit("/", 1)[-1] == CONTROLLER else message_type
+
+
+def _unchanged(message: Any) -> Any:
+    return message
