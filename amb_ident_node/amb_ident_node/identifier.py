@@ -18,7 +18,7 @@ from rclpy.node import Node
 
 from amb_core.analysis import RecordedLoop, read_loop
 from amb_core.errors import AmbError, BagError, IdentificationError, ParameterError
-from amb_core.files.parameter_files import CONTROLLERS
+from amb_core.files.parameter_files import BRIDGE_NODE, CONTROLLERS
 from amb_core.identification import (
     Focus,
     Identification,
@@ -32,7 +32,7 @@ from amb_core.identification.controller_choice import ALLOWED, is_named_set, nam
 from amb_core.identification.data.drift import DriftOption
 from amb_core.identification.identify import check_arguments
 from amb_core.loop.control import ControllerParameters
-from amb_core.loop.experiments import linear_controller_of
+from amb_core.loop.experiments import controller_of_bridge, linear_controller_of
 from amb_core.loop.known_controller import KnownController
 from amb_core.parameters import Parameters, choice, part_of, quantity
 from amb_core.plant import PlantParameters
@@ -280,11 +280,11 @@ class IdentifierNode(Node):
     def _running_controller(self, sample_rate: float) -> KnownController | None:
         """The controller of the running loop; None if there is none that reports its parameters.
 
-        That of the node in the parameter `controller` or, if it does not run, that of the other controller node.
+        That of the node in the parameter `controller` or, if it does not run, that of another node that closes a loop.
         """
         names = [self._settings.controller]
         running = {name.rsplit("/", 1)[-1] for name in self._remote_parameters.nodes()}
-        others = [name for name in CONTROLLERS if name in running]
+        others = [name for name in (*CONTROLLERS, BRIDGE_NODE) if name in running]
         if names[0] in CONTROLLERS and names[0] not in running and others:
             names = others[:1]
         try:
@@ -304,6 +304,8 @@ class IdentifierNode(Node):
         values = self._remote_parameters.read_all(node, self._settings.parameter_timeout)
         if "controller_file" not in values:
             return part_of(ControllerParameters, values)
+        if node.rsplit("/", 1)[-1] == BRIDGE_NODE:
+            return controller_of_bridge(values, None)
         published = None if self._published is None else model_from_message(self._published)
         found = linear_controller_of(values, published)
         if found is None:

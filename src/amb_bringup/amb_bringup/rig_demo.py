@@ -30,7 +30,7 @@ SETTLING = 0.5  # s after levitation, and after each excitation
 SWEEP_AMPLITUDE = 4e-6  # m: well inside region A of the bearings of this project
 SWEEP_BAND = 5.0, 200.0  # Hz
 MULTISINE_AMPLITUDE = 3e-6  # m
-MULTISINE_BAND = 2.0, 600.0  # Hz
+MULTISINE_BAND = 2.0, 2000.0  # Hz
 LONGEST_SESSION = 10.0  # s of one excitation: what an emulated target has room for with four axes
 
 
@@ -197,5 +197,5 @@ def _fit(model: StateSpaceModel) -> list[float]:
 def _report(folder: Path, order: int, progress: Progress) -> Path:
     path = folder / "report.html"
     recording = Recording.read(folder / "bag")
-    write_report(recording_report(recording, None, order, progress), path)
+    write_report(recording_report(recording, None, order, lambda stage: progress(f"report, {stage}", 0, 1)), path)
     return path

@@ -23,9 +23,10 @@ NODES = ("simulator", "pd_controller", "excitation_generator", "recorder", "regi
 """The nodes of the graph, relative to their namespace."""
 CONTROLLERS = ("pd_controller", "state_space_controller")
 """Nodes of which one controls the machine; by default the first."""
-RIG_NODES = ("hardware_bridge", *NODES[2:])
+BRIDGE_NODE = "hardware_bridge"
+RIG_NODES = (BRIDGE_NODE, *NODES[2:])
 """The nodes of the graph of a rig: the bridge takes the place of simulator and controller."""
-KNOWN_NODES = (*NODES, *(name for name in CONTROLLERS if name not in NODES), "hardware_bridge", "target_emulator")
+KNOWN_NODES = (*NODES, *(name for name in CONTROLLERS if name not in NODES), BRIDGE_NODE, "target_emulator")
 """Nodes that a parameter file may address."""
 
 

@@ -15,7 +15,7 @@ from amb_core.parameters import part_of
 
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters
-    from amb_core.loop.known_controller import LinearControl
+    from amb_core.loop.known_controller import KnownController, LinearControl
     from amb_core.model import StateSpaceModel
 
 
@@ -116,6 +116,22 @@ def controller_of(values: Mapping[str, object], sample_rate: float | None) -> Co
 
     known = {} if sample_rate is None else {"sample_rate": sample_rate}
     return part_of(ControllerParameters, {**with_present_names(values), **known})
+
+
+def controller_of_bridge(values: Mapping[str, object], sample_rate: float | None) -> KnownController:
+    """The law that a `hardware_bridge` with these parameters has sent to its target; parameters as of `controller_of`.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is out of its range, or the file of a state-space controller cannot be read.
+    """
+    from amb_core.loop.known_controller import LinearControl  # loads a compiler
+    from amb_core.loop.linear_control import LinearControllerParameters
+
+    if not values.get("controller_file"):
+        return controller_of(values, sample_rate)
+    return LinearControl.load(str(values["controller_file"]), part_of(LinearControllerParameters, values))
 
 
 def linear_controller_of(values: Mapping[str, object], published: StateSpaceModel | None) -> LinearControl | None:

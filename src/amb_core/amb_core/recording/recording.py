@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import BagError
+from amb_core.files.parameter_files import BRIDGE_NODE
 from amb_core.loop.experiments import (
     AppliedExcitation,
     controller_of,
+    controller_of_bridge,
     last_experiment,
     linear_controller_of,
     select_window,
@@ -245,7 +247,8 @@ class Recording:
     def controller(self) -> KnownController | None:
         """The recorded controller: PD, or a linear one from its topic or, without that, from the file that it named.
 
-        None if it was not recorded, or if both controller nodes were, so that which of them ran is not known.
+        That of a rig is the one that its bridge sent to the target. None if no controller was recorded, or more than
+        one, so that which of them ran is not known.
 
         Raises
         ------
@@ -254,18 +257,26 @@ class Recording:
         BagError, IdentificationError
             If the recorded controller is not complete.
         """
-        values = self.parameters_of(LINEAR_CONTROLLER_NODE)
-        if values is None:
-            return self.controller_parameters()
-        if self.parameters_of(CONTROLLER_NODE) is not None:
+        recorded = self._controllers()
+        if len(recorded) != 1:
             return None
+        (node, values), *_ = recorded.items()
+        if node == CONTROLLER_NODE:
+            return self.controller_parameters()
+        if node == BRIDGE_NODE:
+            return controller_of_bridge(values, self.sample_rate if self.runs else None)
         return linear_controller_of(values, self.published_controller())
 
     def current_limit(self) -> float | None:
         """Limit of the currents of the recorded controller (A), None if it was not recorded or there were two."""
-        nodes = [self.parameters_of(name) for name in (CONTROLLER_NODE, LINEAR_CONTROLLER_NODE)]
-        known = [float(str(values["current_limit"])) for values in nodes if values and "current_limit" in values]
+        recorded = self._controllers().values()
+        known = [float(str(values["current_limit"])) for values in recorded if "current_limit" in values]
         return known[0] if len(known) == 1 else None
+
+    def _controllers(self) -> dict[str, dict[str, ParameterValue]]:
+        """Parameters of each recorded node that closes the loop."""
+        nodes = {name: self.parameters_of(name) for name in (CONTROLLER_NODE, LINEAR_CONTROLLER_NODE, BRIDGE_NODE)}
+        return {name: values for name, values in nodes.items() if values is not None}
 
     def published_controller(self) -> StateSpaceModel | None:
         """The last linear controller on the topic `controller`, None when there is none."""
