@@ -107,8 +107,7 @@ class Runs:
         stop = self.step_of(target_step)
         whole = [*self._past, *([self._made(self._held)] if self._held else [])]
         records = [samples.record for samples in whole if samples.run == self.run]
-        cut = [_between(record, stop - self._past_steps, stop) for record in records]
-        return [record for record in cut if record.steps]
+        return [part for record in records for part in _between(record, stop - self._past_steps, stop)]
 
     def _take(self, samples: TelemetryBlock, levitated: bool) -> list[RunSamples]:
         """Samples with one and the same state."""
@@ -167,7 +166,7 @@ def _joined(columns: list[NDArray[np.float64]], steps: int) -> NDArray[np.float6
     return (columns[0] if len(columns) == 1 else np.concatenate(columns))[:steps]
 
 
-def _between(record: LoopRecord, first: int, stop: int) -> LoopRecord:
-    begin = min(max(first - record.first_step, 0), record.steps)
-    end = min(max(stop - record.first_step, begin), record.steps)
-    return record.window(record.first_step + begin, end - begin)
+def _between(record: LoopRecord, first: int, stop: int) -> list[LoopRecord]:
+    """The part of a record between two steps, if there is one."""
+    begin, end = max(first, record.first_step), min(stop, record.first_step + record.steps)
+    return [record.window(begin, end - begin)] if begin < end else []

@@ -1,0 +1,72 @@
+"""An emulated target that runs by itself in a thread, somewhat faster or slower than real time, for tests of hosts."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Self, TypeVar
+
+from amb_core.emulation import Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
+from amb_core.loop.control import ControllerParameters
+from amb_core.parameters import validate
+from amb_core.plant import PlantParameters
+
+BLOCK = 10  # steps
+T = TypeVar("T")
+
+
+class ServedEmulator:
+    """A target emulator and the thread that runs it; a host that is late for a while is not silent for its limits."""
+
+    def __init__(
+        self,
+        plant: PlantParameters | None = None,
+        key: bytes = b"",
+        limits: dict[str, float] | None = None,
+        port: int = 0,
+    ) -> None:
+        self.emulator = TargetEmulator(
+            plant or PlantParameters(),
+            ControllerParameters(),
+            validate(LimitParameters, {"host_time": 1e3} | (limits or {})),
+            FaultParameters(),
+            reference_library(),
+            Address(port=port, key=key),
+        )
+        self.emulator.plant.advance([0.0] * len(self.emulator.plant.machine.axes))  # loads the kernel: no silence later
+        self.emulator.plant.reset()
+        self.port = self.emulator.port
+        self._lock = threading.Lock()
+        self._paused = False
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self.emulator.close()
+
+    def do(self, work: Callable[[TargetEmulator], T]) -> T:
+        """What some work with the emulator returns, between two blocks of steps."""
+        with self._lock:
+            return work(self.emulator)
+
+    def fail(self, **faults: Any) -> None:
+        """Show faults from now on."""
+        self.do(lambda emulator: emulator.configure(validate(FaultParameters, faults)))
+
+    def pause(self, paused: bool) -> None:
+        """Let the target stand still, without an answer to anybody."""
+        self._paused = paused
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            if not self._paused:
+                with self._lock:
+                    self.emulator.run(BLOCK)
+            time.sleep(5e-4)

@@ -1,0 +1,164 @@
+"""Runs, trips and protection of a rig, from telemetry and status of a target."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from amb_core.errors import ExcitationError, ParameterError
+from amb_core.loop.records import LoopRecord
+from amb_core.rig import BridgeTrip, ExcitationProtection, ProtectionParameters, Runs, RunSamples, TripLog, describe
+from amb_core.rig.trips import _TEXTS
+from amb_core.target import ExcitationPhase, Limits, TargetState, TargetStatus, TelemetryBlock, Trip, TripReason
+from tests.target_rig import machine
+
+OFF, LEVITATED, TRIPPED = (int(state) for state in (TargetState.OFF, TargetState.LEVITATED, TargetState.TRIPPED))
+BLOCK = 100
+
+
+def samples(first: int, states: list[int]) -> TelemetryBlock:
+    """Samples whose position is their step."""
+    steps = np.arange(first, first + len(states), dtype=float)
+    columns = np.column_stack([steps, -steps])
+    return TelemetryBlock(first, 0, 2 * columns, columns, 3 * columns, None, np.array(states, np.uint32) | 0x100)
+
+
+def runs() -> Runs:
+    return Runs(machine(), BLOCK, itertools.count(1).__next__)
+
+
+def joined(blocks: list[RunSamples]) -> dict[int, list[LoopRecord]]:
+    by_run: dict[int, list[LoopRecord]] = {}
+    for block in blocks:
+        by_run.setdefault(block.run, []).append(block.record)
+    return by_run
+
+
+def test_a_run_begins_with_the_first_levitated_step_and_ends_with_the_last() -> None:
+    taken = runs()
+    done = taken.add(samples(0, [OFF] * 30 + [LEVITATED] * 250)) + taken.add(samples(280, [LEVITATED] * 15 + [OFF] * 5))
+    ((run, records),) = joined(done).items()
+    assert run == 1
+    assert [(record.first_step, record.steps) for record in records] == [(0, 100), (100, 100), (200, 65)]
+    position = np.concatenate([record.position for record in records])
+    assert np.array_equal(position[:, 0], np.arange(30, 295))
+    assert np.array_equal(np.concatenate([record.current for record in records]), 3 * position)
+    assert not taken.levitated
+    assert (taken.next_target_step, taken.position[0]) == (300, 299.0)
+
+
+def test_each_levitation_is_a_run_of_its_own() -> None:
+    taken = runs()
+    done = taken.add(samples(0, [LEVITATED] * 10 + [TRIPPED] * 3 + [OFF] * 3 + [LEVITATED] * 20))
+    done += taken.end()
+    assert {run: sum(record.steps for record in records) for run, records in joined(done).items()} == {1: 10, 2: 20}
+
+
+@pytest.mark.parametrize("frame", [1, 7, 13, 27, 300])
+def test_blocks_do_not_depend_on_the_size_of_frames(frame: int) -> None:
+    taken = runs()
+    done: list[RunSamples] = []
+    for first in range(0, 1000, frame):
+        done += taken.add(samples(first, [LEVITATED] * min(frame, 1000 - first)))
+    done += taken.end()
+    assert [block.record.first_step for block in done] == list(range(0, 1000, BLOCK))
+    assert np.array_equal(np.concatenate([block.record.position[:, 0] for block in done]), np.arange(1000))
+
+
+def test_a_gap_ends_a_block_and_the_next_ones_begin_where_they_would_have() -> None:
+    taken = runs()
+    done = taken.add(samples(0, [LEVITATED] * 130)) + taken.add(samples(145, [LEVITATED] * 200)) + taken.end()
+    places = [(block.record.first_step, block.record.steps) for block in done]
+    assert places == [(0, 100), (100, 30), (145, 55), (200, 100), (300, 45)]
+
+
+def test_the_second_before_a_step_is_kept_within_its_run() -> None:
+    taken = runs()
+    taken.add(samples(0, [LEVITATED] * 500 + [OFF] * 10 + [LEVITATED] * 12_000 + [TRIPPED] * 20))
+    before = taken.before(12_510)
+    assert sum(record.steps for record in before) == 10_000
+    assert (before[0].first_step, before[-1].first_step + before[-1].steps) == (2_000, 12_000)
+    assert np.array_equal(np.concatenate([record.position[:, 0] for record in before]), np.arange(2_510, 12_510))
+
+
+def status(*trips: Trip) -> TargetStatus:
+    state = TargetState.TRIPPED if trips else TargetState.LEVITATED
+    return TargetStatus(
+        0, state, ExcitationPhase.NONE, False, False, True, False, False, 0, 0, 0, 0, 0, 0, trips
+    )  # fmt: skip
+
+
+def test_a_trip_is_reported_once_when_telemetry_has_reached_it_or_after_a_while() -> None:
+    log, trip = TripLog(), Trip(TripReason.SENSOR_STUCK, 700, 1, 5e-6)
+    assert log.note(status(trip), now=0.0)
+    assert not log.note(status(trip), now=0.1)
+    assert log.ready(699, now=0.1) == []
+    assert log.ready(700, now=0.1) == [trip]
+    assert log.ready(900, now=9.0) == []
+    late = Trip(TripReason.AMPLIFIER, 800, 0, 0.0)
+    assert log.note(status(trip, late), now=1.0)
+    assert log.ready(750, now=1.0 + 2 * log.PATIENCE) == [late]
+    assert log.latched == [trip, late]
+
+
+def test_after_a_reset_the_same_trip_is_a_new_one() -> None:
+    log, trip = TripLog(), Trip(TripReason.AMPLIFIER, 700, 0, 0.0)
+    log.note(status(trip), 0.0)
+    log.ready(1000, 0.0)
+    assert not log.note(status(), 0.0)
+    assert log.note(status(Trip(TripReason.AMPLIFIER, 900, 0, 0.0)), 0.0)
+
+
+def test_every_reason_has_a_text() -> None:
+    assert set(_TEXTS) == {int(reason) for reason in (*TripReason, *BridgeTrip)}
+    for reason in TripReason:
+        assert "{" not in describe(Trip(reason, 1, 1, 0.6), machine())
+    assert describe(Trip(TripReason.DISPLACEMENT, 1, 1, 0.6), machine()).endswith("60 % of the clearance")
+    assert "y_0" in describe(Trip(TripReason.SENSOR_STUCK, 1, 1, 2e-6), machine())
+
+
+def protection(**parameters: float) -> ExcitationProtection:
+    given = ProtectionParameters(**parameters)
+    limits = given.lowered(Limits(excitation_amplitude=50e-6, excitation_slew=0.1), current_limit=3.0)
+    return ExcitationProtection(given, limits, ("x", "y"), 10_000.0, room=100_000)
+
+
+def sine(frequency: float, amplitude: float, steps: int = 10_000) -> np.ndarray:
+    signal = np.zeros((steps, 2))
+    signal[:, 1] = amplitude * np.sin(2 * np.pi * frequency * np.arange(steps) / 10_000.0)
+    return signal
+
+
+def test_what_is_within_all_limits_passes() -> None:
+    protection(lowest_frequency=50.0, highest_frequency=200.0).require(sine(100.0, 40e-6))
+
+
+@pytest.mark.parametrize(
+    ("signal", "parameters", "reason"),
+    [
+        (sine(10.0, 60e-6), {}, r"amplitude of 60 um on y; allowed on this rig: 50 um"),
+        (sine(10.0, 20e-6), {"excitation_amplitude": 10e-6}, r"allowed on this rig: 10 um"),
+        (sine(1000.0, 40e-6), {}, r"slew of .* mm/s on y; allowed on this rig: 100 mm/s"),
+        (np.full((10, 2), 20e-6), {}, r"slew of 200 mm/s on x"),  # from zero and back to it
+        (sine(300.0, 10e-6), {"highest_frequency": 200.0}, r"% of its power on y lies outside of 0 to 200 Hz"),
+        (sine(10.0, 10e-6), {"lowest_frequency": 20.0}, r"outside of 20 to 5000 Hz"),
+        (sine(10.0, 10e-6), {"longest_excitation": 0.5}, r"1 s long; allowed on this rig: 0.5 s \(the limit longest"),
+        (sine(10.0, 10e-6, 100_001), {}, r"10.0001 s long; allowed on this rig: 10 s \(room for it on the target"),
+    ],
+)
+def test_what_exceeds_a_limit_is_refused_with_value_axis_and_limit(
+    signal: np.ndarray, parameters: dict[str, float], reason: str
+) -> None:
+    with pytest.raises(ExcitationError, match=reason):
+        protection(**parameters).require(signal)
+
+
+def test_limits_of_the_host_only_lower_those_of_the_target() -> None:
+    own = Limits(alarm_share=0.3, excitation_amplitude=1e-6)
+    lowered = ProtectionParameters(excitation_amplitude=1e-3).lowered(own, current_limit=99.0)
+    assert lowered == own
+    assert ProtectionParameters().lowered(own, current_limit=1.0).control_current == 1.0
+    with pytest.raises(ParameterError, match=r"alarm_share = 0\.6 is above trip_share = 0\.5"):
+        ProtectionParameters(alarm_share=0.6).lowered(own, 1.0)

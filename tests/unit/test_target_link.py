@@ -1,0 +1,244 @@
+"""The host's end of AMB-UDP on a real socket, with the emulated target at the other end of a bad network."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from amb_core.errors import TargetError
+from amb_core.loop.control import ControllerParameters
+from amb_core.target import (
+    AmbUdpLink,
+    ExcitationPhase,
+    Limits,
+    TargetDescription,
+    TargetSettings,
+    TargetState,
+    TargetStatus,
+    TelemetryBlock,
+    TooLateError,
+)
+from tests.served_emulator import ServedEmulator
+
+KEY = bytes(range(32))
+TIMEOUT = 60.0
+BAD = {"loss": 0.05, "duplication": 0.02, "reordering": 0.02, "corruption": 0.02}
+
+
+class Listener:
+    """Keeps what a link delivers."""
+
+    def __init__(self) -> None:
+        self.blocks: list[TelemetryBlock] = []
+        self.events: list[str] = []
+        self.changed = threading.Condition()
+
+    def on_samples(self, block: TelemetryBlock) -> None:
+        with self.changed:
+            self.blocks.append(block)
+            self.changed.notify_all()
+
+    def on_status(self, status: TargetStatus) -> None:
+        pass
+
+    def on_silence(self) -> None:
+        self._note("silence")
+
+    def on_return(self, description: TargetDescription, rebooted: bool) -> None:
+        self._note("reboot" if rebooted else "return")
+
+    def _note(self, event: str) -> None:
+        with self.changed:
+            self.events.append(event)
+            self.changed.notify_all()
+
+    def wait_for(self, condition: Callable[[], bool]) -> None:
+        with self.changed:
+            assert self.changed.wait_for(condition, TIMEOUT), self.events
+
+    def wait_for_step(self, step: int) -> None:
+        self.wait_for(lambda: bool(self.blocks) and self.blocks[-1].first_step + self.blocks[-1].steps > step)
+
+    def at(self, first: int, steps: int, name: str) -> np.ndarray:
+        """A signal over some steps of the target, NaN where samples are missing."""
+        values = np.full((steps, 2), np.nan)
+        for block in self.blocks:
+            for row, step in enumerate(range(block.first_step, block.first_step + block.steps)):
+                if first <= step < first + steps:
+                    values[step - first] = getattr(block, name)[row]
+        return values
+
+
+@pytest.fixture
+def served():
+    with ServedEmulator(key=KEY) as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def listener() -> Listener:
+    return Listener()
+
+
+@pytest.fixture
+def link(served: ServedEmulator):
+    link = AmbUdpLink(port=served.port, key=KEY, float64=True, timeout=TIMEOUT)
+    yield link
+    link.close()
+
+
+def settled(link: AmbUdpLink, state: TargetState) -> TargetStatus:
+    """The status of the target once it is in a state."""
+    until = time.monotonic() + TIMEOUT
+    while (status := link.status()).state is not state:
+        assert time.monotonic() < until, status
+    return status
+
+
+def levitated(link: AmbUdpLink, listener: Listener) -> TargetDescription:
+    description = link.connect(listener)
+    link.configure(TargetSettings(ControllerParameters(), description.limits, ()))
+    link.levitate(0.01)
+    settled(link, TargetState.LEVITATED)
+    return description
+
+
+def noise(steps: int) -> np.ndarray:
+    return np.random.default_rng(steps).uniform(-1e-8, 1e-8, (steps, 2))
+
+
+def test_an_excitation_arrives_bit_for_bit_over_a_bad_network_and_begins_at_its_step(
+    served: ServedEmulator, link: AmbUdpLink, listener: Listener
+) -> None:
+    description = levitated(link, listener)
+    served.fail(to_host=BAD, from_host=BAD)
+    samples = noise(40_000)
+    arm = link.upload(samples)
+    served.fail()
+    first = link.status().step + 2_000
+    arm(first)
+    listener.wait_for_step(first + 1_500)
+    reference = listener.at(first - 10, 1_500, "reference")
+    expected = np.vstack([np.zeros((10, 2)), samples[:1_490]])
+    there = ~np.isnan(reference[:, 0])
+    assert there.all()
+    assert np.array_equal(reference, expected)
+    assert link.count.resent > 0
+    assert description.machine.axis_names == ("x", "y")
+
+
+def test_gaps_are_those_that_the_network_made_to_the_sample(
+    served: ServedEmulator, link: AmbUdpLink, listener: Listener
+) -> None:
+    link.connect(listener)
+    listener.wait_for(lambda: bool(listener.blocks))
+    served.fail(to_host=BAD)
+    listener.wait_for(lambda: link.count.samples.lost > 500)
+    served.fail()
+    end = served.do(lambda emulator: emulator.steps)
+    listener.wait_for_step(end + 1_000)
+    injected = served.do(lambda emulator: emulator.to_host.count)
+    found = link.count.samples
+    assert found.late == 0
+    assert (found.lost, list(found.gaps)) == (injected.samples, [(gap.first, gap.stop) for gap in injected.gaps])
+    assert found.doubled > 0
+    assert found.reordered > 0
+    steps = np.concatenate([np.arange(block.first_step, block.first_step + block.steps) for block in listener.blocks])
+    assert (np.diff(steps) > 0).all()  # each once, in order
+
+
+def test_a_step_that_has_passed_is_refused_with_the_next_one(link: AmbUdpLink, listener: Listener) -> None:
+    levitated(link, listener)
+    arm = link.upload(noise(100))
+    with pytest.raises(TooLateError) as refused:
+        arm(1)
+    assert refused.value.next_step > 1
+
+
+def test_a_refusal_names_command_and_reason(link: AmbUdpLink, listener: Listener) -> None:
+    description = link.connect(listener)
+    with pytest.raises(TargetError, match="refuses LEVITATE: a value is not allowed"):
+        link.levitate(1e3)
+    with pytest.raises(TargetError, match="refuses DELEVITATE: it is off"):
+        link.land(0.0)
+    with pytest.raises(TargetError, match="beyond the target's limits"):
+        link.upload(np.full((10, 2), 2.0 * description.limits.excitation_amplitude))
+    higher = Limits(**{**vars(description.limits), "excitation_slew": 1e9})
+    with pytest.raises(TargetError, match="refuses PARAMETERS"):
+        link.configure(TargetSettings(ControllerParameters(), higher, ()))
+
+
+def test_a_wrong_key_is_named_as_a_possible_reason(served: ServedEmulator, listener: Listener) -> None:
+    link = AmbUdpLink(port=served.port, key=bytes(32), timeout=0.5)
+    with pytest.raises(TargetError, match="is the key right"):
+        link.connect(listener)
+
+
+def test_nobody_at_the_port_is_an_error_of_one_line(listener: Listener) -> None:
+    with pytest.raises(TargetError, match=r"no answer from the target at 127\.0\.0\.1 port 9 .* is it on\?"):
+        AmbUdpLink(port=9, timeout=0.2).connect(listener)
+
+
+def test_a_target_that_comes_back_is_found_and_streams_on(
+    served: ServedEmulator, link: AmbUdpLink, listener: Listener
+) -> None:
+    levitated(link, listener)
+    served.pause(True)
+    listener.wait_for(lambda: "silence" in listener.events)
+    with pytest.raises(TargetError, match="no reply"):
+        link.status()
+    served.pause(False)
+    listener.wait_for(lambda: "return" in listener.events)
+    listener.wait_for_step(served.do(lambda emulator: emulator.steps))
+    assert settled(link, TargetState.LEVITATED).trips == ()
+
+
+def test_a_reboot_is_noticed_and_the_new_boot_takes_commands(
+    served: ServedEmulator, link: AmbUdpLink, listener: Listener
+) -> None:
+    levitated(link, listener)
+    served.do(lambda emulator: emulator.reboot())
+    listener.wait_for(lambda: "reboot" in listener.events)
+    link.levitate(0.01)
+    settled(link, TargetState.LEVITATED)
+    listener.wait_for_step(served.do(lambda emulator: emulator.steps) + 100)
+
+
+def test_a_landing_passes_an_upload(served: ServedEmulator, link: AmbUdpLink, listener: Listener) -> None:
+    levitated(link, listener)
+    served.fail(from_host={"loss": 0.5})
+    ended = threading.Event()
+
+    def upload() -> None:
+        with pytest.raises(TargetError, match="called off"):
+            link.upload(noise(90_000), ended.is_set)
+
+    uploading = threading.Thread(target=upload)
+    uploading.start()
+    link.land(0.0)
+    assert uploading.is_alive()
+    settled(link, TargetState.OFF)
+    ended.set()
+    uploading.join(TIMEOUT)
+
+
+def test_a_host_that_is_there_keeps_an_excitation_alive(listener: Listener) -> None:
+    with ServedEmulator(limits={"host_time": 0.5}) as served:
+        link = AmbUdpLink(port=served.port, float64=True, timeout=TIMEOUT)
+        try:
+            levitated(link, listener)
+            arm = link.upload(noise(90_000))
+            first = link.status().step + 1_000
+            arm(first)
+            listener.wait_for_step(first + 20_000)
+            assert link.status().excitation is ExcitationPhase.PLAYING
+        finally:
+            link.close()
+        listener.blocks.clear()
+        served.do(lambda emulator: emulator.run(20_000))
+        status = served.do(lambda emulator: emulator.status())
+        assert status is not None
