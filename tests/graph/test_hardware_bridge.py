@@ -1,0 +1,230 @@
+"""The hardware bridge with an emulated target: life cycle, samples, excitations, trips, losses and restarts."""
+
+from __future__ import annotations
+
+import itertools
+import random
+import signal
+
+import numpy as np
+import pytest
+
+from amb_bringup.demo_run import controller_of, plant_of
+from amb_core.excitation import Square, generate
+from amb_core.loop.control import PdController
+from amb_core.recording.messages.loop_samples import block_from_message, steps_in
+from amb_core.simulation import simulate
+from amb_msgs.msg import BridgeState, Excitation, Machine, Trip
+from amb_ros.qos import EVERY_STATE, LATCHED
+from tests.graph.conftest import Graph
+from tests.graph.rig import Rig, config
+
+GENERATOR = "amb_controller_node.excitation_generator"
+SQUARE = Square(amplitude=10e-6, duration=0.2, frequency=20.0, axes="in_turn")
+WRONG = {
+    "unconfigured": ("activate", "deactivate", "cleanup", "nonsense"),
+    "inactive": ("configure", "deactivate", "nonsense"),
+    "active": ("configure", "activate", "cleanup", "nonsense"),
+}
+
+
+def refuse_wrong_transitions(rig: Rig, state: str, count: int) -> None:
+    """Ask for transitions that a state does not allow, by label and by number."""
+    draw = random.Random(state)
+    assert rig.life_cycle == state
+    for _ in range(count):
+        if draw.random() < 0.7:
+            assert not rig.change(draw.choice(WRONG[state]))
+        else:
+            assert not rig.change(number=draw.choice([9, 77, 255]))
+    assert rig.life_cycle == state
+    assert rig.bridge.poll() is None
+
+
+def test_wrong_transitions_are_refused_and_right_ones_lead_through_the_life_cycle(graph: Graph) -> None:
+    rig = Rig(graph)
+    refuse_wrong_transitions(rig, "unconfigured", 12)
+    assert rig.change("configure")
+    refuse_wrong_transitions(rig, "inactive", 11)
+    assert rig.change("activate")
+    assert rig.state.mode == BridgeState.LEVITATED
+    refuse_wrong_transitions(rig, "active", 11)
+    assert rig.change("deactivate")
+    assert rig.state.mode == BridgeState.OFF
+    assert rig.change("cleanup")
+    assert rig.change("configure")
+    assert rig.change("shutdown")
+    assert rig.life_cycle == "finalized"
+    assert not rig.change("configure")
+
+
+@pytest.mark.parametrize("machine", ["paper", "rig"])
+def test_its_telemetry_is_that_of_the_loop_without_ros_bit_for_bit(graph: Graph, machine: str) -> None:
+    file = config(machine)
+    rig = Rig(graph, "--params-file", str(file))
+    graph.start(GENERATOR)
+    machines: list[Machine] = []
+    graph.node.create_subscription(Machine, "/amb/machine", machines.append, LATCHED)
+    run = rig.levitate()
+    answer = rig.excite(SQUARE)
+    assert answer.success, answer.message
+    steps = answer.first_step + answer.steps + 500
+    record = rig.record(run, steps)
+    plant, controller = plant_of(file), controller_of(file)
+    samples = generate(SQUARE, plant.machine.sample_rate, plant.machine).samples
+    law = PdController(controller, len(plant.machine.axes))
+    assert record.identical_to(simulate(plant, law, steps, samples, answer.first_step))
+    assert machines[-1].source == "bridge"
+    assert [axis.name for axis in machines[-1].axes] == list(record.axes)
+    assert rig.state.lost == 0
+
+
+def test_an_excitation_begins_at_the_step_that_was_asked_for_and_a_later_one_replaces_it(graph: Graph) -> None:
+    rig = Rig(graph)
+    graph.start(GENERATOR)
+    run = rig.levitate()
+    first = int(rig.state.step) + 6_000
+    answer = rig.excite(SQUARE, first)
+    assert (answer.success, answer.first_step, answer.steps) == (True, first, 2_000), answer.message
+    late = rig.excite(SQUARE, 5)
+    assert not late.success
+    assert "first_step = 5 is in the past" in late.message
+    record = rig.record(run, first + 300)
+    moved = np.flatnonzero(record.reference.any(axis=1))
+    assert moved[0] == first
+    second = rig.excite(SQUARE)
+    assert second.success, second.message
+    assert second.first_step > first
+
+
+def test_what_protection_forbids_is_refused_in_one_line_and_the_loop_goes_on(graph: Graph) -> None:
+    rig = Rig(graph, bridge={"protection.excitation_amplitude": 20e-6, "protection.longest_excitation": 1.0})
+    graph.start(GENERATOR)
+    refused = graph.call(
+        _start(), "/amb/excitation_generator/start", kind="square", run=1, amplitude=1e-6, duration=1.0
+    )
+    assert not refused.success
+    run = rig.levitate()
+    for excitation, reason in (
+        (Square(amplitude=30e-6, duration=0.1), "amplitude of 30 um on x; allowed on this rig: 20 um"),
+        (Square(amplitude=10e-6, duration=2.0), "2 s long; allowed on this rig: 1 s"),
+    ):
+        answer = rig.excite(excitation)
+        assert not answer.success
+        assert reason in answer.message
+    assert not rig.record(run, 2_000).reference.any()
+    assert rig.trips == []
+
+
+def _start():
+    from amb_msgs.srv import StartExcitation
+
+    return StartExcitation
+
+
+FAULTS = {
+    "sensor stuck": ({"faults__sensor__stuck": "y"}, {"faults__sensor__stuck": ""}, Trip.SENSOR_STUCK, "y"),
+    "sensor out of range": ({"faults__sensor__failed": "x"}, {"faults__sensor__failed": ""}, Trip.SENSOR_RANGE, "x"),
+    "amplifier": ({"faults__amplifier": True}, {"faults__amplifier": False}, Trip.AMPLIFIER, ""),
+    "temperature": ({"faults__temperature": 300.0}, {"faults__temperature": 20.0}, Trip.TEMPERATURE, ""),
+}
+
+
+def test_every_trip_is_latched_dated_and_comes_with_the_second_before_it(graph: Graph) -> None:
+    rig = Rig(graph)
+    assert rig.change("configure")
+    for fault, repair, reason, axis in FAULTS.values():
+        count = len(rig.trips)
+        assert rig.change("activate"), rig.state.problem
+        rig.wait_for_step(1_500)
+        rig.set("target_emulator", **fault)
+        graph.wait_until(lambda count=count: len(rig.trips) > count, "the trip")
+        trip = rig.trips[-1]
+        assert (trip.reason, trip.axis, trip.run) == (reason, axis, rig.state.run)
+        blocks = [block_from_message(block) for block in trip.before]
+        assert blocks[-1].first_step + blocks[-1].steps == trip.step
+        assert sum(block.steps for block in blocks) == min(trip.step, 10_000)
+        assert all(later.first_step == block.first_step + block.steps for block, later in itertools.pairwise(blocks))
+        graph.wait_until(lambda: rig.life_cycle == "inactive", "the deactivation")
+        graph.wait_until(lambda: rig.state.mode == BridgeState.TRIPPED and rig.state.problem, "the latched reason")
+        assert not rig.change("activate")  # latched
+        rig.set("target_emulator", **repair)
+        graph.wait_until(lambda: _heals(rig), "the reset")
+    assert len(rig.trips) == len(FAULTS)
+
+
+def _heals(rig: Rig) -> bool:
+    """Reset the faults; true once the fault itself has gone, too."""
+    rig.reset_faults()
+    return rig.state.mode == BridgeState.OFF and not rig.state.problem
+
+
+def test_lost_telemetry_is_counted_to_the_sample_and_every_other_sample_comes_once(graph: Graph) -> None:
+    rig = Rig(graph)
+    run = rig.levitate()
+    bad = {"faults__to_host__loss": 0.02, "faults__to_host__duplication": 0.01, "faults__to_host__reordering": 0.01}
+    rig.set("target_emulator", **bad)
+    graph.wait_until(lambda: rig.state.lost >= 200, "losses")
+    rig.set("target_emulator", **dict.fromkeys(bad, 0.0))
+    rig.wait_for_step(rig.state.step + 2_000)
+    step, lost = int(rig.state.step), int(rig.state.lost)
+    graph.wait_until(lambda: rig.blocks[-1].first_step >= step, "telemetry")
+    blocks = [block for block in rig.blocks if block.run == run]
+    end = blocks[-1].first_step + steps_in(blocks[-1])
+    places = [(block.first_step, block.first_step + steps_in(block)) for block in blocks]
+    assert all(after[0] >= before[1] for before, after in itertools.pairwise(places))
+    assert end - sum(stop - first for first, stop in places) == lost
+    graph.wait_until(lambda: rig.values("hardware_bridge").get("samples lost") == str(lost), "diagnostics")
+
+
+def test_a_killed_bridge_leaves_the_rotor_levitated_and_the_next_one_takes_over(graph: Graph) -> None:
+    rig = Rig(graph)
+    first = rig.levitate()
+    rig.bridge.send_signal(signal.SIGKILL)
+    rig.bridge.wait_for_end(60.0)
+    rig.start_bridge()
+    second = rig.levitate()
+    assert second > first
+    assert rig.state.mode == BridgeState.LEVITATED
+    assert rig.trips == []
+    record = rig.record(second, 1_000)
+    assert np.abs(record.position).max() < 100e-6
+    assert int(rig.values("target_emulator")["boots"]) == 1
+
+
+def test_a_reboot_of_the_target_is_a_latched_trip_and_the_next_levitation_a_run(graph: Graph) -> None:
+    from std_srvs.srv import Trigger
+
+    rig = Rig(graph)
+    first = rig.levitate()
+    rig.wait_for_step(1_000)
+    assert graph.call(Trigger, "/amb/target_emulator/reboot").success
+    graph.wait_until(lambda: any(trip.reason == Trip.REBOOT for trip in rig.trips), "the trip")
+    graph.wait_until(lambda: rig.life_cycle == "inactive", "the deactivation")
+    assert not rig.change("activate")
+    graph.wait_until(lambda: _heals(rig), "the reset")
+    assert rig.change("activate"), rig.state.problem
+    graph.wait_until(lambda: rig.state.run > first, "the next run")
+
+
+@pytest.mark.parametrize("at_exit", ["land", "stay"])
+def test_at_its_end_it_lands_the_rotor_or_leaves_it_as_configured(graph: Graph, at_exit: str) -> None:
+    rig = Rig(graph, bridge={"at_exit": at_exit})
+    rig.levitate()
+    code, said = graph.stop(rig.bridge)
+    assert code == 0, said
+    wanted = "off" if at_exit == "land" else "on"
+    graph.wait_until(lambda: rig.values("target_emulator").get("amplifiers") == wanted, "the amplifiers")
+
+
+def test_hostile_excitations_are_answered_and_end_nothing(graph: Graph) -> None:
+    rig = Rig(graph)
+    rig.levitate()
+    publisher = graph.node.create_publisher(Excitation, "/amb/excitation", EVERY_STATE)
+    graph.wait_until(publisher.get_subscription_count, "the bridge")
+    for number in range(20):
+        publisher.publish(Excitation(run=rig.state.run, id=number, kind="square" if number % 2 else "waveform"))
+    step = rig.state.step
+    rig.wait_for_step(step + 1_000)
+    assert rig.bridge.poll() is None
+    assert rig.life_cycle == "active"
