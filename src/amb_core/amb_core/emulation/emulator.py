@@ -69,7 +69,7 @@ class TargetEmulator:
     faults : FaultParameters
         Faults at the start; see `configure`.
     library : Path
-        The C code, from `emulation.library.reference_library`.
+        The C code, from `reference_library`.
     address : Address
         Where it listens.
 
