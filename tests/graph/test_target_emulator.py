@@ -47,11 +47,11 @@ class Emulated:
     def wait_for(self, condition: Callable[[DiagnosticStatus, dict[str, str]], object], what: str) -> None:
         self.graph.wait_until(lambda: condition(self.statuses[-1], self.values()), what)
 
-    def connect(self) -> Description:
+    def connect(self, key: bytes = b"") -> Description:
         self.host.send(hello())
         while not isinstance(description := decode(self.host.recv(2048)), Description):
             pass
-        self.session = description.session()
+        self.session = description.session(key)
         self.writer = CommandWriter(self.session, description.counter)
         return description
 
@@ -76,6 +76,16 @@ def test_a_host_finds_the_machine_of_the_parameter_file_with_which_the_node_was_
     assert (machine.name, machine.axis_names) == ("rigid", ("x_a", "y_a", "x_b", "y_b"))
     assert emulated.command(commands.heartbeat()).code == 0
     emulated.wait_for(lambda _, values: values["state"] == "OFF", "the state")
+
+
+def test_with_a_key_it_may_listen_to_other_machines_and_takes_sealed_commands(graph: Graph, tmp_path: Path) -> None:
+    key = bytes(range(16))
+    file = tmp_path / "key"
+    file.write_text(key.hex())
+    file.chmod(0o600)
+    emulated = Emulated(graph, address="0.0.0.0", key_file=str(file))
+    assert emulated.connect(key).with_key
+    assert emulated.command(commands.heartbeat()).status.forged == 0
 
 
 def test_faults_are_parameters_trips_are_diagnostics_and_a_service_boots(graph: Graph) -> None:

@@ -138,6 +138,10 @@ class TargetEmulator:
             raise TargetError(f"UDP port {address.port} of {address.host} cannot be opened: {reason}") from None
         self.port: int = self._socket.getsockname()[1]
 
+    def fileno(self) -> int:
+        """File descriptor of the socket, to wait for datagrams with `select`."""
+        return self._socket.fileno()
+
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()

@@ -26,7 +26,7 @@ from amb_core.target import TargetStatus
 REPORT, REBOOT = "report", "reboot"
 """Requests to the process; a third kind is a set of faults. Each is answered by a report."""
 LONGEST_BLOCK = 0.05  # s of wall-clock time; commands and requests wait as long
-_PATIENCE = 5.0  # s, for an answer of a running process
+_PATIENCE = 20.0  # s, for an answer of a running process
 
 
 @dataclass(frozen=True)
