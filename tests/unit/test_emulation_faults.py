@@ -77,6 +77,17 @@ def test_delayed_frames_arrive_after_their_delay_and_none_is_missing() -> None:
         assert sorted(steps) == list(range(steps[0], bench.emulator.steps, 5))
 
 
+def test_a_delayed_command_takes_effect_after_its_delay() -> None:
+    with Bench() as bench:
+        bench.connect()
+        bench.set_faults(from_host={"delay": 0.01})
+        sent = bench.emulator.steps
+        bench.send(bench.writer.write(commands.heartbeat()))
+        for _ in range(15):
+            bench.emulator.run(10)
+        assert bench.reply().status.step == sent + 100
+
+
 def test_commands_that_the_network_spoils_are_counted_by_the_target() -> None:
     with Bench() as bench:
         bench.connect()
@@ -144,6 +155,20 @@ def test_a_stuck_sensor_trips_after_the_stuck_time() -> None:
         (trip,) = bench.command(commands.heartbeat()).status.trips
         assert (trip.reason, trip.axis) == (TripReason.SENSOR_STUCK, 1)
         assert trip.step == stuck_since + 200
+
+
+def test_a_sensor_shows_the_value_at_which_it_is_stuck_and_the_true_one_afterwards() -> None:
+    with Bench(limits={"stuck_time": 0.0, "trip_share": 100.0}) as bench:
+        bench.connect()
+        bench.levitate()
+        shown = []
+        for stuck in ("y", "", "y"):
+            bench.set_faults(sensor={"stuck": stuck})
+            bench.run(20)
+            shown.append(np.concatenate([block.position for block in bench.blocks()])[-20:, 1])
+        assert [len(set(values)) for values in shown] == [1, 20, 1]
+        assert shown[2][0] != shown[0][0]
+        assert not bench.command(commands.heartbeat()).status.trips
 
 
 def test_a_failed_sensor_trips_at_once() -> None:
