@@ -10,6 +10,8 @@ venv_stamp=$venv/.complete     # checkout folder and checksum of requirements.tx
 build_stamp=$root/install/.complete    # checksum of everything that the build depends on; only if the build finished
 kernel_stamp=$root/install/.kernels    # checksum of what is compiled into numba's cache; only if that finished
 
+target_library=$root/build/target/libamb_target.so
+
 say() { printf '\033[1m[setup]\033[0m %s\n' "$*"; }
 fail() { printf '[setup] error: %s\n' "$*" >&2; exit 1; }
 
@@ -136,6 +138,12 @@ compile_kernels() {
     kernel_state | checksum > "$kernel_stamp"
 }
 
+# For the target emulator. It builds the library by itself when that is missing, so set-up continues without gcc.
+build_target() {
+    ( set +u; source scripts/env.sh; python -c 'import amb_core.emulation.library as library; exit(library.main())' ) ||
+        say "warning: without it the target emulator does not start; the rest works"
+}
+
 case $root in *[[:space:]]*)
     fail "the folder '$root' has a space in its name, with which the executables of ROS packages cannot start; move it" ;;
 esac
@@ -150,4 +158,5 @@ done
 if [ "$(cat "$venv_stamp" 2>/dev/null)" != "$(venv_state)" ] || [ ! -x "$venv/bin/python" ]; then make_venv; fi
 add_extras
 if [ ! -d build ] || [ "$(cat "$build_stamp" 2>/dev/null)" != "$(build_state | checksum)" ]; then build; fi
+if [ ! -f "$target_library" ] || [ -n "$(find target -name '*.[ch]' -newer "$target_library")" ]; then build_target; fi
 if [ "$(cat "$kernel_stamp" 2>/dev/null)" != "$(kernel_state | checksum)" ]; then compile_kernels; fi

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 from typing import Any, Self
 
@@ -27,6 +28,7 @@ from amb_core.target import (
 )
 
 BLOCK = 10
+TIMEOUT = 60.0  # s
 PATIENT = {"host_time": 1e3}
 """Limits of a target that waits for its host: time is that of the emulator, which does not wait."""
 
@@ -55,7 +57,6 @@ class Bench:
         self._key = key if host_key is None else host_key
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
-        self.socket.settimeout(30.0)
         self.answers: list[Answer | Refusal] = []
 
     def __enter__(self) -> Self:
@@ -71,7 +72,7 @@ class Bench:
 
     def connect(self) -> Description:
         self.send(hello())
-        (description,) = (decode(frame) for frame in self.received())
+        description = decode(self._next())
         assert isinstance(description, Description)
         self.session = description.session(self._key)
         self.writer = CommandWriter(self.session, description.counter)
@@ -80,32 +81,41 @@ class Bench:
     def send(self, frame: bytes) -> None:
         """Send a frame, and let the emulator take it before its next step."""
         self.socket.sendto(frame, ("127.0.0.1", self.emulator.port))
+        assert select.select([self.emulator], [], [], TIMEOUT)[0]
         self.emulator.run(0)
 
     def received(self) -> list[bytes]:
-        """Datagrams that have arrived. On loopback they are there as soon as they were sent."""
+        """Datagrams that have arrived so far."""
         frames = []
-        self.socket.setblocking(False)
-        try:
-            while True:
-                frames.append(self.socket.recv(2048))
-        except BlockingIOError:
-            return frames
+        while select.select([self.socket], [], [], 0.0)[0]:
+            frames.append(self.socket.recv(2048))
+        return frames
 
-    def collect(self) -> list[Answer | Refusal]:
-        answers = [decode(frame, self.session) for frame in self.received()]
-        self.answers += answers
-        return answers
+    def collect(self) -> None:
+        """Keep the answers that have arrived so far."""
+        self.answers += [decode(frame, self.session) for frame in self.received()]
 
     def run(self, steps: int) -> None:
         for _ in range(0, steps, BLOCK):
             self.emulator.run(min(BLOCK, steps))
             self.collect()
 
+    def reply(self) -> Reply:
+        """The next reply; what comes before it is kept."""
+        while not isinstance(answer := decode(self._next(), self.session), Reply):
+            self.answers.append(answer)
+        return answer
+
     def command(self, command: Command) -> Reply:
+        """The reply to a command. What the emulator has sent before it has arrived, too."""
         self.send(self.writer.write(command))
-        (reply,) = (answer for answer in self.collect() if isinstance(answer, Reply))
+        while (reply := self.reply()).counter != self.writer.counter:
+            self.answers.append(reply)
         return reply
+
+    def _next(self) -> bytes:
+        assert select.select([self.socket], [], [], TIMEOUT)[0]
+        return self.socket.recv(2048)
 
     def done(self, *every: Command) -> None:
         for command in every:
@@ -124,6 +134,8 @@ class Bench:
         return self.emulator.steps
 
     def blocks(self) -> list[TelemetryBlock]:
+        """All telemetry that the emulator has sent, without faults of the network at present."""
+        self.done(commands.heartbeat())
         return [answer for answer in self.answers if isinstance(answer, TelemetryBlock)]
 
     def record(self, first: int, steps: int) -> LoopRecord:

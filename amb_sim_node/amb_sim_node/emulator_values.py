@@ -6,10 +6,11 @@ from amb_core.emulation import EmulatorReport, LinkCount
 from amb_core.loop.pace import pace_values
 
 
-def emulator_values(report: EmulatorReport) -> dict[str, object]:
+def emulator_values(port: int, report: EmulatorReport) -> dict[str, object]:
     """Keys and values of a report. State and counts of the target are those that it has last sent to a host."""
     status = report.status
     values: dict[str, object] = {
+        "UDP port": port,
         "steps": report.steps,
         "boots": report.boots,
         "amplifiers": "on" if report.enabled else "off",

@@ -118,7 +118,7 @@ class TargetEmulatorNode(Node):
                 self._ended = str(problem)
                 self.get_logger().error(self._ended)
         report = self._emulator.latest
-        values = emulator_values(report)
+        values = emulator_values(self._emulator.started.port, report)
         if self._ended:
             return diagnostics.ERROR, self._ended, values
         self._log_trips(report)

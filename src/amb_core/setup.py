@@ -1,5 +1,7 @@
 """Build of the package amb_core."""
 
+from glob import glob
+
 from setuptools import find_packages, setup
 
 NAME = "amb_core"
@@ -18,6 +20,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/target", sorted(glob("../../target/*.[ch]"))),  # for the target emulator
+        (f"share/{NAME}/target/hosted", sorted(glob("../../target/hosted/*.[ch]"))),
     ],
     install_requires=["setuptools"],
     extras_require={"ross": ["ross-rotordynamics>=2.3,<3", "plotly<7"]},  # pinned in requirements-ross.txt

@@ -12,6 +12,7 @@ from tests.graph.conftest import Graph
 
 FACTOR = 0.05  # 2 ms for each step: two processes answer in time now and then on any machine
 STEPS = 300
+REAL_TIME = {"real_time.priority": 1, "real_time.lock_memory": True}
 
 
 def test_a_paced_loop_takes_its_time_counts_every_step_and_gives_the_same_samples(graph: Graph) -> None:
@@ -34,3 +35,15 @@ def test_a_paced_loop_takes_its_time_counts_every_step_and_gives_the_same_sample
     lateness = [float(values()[f"lateness {name} (us)"]) for name in ("p50", "p99", "p99.99", "max")]
     assert lateness == sorted(lateness)
     assert lateness[-1] > 0.0
+
+
+def test_a_simulator_with_real_time_options_runs_and_ends_whether_the_machine_allows_them_or_not(graph: Graph) -> None:
+    simulator = graph.start("amb_sim_node.simulator", parameters=REAL_TIME)
+    graph.start("amb_controller_node.pd_controller")
+    bearing = Bearing(graph)
+    run = bearing.reset()
+    bearing.run(STEPS)
+    assert bearing.record(run, STEPS).identical_to(simulate(Plant(), PdController(ControllerParameters()), STEPS))
+    code, said = graph.stop(simulator)
+    assert code == 0
+    assert not said or "not permitted on this machine; to allow it: " in said

@@ -17,7 +17,7 @@ from amb_core.emulation import (
     SensorFaultParameters,
     measure_load,
 )
-from amb_core.errors import TargetError
+from amb_core.errors import ParameterError, TargetError
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.real_time import RealTimeParameters
 from amb_core.parameters import load_parameters, validate
@@ -171,6 +171,12 @@ def test_an_emulator_that_cannot_start_reports_why() -> None:
         port = taken.getsockname()[1]
         with pytest.raises(TargetError, match=f"UDP port {port} of 127.0.0.1 cannot be opened: Address already in use"):
             EmulatorProcess(settings(address=Address(port=port)))
+
+
+def test_a_pace_at_which_commands_would_wait_is_refused() -> None:
+    with pytest.raises(ParameterError, match=r"factor = 0\.01 .* block_steps = 10 at .*; allowed: 0, or from 0\.02"):
+        settings(real_time_factor=0.01)
+    assert settings(real_time_factor=0.02).block_time == pytest.approx(0.05)
 
 
 def test_a_wrong_plant_is_reported_by_the_process() -> None:

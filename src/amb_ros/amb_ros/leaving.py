@@ -18,9 +18,12 @@ from rclpy.context import Context
 from rclpy.executors import Executor
 from rclpy.node import Node
 
+from amb_core.loop.real_time import leave_real_time
+
 
 def leave_graph(context: Context, executor: Executor, nodes: Sequence[Node]) -> None:
     """Shut a context down and destroy its nodes; it must be called in the thread that spins them."""
+    leave_real_time()  # on one core a thread with priority would keep the others from running
     with _all_threads_on_one_core():
         context.try_shutdown()  # first: workers of the nodes then see that nobody waits for them any more
         executor.shutdown()  # releases the nodes: one with an open request would live as long as the process

@@ -81,7 +81,7 @@ class JitterWatch:
         table = Table("node", "paced", "missed", "in all", *QUANTILES, title="lateness in us", box=SIMPLE)
         for name, node in sorted(self.nodes.items()):
             found = node.summary()
-            lateness = (f"{value:.3g}" for value in found["lateness_us"].values())
+            lateness = (f"{value:.{1 if value < 100.0 else 0}f}" for value in found["lateness_us"].values())
             counts = (f"{found['deadlines']} {found['paced']}", str(found["missed"]), str(found["missed_in_all"]))
             table.add_row(name, *counts, *lateness)
         return table

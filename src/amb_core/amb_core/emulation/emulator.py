@@ -68,7 +68,7 @@ class TargetEmulator:
     faults : FaultParameters
         Faults at the start; see `configure`.
     library : Path
-        The C code, from `emulation.library.reference_library`.
+        The C code, from `reference_library`.
     address : Address
         Where it listens.
 
@@ -136,6 +136,10 @@ class TargetEmulator:
             reason = getattr(problem, "strerror", problem)
             raise TargetError(f"UDP port {address.port} of {address.host} cannot be opened: {reason}") from None
         self.port: int = self._socket.getsockname()[1]
+
+    def fileno(self) -> int:
+        """File descriptor of the socket, to wait for datagrams with `select`."""
+        return self._socket.fileno()
 
     def close(self) -> None:
         """Close the socket."""

@@ -1,16 +1,20 @@
-"""The reference target as a library of this checkout: `python -m amb_core.emulation.library` builds it."""
+"""The reference target as a library: built from the C code of the checkout, or from the copy that is installed.
+
+Set-up builds it once; whoever needs it builds it again when its sources are newer.
+"""
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
 from amb_core.errors import TargetError
+from amb_core.files.package_files import located
 from amb_core.target import build_library
 from amb_core.target.reference import SOURCE
 
-LIBRARY = SOURCE.parent / "build" / "target" / "libamb_target.so"
-"""Where set-up builds it; it is built again when its sources are newer."""
+_NAME = "libamb_target.so"
 
 
 def reference_library() -> Path:
@@ -21,10 +25,19 @@ def reference_library() -> Path:
     TargetError
         If it cannot be built.
     """
+    checkout = any(SOURCE.glob("*.c"))
     try:
-        return build_library(LIBRARY)
+        source = SOURCE if checkout else located("package://amb_core/target")
+        return build_library(_folder(checkout) / _NAME, source=source)
     except OSError as problem:
-        raise TargetError(f"{LIBRARY} cannot be written: {problem.strerror}") from None
+        raise TargetError(f"the library of the reference target cannot be built: {problem}") from None
+
+
+def _folder(checkout: bool) -> Path:
+    """Beside the other builds of a checkout; else in the user's cache, since an installation may be read-only."""
+    if checkout:
+        return SOURCE.parent / "build" / "target"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "amb" / "target"
 
 
 def main() -> int:
@@ -35,7 +48,3 @@ def main() -> int:
         print(problem, file=sys.stderr)
         return 1
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

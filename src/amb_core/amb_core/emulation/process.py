@@ -16,7 +16,7 @@ from amb_core.emulation.emulator import Address
 from amb_core.emulation.faulty_link import LinkCount
 from amb_core.emulation.load import Load
 from amb_core.emulation.parameters import FaultParameters, LimitParameters
-from amb_core.errors import AmbError, TargetError
+from amb_core.errors import AmbError, ParameterError, TargetError
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.pace import Pace
 from amb_core.loop.real_time import RealTimeParameters
@@ -25,12 +25,19 @@ from amb_core.target import TargetStatus
 
 REPORT, REBOOT = "report", "reboot"
 """Requests to the process; a third kind is a set of faults. Each is answered by a report."""
-_PATIENCE = 5.0  # s, for an answer of a running process
+LONGEST_BLOCK = 0.05  # s of wall-clock time; commands and requests wait as long
+_PATIENCE = 20.0  # s, for an answer of a running process
 
 
 @dataclass(frozen=True)
 class EmulatorSettings:
-    """Everything that an emulator process needs; see `TargetEmulator` and `PacedEmulator`."""
+    """Everything that an emulator process needs; see `TargetEmulator` and `PacedEmulator`.
+
+    Raises
+    ------
+    ParameterError
+        If a block of steps would take so long that commands had to wait for it.
+    """
 
     plant: PlantParameters
     controller: ControllerParameters
@@ -40,6 +47,21 @@ class EmulatorSettings:
     block_steps: int
     real_time_factor: float
     real_time: RealTimeParameters
+
+    def __post_init__(self) -> None:
+        least = self.block_steps / (self.plant.integration.sample_rate * LONGEST_BLOCK)
+        if 0.0 < self.real_time_factor < least * (1.0 - 1e-9):
+            raise ParameterError(
+                f"real_time_factor = {self.real_time_factor:g} is not allowed with block_steps = {self.block_steps} at "
+                f"{self.plant.integration.sample_rate:g} Hz; allowed: 0, or from {least:g} on"
+            )
+
+    @property
+    def block_time(self) -> float:
+        """Wall-clock time of a block (s); 0 without pace."""
+        if self.real_time_factor == 0.0:
+            return 0.0
+        return self.block_steps / (self.plant.integration.sample_rate * self.real_time_factor)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from amb_core.emulation.process import REBOOT, EmulatorReport, EmulatorSettings,
 from amb_core.errors import AmbError, TargetError, one_line
 from amb_core.loop.real_time import enter_real_time
 
-_BLOCKS_BETWEEN_REQUESTS = 10  # a look for requests takes as long as a step
+_BETWEEN_REQUESTS = 0.01  # s; to look for one takes as long as a control step
+_MOST_BLOCKS = 10
 
 
 def _serve(connection: Connection) -> None:
@@ -36,8 +37,10 @@ def _serve(connection: Connection) -> None:
     gc.collect()
     gc.freeze()  # the collector need not traverse what stays
     paced.start()
+    block_time = settings.block_time
+    blocks = min(max(round(_BETWEEN_REQUESTS / block_time), 1), _MOST_BLOCKS) if block_time > 0.0 else _MOST_BLOCKS
     while True:
-        for _ in range(_BLOCKS_BETWEEN_REQUESTS):
+        for _ in range(blocks):
             paced.run_block()
         while connection.poll():
             _do(connection.recv(), emulator, paced)

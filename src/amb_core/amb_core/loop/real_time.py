@@ -60,8 +60,8 @@ def enter_real_time(parameters: RealTimeParameters) -> str:
     Parameters
     ----------
     parameters : RealTimeParameters
-        What is asked for. Locked memory is that of the whole process, the rest concerns the calling thread alone and
-        threads that it makes later.
+        What is asked for. Locked memory is that of the whole process, the rest concerns the calling thread. Threads
+        that it makes later run on the same processors, with ordinary priority.
 
     Returns
     -------
@@ -80,12 +80,18 @@ def enter_real_time(parameters: RealTimeParameters) -> str:
         denied.append("real_time.lock_memory = true")
     if parameters.priority:
         try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(parameters.priority))
+            policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK  # not for threads that are made later
+            os.sched_setscheduler(0, policy, os.sched_param(parameters.priority))
         except OSError:
             denied.append(f"real_time.priority = {parameters.priority}")
     if denied:
         problems.append(f"{' and '.join(denied)}: not permitted on this machine; {_REMEDY}")
     return "; ".join(problems)
+
+
+def leave_real_time() -> None:
+    """Give the calling thread the ordinary priority again."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _memory_locked() -> bool:

@@ -1,0 +1,58 @@
+"""What `amb jitter` makes of the reports of paced nodes."""
+
+from __future__ import annotations
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rich.console import Console
+
+from amb_bringup.commands.jitter import JitterWatch
+from amb_core.loop.pace import Pace, pace_values
+from amb_ros.diagnostics import INSTANCE
+
+
+def report(pace: Pace, instance: str = "1", name: str = "amb/simulator") -> DiagnosticArray:
+    values = pace_values(pace) | {INSTANCE: instance}
+    status = DiagnosticStatus(name=name, values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
+    other = DiagnosticStatus(name="amb/recorder", values=[KeyValue(key="messages", value="7")])
+    return DiagnosticArray(status=[status, other])
+
+
+def paced(steps: int, missed: int, late: float = 200e-6) -> Pace:
+    """A pace of 1 ms whose first steps missed their deadlines by so much (s)."""
+    pace, now = Pace(1e-3), 0.0
+    pace.start(now)
+    for step in range(steps):
+        now += 1e-3 + (late if step < missed else 0.0)
+        if pace.wait(now - 1e-9 * (step >= missed)) > 0.0:
+            pace.published(now)
+    return pace
+
+
+def test_deadlines_are_counted_from_the_first_report_and_nodes_without_a_pace_are_left_out() -> None:
+    watch = JitterWatch()
+    watch.note(report(paced(100, 10)))
+    watch.note(report(paced(150, 13)))
+    assert set(watch.nodes) == {"amb/simulator"}
+    found = watch.nodes["amb/simulator"].summary()
+    assert (found["paced"], found["deadlines"], found["missed"], found["missed_in_all"]) == ("steps", 50, 3, 13)
+    assert found["lateness_us"]["p50"] < 1.0 < 199.0 < found["lateness_us"]["max"] < 201.0
+
+
+def test_a_node_that_was_started_again_counts_anew() -> None:
+    watch = JitterWatch()
+    watch.note(report(paced(100, 10)))
+    watch.note(report(paced(20, 2), instance="2"))
+    watch.note(report(paced(50, 5), instance="2"))
+    found = watch.nodes["amb/simulator"].summary()
+    assert (found["deadlines"], found["missed"], found["missed_in_all"]) == (30, 3, 5)
+
+
+def test_the_table_has_a_row_for_each_node() -> None:
+    watch = JitterWatch()
+    watch.note(report(paced(100, 10)))
+    watch.note(report(paced(100, 10), name="amb/target_emulator"))
+    console = Console(width=100)
+    with console.capture() as output:
+        console.print(watch.table())
+    assert "amb/simulator" in output.get()
+    assert "amb/target_emulator" in output.get()
