@@ -70,7 +70,7 @@ COMMANDS = {
     ),
     "bag": (
         "bag:app",
-        "Inspect and play bags.",
+        "Inspect, play and recover bags.",
     ),
     "excitation": (
         "excitation:app",
