@@ -315,6 +315,7 @@ class HardwareBridgeNode(ManagedNode):
         link.reset_faults()
         with self._lock:
             self._own_trips.clear()
+        self.problem = ""
         self.on_status(link.status())
         response.success = True
         self._note_state()

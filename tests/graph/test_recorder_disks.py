@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from amb_core.recording import Recording
+from amb_core.recording import Recording, audit_steps, inspect_bag, recover_bag
 from amb_msgs.srv import StopRecording
 from tests.graph.test_recorder import BLOCK, RECORDER, Loop
 from tests.stalling_disk import StallingDisk
@@ -149,3 +151,39 @@ def test_a_disk_that_gets_full_ends_the_recording_with_a_whole_bag(graph: Graph,
     assert loop.start_bag("next").success
     loop.publish_blocks(1, 110, 120)
     assert loop.stop_bag(1, 120 * BLOCK).success
+
+
+def test_a_recorder_splits_its_bag_and_each_sample_is_in_it_once(graph: Graph, health: Health, loop: Loop) -> None:
+    graph.start(RECORDER, parameters={"split_size": 10e3, "chunk_period": 0.05})
+    assert loop.start_bag().success
+    for first in range(0, 100, 10):
+        loop.publish_blocks(1, first, first + 10)
+        graph.wait_until(lambda stop=first + 10: health.number("messages") >= stop, "the blocks in the bag")
+    stopped = loop.stop_bag(1, 100 * BLOCK)
+    assert stopped.success, stopped.message
+    assert len(list(Path(stopped.uri).glob("bag_*.mcap"))) > 2
+    assert inspect_bag(stopped.uri).damage == []
+    audit = audit_steps(stopped.uri, 1)
+    assert (audit.first, audit.stop, audit.samples) == (0, 100 * BLOCK, 100 * BLOCK)
+    assert (audit.lost(), audit.doubled, audit.out_of_order) == (0, 0, 0)
+
+
+def test_the_bag_of_a_killed_recorder_is_recovered_up_to_its_last_chunk(
+    graph: Graph, health: Health, loop: Loop
+) -> None:
+    process = graph.start(RECORDER, parameters={"chunk_period": 0.05})
+    uri = Path(loop.start_bag().uri)
+    file = uri / "bag_0.mcap"
+    publish_slowly(loop, health, 20)
+    graph.wait_until(lambda: inspect_bag(uri).runs and audit_steps(uri, 1).stop == 20 * BLOCK, "the blocks on the disk")
+    graph.stop(process, signal.SIGKILL)
+    before = file.read_bytes()
+    state = inspect_bag(uri)
+    assert state.damage[-1] == "metadata.yaml is missing or cannot be read"
+    made = recover_bag(state, graph.folder / "recovered")
+    assert inspect_bag(made).damage == []
+    bag = Recording.read(made)
+    assert not bag.truncated
+    assert bag.telemetry().steps == 20 * BLOCK
+    assert "/amb/recorder" in bag.parameters()
+    assert file.read_bytes() == before

@@ -78,7 +78,7 @@ COMMANDS = {
     ),
     "bag": (
         "bag:app",
-        "Inspect and play bags.",
+        "Inspect, play and recover bags.",
     ),
     "excitation": (
         "excitation:app",

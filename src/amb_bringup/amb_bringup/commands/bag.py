@@ -1,4 +1,4 @@
-"""`amb bag info`, `amb bag play`: show the content of a bag, and publish it again on the topics."""
+"""`amb bag info`, `amb bag play`, `amb bag recover`: show, play and recover bags."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.table import Table
 
+from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import Stages
 from amb_core.errors import BagError
-from amb_core.recording import Recording
+from amb_core.recording import Recording, TopicInfo, inspect_bag, recover_bag
 from amb_ros.bag_player import BagPlayer
 
-app = typer.Typer(help="Inspect and play bags.", no_args_is_help=True)
+app = typer.Typer(help="Inspect, play and recover bags.", no_args_is_help=True)
 
 
 @app.callback()
 def bag() -> None:
-    """Inspect and play bags."""
+    """Inspect, play and recover bags."""
 
 
 @app.command()
@@ -31,13 +32,8 @@ def info(bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap 
     recording = Recording.read(bag)
     console = Console()
     console.print(f"[bold]{recording.path}[/bold]: {recording.messages} messages in {recording.duration:.1f} s")
-    if recording.truncated:
-        console.print(f"[yellow]incomplete: {recording.truncated}[/yellow]")
-    topics = Table("topic", "type", "messages")
-    topics.columns[2].justify = "right"
-    for topic in recording.topics:
-        topics.add_row(topic.name, topic.type, str(topic.messages))
-    console.print(topics)
+    warn_of_damage(console, bag, recording.truncated)
+    console.print(_topics(recording.topics))
     if recording.runs:
         console.print(_runs(recording))
     model = recording.model()
@@ -63,6 +59,43 @@ def play(
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
+
+
+@app.command()
+def recover(
+    bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap file.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the new bag; by default BAG_recovered. It must not exist.")
+    ] = None,
+) -> None:
+    """Make a whole bag of one that was not closed or is damaged: of this recorder, or of ros2 bag record.
+
+    The bag itself is not changed. Of a whole bag no copy is made.
+    """
+    console = Console()
+    with Stages(console, "bytes") as stages:
+        state = inspect_bag(bag, lambda done, total: stages.update("reading", done, total))
+    console.print(f"[bold]{bag}[/bold]: {state.messages} messages", highlight=False)
+    console.print(_topics(state.topics))
+    for (topic, run), audit in state.runs.items():
+        console.print(f"{topic}, run {run}: {audit.describe()}", highlight=False, markup=False, soft_wrap=True)
+    for text in state.damage:
+        console.print(text, style="yellow", highlight=False, markup=False, soft_wrap=True)
+    if not state.damage:
+        console.print("The bag is whole: every file can be read to its end, and metadata.yaml agrees.")
+        return
+    with Stages(console, "bytes") as stages:
+        target = out or bag.absolute().with_name(f"{bag.absolute().stem}_recovered")
+        made = recover_bag(state, target, lambda done, total: stages.update("copying", done, total))
+    console.print(f"recovered bag: {made}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _topics(topics: list[TopicInfo]) -> Table:
+    table = Table("topic", "type", "messages")
+    table.columns[2].justify = "right"
+    for topic in topics:
+        table.add_row(topic.name, topic.type, str(topic.messages))
+    return table
 
 
 def _runs(bag: Recording) -> Table:

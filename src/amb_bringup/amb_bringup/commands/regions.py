@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, write_json
 from amb_core.analysis.recorded_distortion import evidence_or_reason
@@ -37,8 +38,7 @@ def regions(
     console = Console()
     make_folder(out)
     recording = Recording.read(bag)
-    if recording.truncated:
-        console.print(f"[yellow]bag {bag} is incomplete: {recording.truncated}[/yellow]")
+    warn_of_damage(console, bag, recording.truncated)
     with working(console, "classifying"):
         found = classify_run(recording, run)
     drawn = _drawn_axes(axes, found.record.axes)

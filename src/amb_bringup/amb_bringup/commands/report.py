@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from amb_bringup.commands.columns import EntriesOption
+from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.inputs import model_order
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, names_file
@@ -36,8 +37,7 @@ def report(
     make_folder(out.parent)
     wanted = model_order(order)
     recording = Recording.read(bag)
-    if recording.truncated:
-        console.print(f"[yellow]bag {bag} is incomplete: {recording.truncated}[/yellow]")
+    warn_of_damage(console, bag, recording.truncated)
     with Stages(console) as stages:
         named = recorded_controller(recording, recording.sample_rate, controller) if controller else None
         made = recording_report(recording, run, wanted, stages.update, named, entries)

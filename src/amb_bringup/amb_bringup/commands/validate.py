@@ -17,6 +17,7 @@ from amb_bringup.commands.columns import (
     VariableOption,
     columns_of,
 )
+from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.exit_codes import NOT_VALIDATED
@@ -116,8 +117,7 @@ def load_recorded(
     with working(console, f"reading {bag}"):
         options = {name: value for name, value in chosen.items() if value != default[name]}
         loop = read_loop(bag, controller, **options, **(columns or {}))
-    if loop.damage:
-        console.print(f"[yellow]bag {bag} is incomplete: {loop.damage}[/yellow]")
+    warn_of_damage(console, bag, loop.damage)
     if loop.controller is None and needs_controller(loop.data):
         console.print(
             f"[yellow]{bag} has no controller parameters; the closed loop of the models is not validated. Give the "

@@ -15,7 +15,9 @@ METADATA = "metadata.yaml"
 VERSION = 9
 
 
-def write_metadata(folder: Path, topics: Sequence[StoredTopic], files: Sequence[FileContent]) -> None:
+def write_metadata(
+    folder: Path, topics: Sequence[StoredTopic], files: Sequence[FileContent], ros_distro: str = "jazzy"
+) -> None:
     """Describe the files of a bag.
 
     Raises
@@ -23,7 +25,7 @@ def write_metadata(folder: Path, topics: Sequence[StoredTopic], files: Sequence[
     OSError
         If it cannot be written.
     """
-    counts = sum((file.counts for file in files), Counter[str]())
+    counts = sum((file.counts for file in files), Counter[tuple[str, str]]())
     start, end = min(file.start for file in files), max(file.end for file in files)
     content = {
         "version": VERSION,
@@ -31,7 +33,7 @@ def write_metadata(folder: Path, topics: Sequence[StoredTopic], files: Sequence[
         **_times(start, end),
         "message_count": counts.total(),
         "topics_with_message_count": [
-            {"topic_metadata": _topic_metadata(topic), "message_count": counts[topic.name]} for topic in topics
+            {"topic_metadata": _topic_metadata(topic), "message_count": counts[topic.key]} for topic in topics
         ],
         "compression_format": "",
         "compression_mode": "",
@@ -41,7 +43,7 @@ def write_metadata(folder: Path, topics: Sequence[StoredTopic], files: Sequence[
             for file in files
         ],
         "custom_data": None,
-        "ros_distro": "jazzy",
+        "ros_distro": ros_distro,
     }
     (folder / METADATA).write_text(yaml.safe_dump({"rosbag2_bagfile_information": content}, sort_keys=False))
 

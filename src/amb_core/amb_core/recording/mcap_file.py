@@ -42,6 +42,11 @@ class StoredTopic:
     serialization: str = "cdr"
     metadata: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def key(self) -> tuple[str, str]:
+        """Name and type."""
+        return self.name, self.type
+
 
 @dataclass
 class FileContent:
@@ -51,14 +56,14 @@ class FileContent:
     ----------
     path : Path
         The file.
-    counts : Counter of str
-        Messages by topic.
+    counts : Counter of (str, str)
+        Messages by name and type of the topic.
     start, end : int
         Earliest and latest time of a message (ns since 1970).
     """
 
     path: Path
-    counts: Counter[str] = field(default_factory=Counter)
+    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
     start: int = 2**63 - 1
     end: int = 0
 
@@ -84,7 +89,7 @@ class McapFile:
         self.pending = 0
         self._pending_size = 0
         self._problem: OSError | None = None
-        self._channels: dict[str, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._stream = path.open("xb")
         self._writer = Writer(self._stream, chunk_size=sys.maxsize)  # `write` decides where a chunk ends
@@ -100,16 +105,16 @@ class McapFile:
         schema = (topic.type, topic.encoding, topic.definition)
         if schema not in self._schemas:
             self._schemas[schema] = self._writer.register_schema(*schema)
-        self._channels[topic.name] = self._writer.register_channel(
+        self._channels[topic.key] = self._writer.register_channel(
             topic.name, topic.serialization, self._schemas[schema], dict(topic.metadata)
         )
 
-    def write(self, topic: str, data: bytes, log_time: int, publish_time: int, sequence: int = 0) -> None:
+    def write(self, topic: StoredTopic, data: bytes, log_time: int, publish_time: int, sequence: int = 0) -> None:
         """Append a message; times in ns since 1970."""
-        self._writer.add_message(self._channels[topic], log_time, data, publish_time, sequence)
+        self._writer.add_message(self._channels[topic.key], log_time, data, publish_time, sequence)
         self.pending += 1
         content = self.content
-        content.counts[topic] += 1
+        content.counts[topic.key] += 1
         content.start, content.end = min(content.start, log_time), max(content.end, log_time)
         self._pending_size += len(data)
         if self._pending_size >= CHUNK_SIZE:

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import re
 import stat
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import yaml
-import zstandard
-from mcap.exceptions import McapError
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
-from mcap.writer import MCAP0_MAGIC
 from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag2 import Reader, ReaderError
 
 from amb_core.errors import BagError
-from amb_core.files.regular_files import MIB, open_regular, read_text, shown
+from amb_core.files.regular_files import MIB, read_text, shown
+from amb_core.recording.mcap_scan import McapScan
 
 
 class StoredMessage(NamedTuple):
@@ -59,7 +54,7 @@ def open_storage(path: Path) -> Storage:
     BagError
         If nothing is there, or it is not a bag.
     """
-    mode = _mode_of(path)
+    mode = mode_of(path)
     if stat.S_ISDIR(mode):
         return _storage_of_folder(path)
     if stat.S_ISREG(mode) and path.suffix == ".mcap":
@@ -69,7 +64,14 @@ def open_storage(path: Path) -> Storage:
     raise BagError(f"bag {path}: not a bag; a bag is a folder, an .mcap or a .db3 file")
 
 
-def _mode_of(path: Path) -> int:
+def mode_of(path: Path) -> int:
+    """Kind of the file or folder at a path, as `os.stat` returns it.
+
+    Raises
+    ------
+    BagError
+        If there is none.
+    """
     try:
         return path.stat().st_mode
     except FileNotFoundError:
@@ -81,16 +83,16 @@ def _mode_of(path: Path) -> int:
 
 
 def _storage_of_folder(path: Path) -> Storage:
-    description = _description(path)
+    description = description_of(path)
     if description.get("storage_identifier") == "sqlite3" or description.get("compression_mode"):
         return RosbagsStorage(path)
     listed = description.get("relative_file_paths")
-    files = [path / Path(name).name for name in listed] if listed else _by_number(path.glob("*.mcap"))
+    files = [path / Path(name).name for name in listed] if listed else files_by_number(path.glob("*.mcap"))
     if missing := [file.name for file in files if not file.exists()]:
         raise BagError(f"bag {path}: metadata.yaml lists {', '.join(missing)}, which does not exist")
     if files:
         return McapStorage(files)
-    databases = _by_number(path.glob("*.db3"))
+    databases = files_by_number(path.glob("*.db3"))
     if len(databases) == 1:
         return RosbagsStorage(databases[0])
     raise BagError(f"bag {path}: not a bag; the folder holds neither metadata.yaml nor an .mcap or .db3 file")
@@ -105,38 +107,16 @@ class McapStorage:
         self._files = files
 
     def messages(self) -> Iterator[StoredMessage]:
-        """All messages up to the end of each file, or up to the damage."""
+        """All messages that can be read, file after file."""
+        damage = []
         for file in self._files:
-            yield from self._messages_of(file)
-
-    def _messages_of(self, file: Path) -> Iterator[StoredMessage]:
-        try:
-            with open_regular(file) as stream:
-                magic = stream.read(len(MCAP0_MAGIC))
-                if not MCAP0_MAGIC.startswith(magic):
-                    raise BagError(f"bag {file}: not an MCAP file")
-                stream.seek(0)
-                # A corrupt length must not make the reader allocate more memory than the size of the file.
-                reader = StreamReader(stream, validate_crcs=True, record_size_limit=file.stat().st_size)
-                yield from self._decoded(reader)
-        except OSError as problem:
-            raise BagError(f"bag {file}: cannot be read: {problem.strerror}") from None
-        except (McapError, ValueError, LookupError, struct.error, zstandard.ZstdError, RuntimeError) as problem:
-            # Raised by reader, checksums and decompressors (lz4: RuntimeError) for incomplete data.
-            self.damage = f"{file.name} is incomplete or damaged ({type(problem).__name__})"
-
-    def _decoded(self, reader: StreamReader) -> Iterator[StoredMessage]:
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Channel] = {}
-        for record in reader.records:
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-                self.definitions[record.name] = Definition(record.encoding, record.data.decode())
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Message):
-                channel = channels[record.channel_id]
-                yield StoredMessage(channel.topic, schemas[channel.schema_id].name, record.log_time, record.data)
+            scan = McapScan(file)
+            for topic, message in scan.messages():
+                if topic.type not in self.definitions:
+                    self.definitions[topic.type] = Definition(topic.encoding, topic.definition.decode(errors="replace"))
+                yield StoredMessage(topic.name, topic.type, message.log_time, message.data)
+            damage += scan.damage
+        self.damage = "; ".join(damage)
 
 
 class RosbagsStorage:
@@ -162,7 +142,7 @@ class RosbagsStorage:
             raise BagError(f"bag {self._path}: cannot be read: {problem}") from None
 
 
-def _description(folder: Path) -> dict[str, Any]:
+def description_of(folder: Path) -> dict[str, Any]:
     """Content of `metadata.yaml`; empty if it is missing or broken, as after a crash of the recorder."""
     try:
         content = yaml.safe_load(read_text(folder / "metadata.yaml", 16 * MIB))
@@ -172,7 +152,7 @@ def _description(folder: Path) -> dict[str, Any]:
     return description if isinstance(description, dict) else {}
 
 
-def _by_number(files: Iterator[Path]) -> list[Path]:
+def files_by_number(files: Iterator[Path]) -> list[Path]:
     """Files of a split bag, name_0, name_1 ... name_10, in that order."""
 
     def number(file: Path) -> tuple[int, str]:

@@ -126,7 +126,7 @@ class BagWriter:
         try:
             if self._is_file_full(log_time):
                 self._begin_next_file()
-            self._file.write(topic, data, log_time, log_time if publish_time is None else publish_time)
+            self._file.write(self._topics[topic], data, log_time, log_time if publish_time is None else publish_time)
         except OSError as problem:
             raise self._unwritable(problem) from None
         if time.monotonic() - self._flushed > self._chunk_age:

@@ -1,0 +1,233 @@
+"""Makes a whole bag from what is left of one whose recorder was killed, or whose disk was full or damaged.
+
+The bag is read twice, message by message: to find out what is there, and to copy it. Memory use does not depend on its
+length, except for the index of the file in progress. The bag itself is never changed.
+"""
+
+from __future__ import annotations
+
+import shutil
+import stat
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from amb_core.errors import BagError
+from amb_core.files.regular_files import is_folder
+from amb_core.recording.bag_metadata import METADATA, write_metadata
+from amb_core.recording.content import TopicInfo
+from amb_core.recording.decoder import Decoder
+from amb_core.recording.mcap_file import FileContent, McapFile, StoredTopic
+from amb_core.recording.mcap_scan import McapScan, NotMcapError
+from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
+from amb_core.recording.step_audit import StepAudit
+from amb_core.recording.storage import Definition, description_of, files_by_number, mode_of
+
+Progress = Callable[[int, int], None]
+"""Called with the bytes read so far and in all."""
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+REPORTED = 1 << 20  # bytes between two calls
+
+
+@dataclass(frozen=True)
+class BagState:
+    """What a bag holds, as far as it can be read.
+
+    Attributes
+    ----------
+    path : Path
+        The bag.
+    files : list of Path
+        Its files, in order.
+    described : list of StoredTopic
+        Its topics as stored.
+    topics : list of TopicInfo
+        Its topics with the numbers of messages, by name.
+    runs : dict of (str, int) to StepAudit
+        The samples of the loop, by topic and run.
+    damage : list of str
+        What cannot be read or is missing, one text each; empty for a whole bag.
+    """
+
+    path: Path
+    files: list[Path]
+    described: list[StoredTopic]
+    topics: list[TopicInfo]
+    runs: dict[tuple[str, int], StepAudit]
+    damage: list[str]
+
+    @property
+    def messages(self) -> int:
+        """Number of messages."""
+        return sum(topic.messages for topic in self.topics)
+
+
+def inspect_bag(path: str | Path, progress: Progress | None = None) -> BagState:
+    """Read a bag of MCAP files to its end, and report what it holds and what it lacks.
+
+    Parameters
+    ----------
+    path : str or Path
+        A folder or an `.mcap` file.
+    progress : callable, optional
+        Called now and then with the bytes read so far and in all.
+
+    Raises
+    ------
+    BagError
+        If there is no such bag.
+    """
+    path = Path(path)
+    files, damage = _files_of(path)
+    report = _Reporter(files, progress)
+    topics: dict[tuple[str, str], StoredTopic] = {}
+    counts: Counter[tuple[str, str]] = Counter()
+    audits = _Audits(path)
+    for file in list(files):
+        scan = McapScan(file)
+        try:
+            for topic, message in scan.messages():
+                _refuse_compressed(path, message.data)
+                counts[topic.key] += 1
+                audits.note(topic, message.data)
+                report(scan)
+        except NotMcapError as problem:
+            files.remove(file)
+            damage.append(str(problem))
+        topics = scan.topics | topics
+        damage += scan.damage
+        report.finished(scan)
+    damage += _contradictions(path, counts.total())
+    found = [TopicInfo(name, kind, counts[name, kind]) for name, kind in sorted(topics)]
+    return BagState(path, files, list(topics.values()), found, audits.runs, damage)
+
+
+def recover_bag(state: BagState, out: str | Path, progress: Progress | None = None) -> Path:
+    """Copy everything that can be read into a new bag, with index and `metadata.yaml`.
+
+    Parameters
+    ----------
+    state : BagState
+        The bag, from `inspect_bag`.
+    out : str or Path
+        Folder of the new bag; must not exist. It is removed again if the copy does not come to its end.
+    progress : callable, optional
+        Called now and then with the bytes read so far and in all.
+
+    Returns
+    -------
+    Path
+        The new bag.
+
+    Raises
+    ------
+    BagError
+        If nothing can be read, or the new bag cannot be written.
+    """
+    folder = Path(out).absolute()
+    if not state.messages:
+        raise BagError(f"bag {state.path}: no message can be read: {'; '.join(state.damage) or 'it is empty'}")
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise BagError(f"bag {folder}: exists already; name a folder that does not") from None
+    except OSError as problem:
+        raise BagError(f"bag {folder}: cannot be made: {problem.strerror}") from None
+    try:
+        report = _Reporter(state.files, progress)
+        contents = [_copy(file, folder, number, state.described, report) for number, file in enumerate(state.files)]
+        write_metadata(folder, state.described, contents, ros_distro="")
+    except BaseException as problem:
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(problem, OSError):
+            raise BagError(f"bag {folder}: cannot be written: {problem.strerror}") from None
+        raise
+    return folder
+
+
+def _copy(file: Path, folder: Path, number: int, topics: Sequence[StoredTopic], report: _Reporter) -> FileContent:
+    copy = McapFile(folder / f"{folder.name}_{number}.mcap")
+    try:
+        for topic in topics:
+            copy.add_topic(topic)
+        scan = McapScan(file)
+        for topic, message in scan.messages():
+            copy.write(topic, message.data, message.log_time, message.publish_time, message.sequence)
+            report(scan)
+        report.finished(scan)
+    finally:
+        copy.close()
+    return copy.content
+
+
+def _files_of(path: Path) -> tuple[list[Path], list[str]]:
+    """The files of a bag, and what is missing of them."""
+    if not stat.S_ISDIR(mode_of(path)):
+        if path.suffix != ".mcap":
+            raise BagError(f"bag {path}: not a folder or an .mcap file")
+        return [path], []
+    if compressed := [file.name for file in files_by_number(path.glob("*.mcap.zstd"))]:
+        raise BagError(f"bag {path}: has compressed files; decompress them first: zstd -d {' '.join(compressed)}")
+    files = files_by_number(path.glob("*.mcap"))
+    if not files:
+        raise BagError(f"bag {path}: the folder holds no .mcap file; other bags cannot be recovered")
+    listed = description_of(path).get("relative_file_paths") or []
+    missing = {Path(name).name for name in listed} - {file.name for file in files}
+    return files, [f"{name} is missing" for name in sorted(missing)]
+
+
+def _refuse_compressed(path: Path, data: bytes) -> None:
+    if data.startswith(ZSTD_MAGIC):
+        raise BagError(f"bag {path}: its messages were compressed by ros2 bag record; such a bag cannot be recovered")
+
+
+def _contradictions(path: Path, messages: int) -> list[str]:
+    if not is_folder(path):
+        return []
+    description = description_of(path)
+    if not description:
+        return [f"{METADATA} is missing or cannot be read"]
+    listed = description.get("message_count")
+    return [] if listed == messages else [f"{METADATA} lists {listed} messages, and {messages} can be read"]
+
+
+class _Audits:
+    """The samples of the loop, by topic and run."""
+
+    def __init__(self, path: Path) -> None:
+        self.runs: dict[tuple[str, int], StepAudit] = {}
+        self._definitions: dict[str, Definition] = {}
+        self._decoder = Decoder(path, self._definitions)
+
+    def note(self, topic: StoredTopic, data: bytes) -> None:
+        """A message of any topic; telemetry that cannot be decoded is copied, but has no steps."""
+        if topic.type != LOOP_SAMPLES:
+            return
+        try:
+            self._definitions[topic.type] = Definition(topic.encoding, topic.definition.decode(errors="replace"))
+            message: Any = self._decoder.decode(topic.type, data)
+            block = block_from_message(message)
+        except BagError:
+            return
+        self.runs.setdefault((topic.name, int(message.run)), StepAudit()).add(block.first_step, block.steps)
+
+
+class _Reporter:
+    """Reports how far the files were read."""
+
+    def __init__(self, files: Sequence[Path], progress: Progress | None) -> None:
+        self._total = sum(file.stat().st_size for file in files)
+        self._progress = progress or (lambda done, total: None)
+        self._before = 0
+        self._next = REPORTED
+
+    def __call__(self, scan: McapScan) -> None:
+        if self._before + scan.position >= self._next:
+            self._next = self._before + scan.position + REPORTED
+            self._progress(self._before + scan.position, self._total)
+
+    def finished(self, scan: McapScan) -> None:
+        self._before += scan.size
+        self._progress(self._before, self._total)

@@ -1,0 +1,105 @@
+"""Counts the samples of a run in a bag: which are missing, which are there twice, which are not in order.
+
+It reads block after block, so memory use depends on the number of gaps, not on the length of the recording.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from amb_core.errors import BagError
+from amb_core.loop.telemetry import StepCoverage, describe_gaps
+from amb_core.recording.decoder import Decoder
+from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
+from amb_core.recording.storage import open_storage
+
+
+class StepAudit:
+    """Blocks of telemetry of one run, in the order in which they were recorded.
+
+    Attributes
+    ----------
+    samples : int
+        Number of samples, with repetitions.
+    doubled : int
+        Samples of steps that were there before.
+    out_of_order : int
+        Samples that follow a later step.
+    """
+
+    def __init__(self) -> None:
+        self.samples = self.doubled = self.out_of_order = 0
+        self._coverage = StepCoverage()
+
+    def add(self, first_step: int, steps: int) -> None:
+        """Add a block of `steps` samples from `first_step` onwards."""
+        stop = first_step + steps
+        earlier = max(min(stop, self._coverage.stop) - first_step, 0)
+        if earlier:
+            new = sum(end - start for start, end in self._coverage.missing(first_step, stop))
+            self.doubled += steps - new
+        self.out_of_order += earlier
+        self.samples += steps
+        self._coverage.add(first_step, steps)
+
+    @property
+    def first(self) -> int:
+        """The first step."""
+        return self._coverage.first
+
+    @property
+    def stop(self) -> int:
+        """The step after the last one."""
+        return self._coverage.stop
+
+    def gaps(self, first: int | None = None, stop: int | None = None) -> list[tuple[int, int]]:
+        """Spans (first step, step after the last) that are missing from a range, by default within the recording."""
+        return self._coverage.missing(self.first if first is None else first, self.stop if stop is None else stop)
+
+    def lost(self, first: int | None = None, stop: int | None = None) -> int:
+        """Number of missing samples."""
+        return sum(end - start for start, end in self.gaps(first, stop))
+
+    def describe(self, first: int | None = None, stop: int | None = None) -> str:
+        """All of it in one line, such as `steps 0 to 999, none missing`."""
+        first, stop = self.first if first is None else first, self.stop if stop is None else stop
+        gaps = self.gaps(first, stop)
+        texts = [f"steps {first} to {stop - 1}"]
+        texts.append(f"{self.lost(first, stop)} missing ({describe_gaps(gaps)})" if gaps else "none missing")
+        texts += [f"{self.doubled} doubled"] if self.doubled else []
+        texts += [f"{self.out_of_order} out of order"] if self.out_of_order else []
+        return ", ".join(texts)
+
+
+def audit_steps(path: str | Path, run: int) -> StepAudit:
+    """Count the samples of a run in a bag.
+
+    Parameters
+    ----------
+    path : str or Path
+        The bag; also one that was not closed.
+    run : int
+        The run.
+
+    Returns
+    -------
+    StepAudit
+        Its `lost`, `doubled` and `out_of_order` are all 0 if each sample is in the bag once and in order.
+
+    Raises
+    ------
+    BagError
+        If there is no bag, or it holds no such run.
+    """
+    storage = open_storage(Path(path))
+    decoder = Decoder(Path(path), storage.definitions)
+    audit = StepAudit()
+    for stored in storage.messages():
+        if stored.type == LOOP_SAMPLES:
+            message = decoder.decode(stored.type, stored.data)
+            if message.run == run:
+                block = block_from_message(message)
+                audit.add(block.first_step, block.steps)
+    if not audit.samples:
+        raise BagError(f"bag {path}: holds no run {run}")
+    return audit
