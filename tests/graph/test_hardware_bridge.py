@@ -85,6 +85,7 @@ def test_an_excitation_begins_at_the_step_that_was_asked_for_and_a_later_one_rep
     run = rig.levitate()
     before = rig.excite(SQUARE)
     assert before.success, before.message
+    rig.wait_for_step(before.first_step + 300)
     first = int(rig.state.step) + 20_000
     answer = rig.excite(SQUARE, first)
     assert (answer.success, answer.first_step, answer.steps) == (True, first, 2_000), answer.message
