@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress validate fuzz bench bench-regions bench-ident lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -38,6 +38,9 @@ stress: setup  ## the graph tests idle, under load and with low priority (two ho
 
 validate: setup  ## the plant against independent solutions; writes results/validation.json
 	@$(RUN) python tests/validation/run.py
+
+soak: setup  ## a rig under stress: losses, kills, trips, hostile frames (an hour); writes results/soak.json
+	@$(RUN) python -m tests.soak.run
 
 MINUTES ?= 10
 SEED ?= 1

@@ -1,0 +1,445 @@
+"""The parts of the soak: each returns its figures for results/soak.json."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rosbags.highlevel import AnyReader
+
+from amb_bringup.connection import ClientError
+from amb_bringup.demo_run import controller_of, plant_of
+from amb_core.emulation import Address, EmulatorProcess, EmulatorSettings, FaultParameters, LimitParameters
+from amb_core.excitation import Multisine, Square, generate
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.real_time import RealTimeParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.parameters import validate
+from amb_core.recording import Recording
+from amb_core.simulation import simulate
+from amb_core.target import AmbUdpLink, TargetSettings, TargetState, TargetStatus, TelemetryBlock
+from amb_msgs.msg import BridgeState, Trip
+from tests.soak.session import HOST, Session, emulator_port
+from tests.soak.tap import Tap
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / "src" / "amb_bringup" / "config"
+RIGID = ROOT / "tests" / "benchmarks" / "rigid.yaml"  # four axes, PWM and all, without hysteresis
+PAPER = CONFIG / "paper.yaml"
+PATIENT = {"limits": {"missed_steps": 1e9, "host_time": 0.2}}
+MULTISINE = Multisine(
+    amplitude=1e-6, axes="orthogonal", duration=4.0, periods=2, frequency_start=2.0, frequency_end=600.0, odd=True
+)
+LOSSES = {"loss": 0.01, "duplication": 0.005, "reordering": 0.005, "corruption": 0.001}
+PERIOD = 2.0  # s between looks at the processes
+
+
+def soak(folder: Path, seconds: float) -> dict[str, Any]:
+    """Four axes in real time, recorded: every sample once, and what the host's processes need."""
+    with Session(folder, RIGID, target_emulator=PATIENT, hardware_bridge={"levitation_time": 0.5}) as session:
+        amb = session.amb
+        amb.rig.connect()
+        bag = Path(amb.start_recording(folder / "soak_bag"))
+        run = amb.rig.levitate()
+        looks = _run_and_look(session, seconds)
+        amb.rig.land()
+        state = amb.rig.wait_for_state()
+        amb.stop_recording(run, int(state.step))
+        pace = session.diagnostics["target_emulator"]
+    steps = steps_in_bag(bag, run)
+    settled = [look for look in looks if look["time"] > min(60.0, 0.2 * seconds)]
+    first, last = settled[0], settled[-1]
+    span = last["time"] - first["time"]
+    memory = [sum(look["memory"].values()) for look in settled]
+    tail = len(memory) // 5 or 1
+    return {
+        "soak": {
+            "seconds": seconds,
+            "axes": 4,
+            "samples": int(state.step),
+            "lost": int(state.step) - steps["once"],
+            "doubled": steps["doubled"],
+            "out_of_order": steps["out_of_order"],
+            "lost_on_link": int(state.lost),
+            "bridge_cores": (last["cpu"]["hardware_bridge"] - first["cpu"]["hardware_bridge"]) / span,
+            "host_cores": sum(last["cpu"][node] - first["cpu"][node] for node in HOST) / span,
+            "cores_by_node": {node: (last["cpu"][node] - first["cpu"][node]) / span for node in HOST},
+            "memory_growth_percent": 100.0 * (np.median(memory[-tail:]) / np.median(memory[:tail]) - 1.0),
+            "trips": [str(trip.text) for trip in amb.rig.trips],
+        },
+        "pace": {
+            **{f"{name}_us": float(pace[f"lateness {label} (us)"])
+               for name, label in (("p50", "p50"), ("p99", "p99"), ("p9999", "p99.99"), ("max", "max"))},
+            "missed": int(pace["deadlines missed"]),
+            "steps_missed": int(state.missed),
+        },
+    }  # fmt: skip
+
+
+def _run_and_look(session: Session, seconds: float) -> list[dict[str, Any]]:
+    """Excite again and again for so many seconds; processor time and memory of the host's processes."""
+    processes = {node: session.process(node) for node in HOST}
+    began, looks, until = time.monotonic(), [], 0.0
+    while (now := time.monotonic() - began) < seconds:
+        if now > until:
+            try:
+                session.amb.start_excitation(MULTISINE.kind, **MULTISINE.model_dump())
+            except ClientError as problem:
+                print(f"excitation at {now:.0f} s: {problem}", flush=True)
+                session.amb.rig.reset_faults()
+            until = now + 20.0
+        cpu = {node: sum(process.cpu_times()[:2]) for node, process in processes.items()}
+        memory = {node: process.memory_info().rss for node, process in processes.items()}
+        looks.append({"time": now, "cpu": cpu, "memory": memory})
+        end = time.monotonic() + PERIOD
+        while time.monotonic() < end:
+            session.amb.spin_once(0.1)
+    return looks
+
+
+def steps_in_bag(bag: Path, run: int) -> dict[str, int]:
+    """How the steps of a run are in a bag: once, again, or after later ones. Streams: memory does not grow."""
+    once = doubled = out_of_order = 0
+    stop = 0
+    with AnyReader([bag]) as reader:
+        wanted = [item for item in reader.connections if item.topic.endswith("/telemetry")]
+        for connection, _, data in reader.messages(wanted):
+            message: Any = reader.deserialize(data, connection.msgtype)
+            if message.run != run:
+                continue
+            first, count = int(message.first_step), len(message.axes[0].position)
+            again = max(0, min(stop, first + count) - first)
+            doubled += again
+            out_of_order += first < stop
+            once += count - again
+            stop = max(stop, first + count)
+    return {"once": once, "doubled": doubled, "out_of_order": out_of_order}
+
+
+class _Listener:
+    def __init__(self) -> None:
+        self.blocks: list[TelemetryBlock] = []
+
+    def on_samples(self, block: TelemetryBlock) -> None:
+        self.blocks.append(block)
+
+    def on_status(self, status: TargetStatus) -> None:
+        pass
+
+    def on_silence(self) -> None:
+        print("the target is silent", flush=True)
+
+    def on_return(self, description: object, rebooted: bool) -> None:
+        print("the target is back", flush=True)
+
+
+def link() -> dict[str, Any]:
+    """A bad network, both ways: an upload of 4 x 100 000 samples, and gaps to the sample."""
+    plant = plant_of(RIGID)
+    settings = EmulatorSettings(
+        plant.parameters, ControllerParameters(), validate(LimitParameters, PATIENT["limits"] | {"host_time": 1e3}),
+        FaultParameters(), Address(port=0), 10, 1.0, RealTimeParameters(),
+    )  # fmt: skip
+    emulator = EmulatorProcess(settings)
+    listener = _Listener()
+    connection = AmbUdpLink(port=emulator.started.port, float64=True, timeout=10.0)
+    try:
+        description = connection.connect(listener)
+        connection.configure(TargetSettings(ControllerParameters(), description.limits, ()))
+        connection.levitate(0.0)
+        while connection.status().state is not TargetState.LEVITATED:
+            time.sleep(0.01)
+        emulator.configure(validate(FaultParameters, {"to_host": LOSSES, "from_host": LOSSES}))
+        samples = np.random.default_rng(1).uniform(-1e-8, 1e-8, (100_000, 4))
+        began = time.monotonic()
+        arm = connection.upload(samples)
+        upload = time.monotonic() - began
+        step = connection.status().step + 2_000
+        arm(step)
+        time.sleep(10.5)
+        emulator.configure(FaultParameters())
+        time.sleep(1.0)
+        while emulator.latest.to_host.frames == 0 or emulator._asked:
+            emulator.ask_for_report()
+        emulator.ask_for_report()
+        time.sleep(0.5)
+        emulator.ask_for_report()
+        injected, found = emulator.latest.to_host, connection.count.samples
+        played = np.full((100_000 + 200, 4), np.nan)
+        for block in listener.blocks:
+            first = block.first_step - (step - 100)
+            if first >= 0 and first + block.steps <= len(played):
+                played[first : first + block.steps] = block.reference
+        there = ~np.isnan(played[:, 0])
+        expected = np.vstack([np.zeros((100, 4)), samples, np.zeros((100, 4))])
+        moved = np.flatnonzero(there & (played != 0.0).any(axis=1))
+        gaps = [(gap.first, gap.stop) for gap in injected.gaps]
+        return {
+            "link": {
+                "injected_gaps": injected.samples,
+                "reported_gaps": found.lost,
+                "gaps_equal": gaps == list(found.gaps),
+                "late": found.late,
+                "doubled": found.doubled,
+                "upload_s": upload,
+                "upload_exact": bool(np.array_equal(played[there], expected[there])),
+                "samples_compared": int(there.sum()),
+                "start_step_error": int(moved[0]) - 100,
+            }
+        }
+    finally:
+        connection.close()
+        emulator.close()
+
+
+def lifecycle(folder: Path, count: int = 100) -> dict[str, Any]:
+    """Wrong transitions in every state of the life cycle."""
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    wrong = {
+        "unconfigured": ("activate", "deactivate", "cleanup", "nonsense"),
+        "inactive": ("configure", "deactivate", "nonsense"),
+        "active": ("configure", "activate", "cleanup", "nonsense"),
+    }
+    refused = asked = 0
+    with Session(folder, PAPER, target_emulator=PATIENT, hardware_bridge={"levitation_time": 0.0}) as session:
+        amb = session.amb
+        amb.wait_for_nodes()
+        client = amb.node.create_client(ChangeState, "hardware_bridge/change_state")
+        session.wait_until(client.service_is_ready, "the bridge")
+        for state, labels in wrong.items():
+            if state == "inactive":
+                amb.rig.connect()
+            if state == "active":
+                amb.rig.levitate()
+            for number in range(count // 3 + 1):
+                if asked == count:
+                    break
+                answer = client.call_async(
+                    ChangeState.Request(transition=Transition(label=labels[number % len(labels)]))
+                )
+                session.wait_until(answer.done, "an answer")
+                asked += 1
+                refused += not answer.result().success and amb.rig.life_cycle() == state
+        alive = session.graph.processes["hardware_bridge"].poll() is None
+    return {"lifecycle": {"wrong": asked, "refused": refused, "alive": alive}}
+
+
+KINDS: dict[str, tuple[dict[str, Any], dict[str, Any], int, str]] = {
+    "sensor stuck": ({"faults.sensor.stuck": "y"}, {"faults.sensor.stuck": ""}, Trip.SENSOR_STUCK, "y"),
+    "sensor range": ({"faults.sensor.failed": "x"}, {"faults.sensor.failed": ""}, Trip.SENSOR_RANGE, "x"),
+    "amplifier": ({"faults.amplifier": True}, {"faults.amplifier": False}, Trip.AMPLIFIER, ""),
+    "temperature": ({"faults.temperature": 300.0}, {"faults.temperature": 20.0}, Trip.TEMPERATURE, ""),
+}
+
+
+def trips(folder: Path, each: int) -> dict[str, Any]:
+    """Trips of every kind that the emulator can show: reason, step, and the second before it in the bag."""
+    tried = right = 0
+    expected: list[tuple[int, str]] = []
+    with Session(folder, PAPER, target_emulator=PATIENT, hardware_bridge={"levitation_time": 0.0}) as session:
+        amb = session.amb
+        amb.rig.connect()
+        bag = Path(amb.start_recording(folder / "trips_bag"))
+        for _ in range(each):
+            for fault, repair, reason, axis in KINDS.values():
+                before = len(amb.rig.trips)
+                amb.rig.levitate()
+                amb.rig.wait_for_step(1_000)
+                _set(session, **fault)
+                session.wait_until(lambda before=before: len(amb.rig.trips) > before, "the trip")
+                session.wait_until(lambda: amb.rig.life_cycle() == "inactive", "the safe state")
+                _set(session, **repair)
+                tried += 1
+                expected.append((reason, axis))
+                session.wait_until(lambda: _reset(session), "the reset")
+        amb.stop_recording()
+    recorded = []
+    with AnyReader([bag]) as reader:
+        wanted = [item for item in reader.connections if item.topic.endswith("/trip")]
+        for connection, _, data in reader.messages(wanted):
+            recorded.append(reader.deserialize(data, connection.msgtype))
+    for message, (reason, axis) in zip(recorded, expected, strict=False):
+        samples = sum(len(block.axes[0].position) for block in message.before)
+        right += (message.reason, message.axis, samples) == (reason, axis, min(int(message.step), 10_000))
+    return {"trips": {"tried": tried, "right": right, "recorded": len(recorded), "kinds": list(KINDS)}}
+
+
+def _reset(session: Session) -> bool:
+    session.amb.rig.reset_faults()
+    session.amb.spin_once(0.05)
+    state = session.amb.rig.wait_for_state()
+    return state.mode == BridgeState.OFF and not state.problem
+
+
+def _set(session: Session, **values: Any) -> None:
+    client = session.amb.node.create_client(SetParameters, "target_emulator/set_parameters")
+    session.wait_until(client.service_is_ready, "the emulator")
+    parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+    answer = client.call_async(SetParameters.Request(parameters=parameters))
+    session.wait_until(answer.done, "an answer of the emulator")
+    session.amb.node.destroy_client(client)
+
+
+def kills(folder: Path, rounds: int) -> dict[str, Any]:
+    """Kill and start again bridge, generator, recorder, and the host as a whole, while the rotor is excited."""
+    recovered = tried = 0
+    times: list[float] = []
+    square = Square(amplitude=10e-6, duration=5.0, frequency=20.0)
+    limit = 10e-6  # m, of a step: that of the square itself; a fade and everything else is slower
+    with (
+        Tap(emulator_port()) as tap,
+        Session(
+            folder,
+            PAPER,
+            tap.port,
+            target_emulator=PATIENT,
+            hardware_bridge={"levitation_time": 0.0, "at_exit": "stay"},
+        ) as session,
+    ):
+        amb = session.amb
+        amb.rig.connect()
+        amb.rig.levitate()
+        tap.steepest = 0.0
+        for number in range(rounds):
+            for victims in (("hardware_bridge",), ("excitation_generator",), ("recorder",), HOST):
+                session.wait_until(lambda: _clean(session), "a clean state")
+                amb.start_excitation("square", **square.model_dump())
+                amb.rig.wait_for_step(int(amb.rig.wait_for_state().step) + 1_000)
+                session.kill(*victims)
+                began = time.monotonic()
+                session.start(*victims)
+                if "hardware_bridge" in victims:
+                    amb.rig.state = None
+                    amb.rig.connect()
+                    session.wait_until(lambda: _clean(session), "a clean state")
+                    amb.rig.levitate()
+                amb.wait_for_nodes()
+                times.append(time.monotonic() - began)
+                tried += 1
+                levitated = amb.rig.wait_for_state().mode == BridgeState.LEVITATED
+                on = session.diagnostics.get("target_emulator", {}).get("amplifiers") == "on"
+                recovered += levitated and on
+                if not (levitated and on):
+                    print(f"round {number}, {victims}: {amb.rig.state}", flush=True)
+        jumps = int(tap.steepest > 2.0 * limit * 1.0001)
+        return {
+            "kills": {
+                "rounds": tried,
+                "recovered": recovered,
+                "jumps": jumps,
+                "steepest_um_per_step": 1e6 * tap.steepest,
+                "median_s": float(np.median(times)),
+                "longest_s": max(times),
+            }
+        }
+
+
+def _clean(session: Session) -> bool:
+    """No latched trip: an excitation that lost its host is one, and the loop goes on."""
+    rig = session.amb.rig
+    session.amb.spin_once(0.05)
+    if rig.wait_for_state().problem:
+        rig.reset_faults()
+        session.amb.spin_once(0.05)
+    return not rig.wait_for_state().problem
+
+
+def bridge_fuzz(folder: Path, frames: int) -> dict[str, Any]:
+    """Hostile frames to the bridge while it levitates a rotor: it lives, logs nothing unexpected, and does not grow."""
+    with (
+        Tap(emulator_port()) as tap,
+        Session(folder, PAPER, tap.port, target_emulator=PATIENT, hardware_bridge={"levitation_time": 0.0}) as session,
+    ):
+        amb = session.amb
+        amb.rig.connect()
+        amb.rig.levitate()
+        process = session.process("hardware_bridge")
+        tap.attack(True)
+        session.wait_until(lambda: tap.hostile > frames // 10, "the first frames", 600.0)
+        before = process.memory_info().rss
+        session.wait_until(lambda: tap.hostile >= frames, "all frames", 3_000.0)
+        tap.attack(False)
+        step = int(amb.rig.wait_for_state().step)
+        session.wait_until(lambda: int(amb.rig.wait_for_state().step) > step + 5_000, "telemetry after it")
+        grown = 100.0 * (process.memory_info().rss / before - 1.0)
+        lines = session.graph.lines("hardware_bridge")
+        exceptions = sum("Traceback" in line or "internal error" in line for line in lines)
+        alive = process.is_running()
+        refused = session.diagnostics["hardware_bridge"]["frames refused"]
+    return {
+        "fuzz": {
+            "bridge_frames": tap.hostile,
+            "bridge_exceptions": exceptions + (not alive),
+            "bridge_memory_growth_percent": grown,
+            "bridge_frames_refused": int(refused),
+        }
+    }
+
+
+def same(folder: Path) -> dict[str, Any]:
+    """One experiment through bridge and emulator, and without either: float64 bit for bit, float32 by its response."""
+    identical, records = True, {}
+    for float64 in (True, False):
+        with Session(
+            folder,
+            RIGID,
+            target_emulator=PATIENT,
+            hardware_bridge={"levitation_time": 0.0, "link": {"float64": float64}},
+        ) as session:
+            amb = session.amb
+            amb.rig.connect()
+            bag = Path(amb.start_recording(folder / f"same_{float64}"))
+            run = amb.rig.levitate()
+            amb.rig.wait_for_step(3_000)
+            started = amb.start_excitation(MULTISINE.kind, **MULTISINE.model_dump())
+            end = started.first_step + started.steps
+            amb.rig.wait_for_step(end)
+            amb.rig.land()
+            amb.stop_recording(run, end)
+        record = Recording.read(bag).telemetry(run).window(0, end)
+        plant = plant_of(RIGID)
+        samples = generate(MULTISINE, plant.machine.sample_rate, plant.machine).samples
+        law = PdController(controller_of(RIGID), 4)
+        expected = simulate(plant, law, end, samples, started.first_step)
+        if float64:
+            identical = record.identical_to(expected)
+        else:
+            window = started.first_step, started.steps
+            records = {"bridge": record.window(*window), "simulator": expected.window(*window)}
+    return {"same": {"bit_identical": bool(identical), "frf_error_percent": _response_error(**records)}}
+
+
+def _response_error(bridge: LoopRecord, simulator: LoopRecord) -> float:
+    """Largest relative error of the responses to all axes, 5 to 1000 Hz, entries above 1 % of the largest (%)."""
+    estimates = [_response(record) for record in (bridge, simulator)]
+    frequency, measured = estimates[0]
+    _, expected = estimates[1]
+    size = np.abs(expected)
+    counted = (size > 0.01 * size.max(axis=(1, 2), keepdims=True)) & ((frequency >= 5) & (frequency <= 1000))[
+        :, None, None
+    ]
+    return float(100.0 * (np.abs(measured - expected) / size)[counted].max())
+
+
+def _response(record: LoopRecord) -> tuple[np.ndarray, np.ndarray]:
+    """Response of the positions to the currents at the excited lines, from the last period of each experiment."""
+    axes, experiments = len(record.axes), len(record.axes)
+    steps = record.steps // experiments
+    period = steps // MULTISINE.periods
+    inputs, outputs, references = [], [], []
+    for number in range(experiments):
+        rows = slice(number * steps + steps - period, number * steps + steps)
+        for signals, into in ((record.current, inputs), (record.position, outputs), (record.reference, references)):
+            into.append(np.fft.rfft(signals[rows] - signals[rows].mean(axis=0), axis=0))
+    u, y, r = (np.stack(signals, axis=2) for signals in (inputs, outputs, references))  # (lines, axes, experiments)
+    power = np.abs(r).max(axis=(1, 2))
+    excited = power > 1e-3 * power.max()
+    frequency = np.fft.rfftfreq(period, record.sample_time)[excited]
+    assert axes == u.shape[1]
+    return frequency, y[excited] @ np.linalg.inv(u[excited])

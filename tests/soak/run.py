@@ -1,0 +1,75 @@
+"""The rig under stress: `make soak`. Writes results/soak.json after every part; a part that fails is named there.
+
+`python -m tests.soak.run --parts link same` runs some parts, `--short` all of them in short forms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tests.fuzz import target
+from tests.soak import parts
+
+RESULTS = Path("results/soak.json")
+
+
+def target_fuzz(frames: int) -> dict[str, Any]:
+    """Hostile frames against the C target under sanitizers, forged commands among them."""
+    found = target.run(frames, seed=1, jobs=2)
+    return {
+        "fuzz": {"target_frames": found["frames"], "target_findings": len(list(found["findings"]))},  # type: ignore[call-overload]
+        "forged": {"tried": found["forged"], "accepted": found["accepted"]},
+    }
+
+
+def main() -> int:
+    """Run what the command line asks for; 1 if a part could not be run to its end."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--parts", nargs="*", help="only these")
+    options.add_argument("--short", action="store_true", help="short forms")
+    options.add_argument("--seconds", type=float, help="duration of the soak itself, by default 600")
+    given = options.parse_args()
+    short = given.short
+    with tempfile.TemporaryDirectory(prefix="amb_soak") as name:
+        folder = Path(name)
+        every: dict[str, Callable[[], dict[str, Any]]] = {
+            "soak": lambda: parts.soak(folder, given.seconds or (30.0 if short else 600.0)),
+            "link": parts.link,
+            "same": lambda: parts.same(folder),
+            "lifecycle": lambda: parts.lifecycle(folder),
+            "trips": lambda: parts.trips(folder, 2 if short else 50),
+            "kills": lambda: parts.kills(folder, 1 if short else 20),
+            "bridge_fuzz": lambda: parts.bridge_fuzz(folder, 20_000 if short else 1_000_000),
+            "target_fuzz": lambda: target_fuzz(200_000 if short else 10_000_000),
+        }
+        failed = 0
+        for part in given.parts or every:
+            began = time.monotonic()
+            try:
+                found = every[part]()
+            except Exception:
+                traceback.print_exc()
+                found, failed = {f"{part}_failed": traceback.format_exc(limit=1)}, 1
+            _write(found)
+            print(f"{part}, {time.monotonic() - began:.0f} s: {json.dumps(found)}", flush=True)
+    return failed
+
+
+def _write(found: dict[str, Any]) -> None:
+    """Add figures to the results; parts that were run before stay."""
+    known: dict[str, Any] = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    for key, value in found.items():
+        known[key] = {**known.get(key, {}), **value} if isinstance(value, dict) else value
+    RESULTS.parent.mkdir(exist_ok=True)
+    RESULTS.write_text(json.dumps(known, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
