@@ -14,12 +14,10 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
@@ -31,6 +29,7 @@ from amb_core.recording.messages.parameters import ParameterValue
 from amb_ident_node.bag_in_progress import BagInProgress, require_free_space
 from amb_ident_node.completeness import Mark
 from amb_ident_node.ledger import Ledger
+from amb_ident_node.publishers import Publishers
 from amb_ident_node.recorded_topics import (
     OF_THE_GRAPH,
     PARAMETER_EVENTS,
@@ -46,16 +45,12 @@ from amb_ros import diagnostics, topics
 from amb_ros.definitions import message_definition
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import offered_profile
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.requests import ask
 from amb_ros.services import create_service
 from amb_ros.subscriptions import create_subscription
 
-DISCOVERY_TIMEOUT = 2.0  # s
-DISCOVERY_QUIET = 1.0  # s without a new publisher, after which all are assumed to be known
 WATCH_PERIOD = 0.5  # s, between looks for new nodes and publishers
-DISCOVERY_END = 10.0  # s after the start of the node, after which all are assumed to be known
 LONGEST_PAUSE = 30.0  # s, between attempts to read the parameters of a node; the pause doubles each time
 DEFAULT_STOP_TIMEOUT = 10.0  # s
 LONGEST_STOP_TIMEOUT = 3600.0  # s
@@ -88,7 +83,6 @@ class RecorderNode(Node):
     def __init__(self) -> None:
         super().__init__("recorder", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True)
         self._settings = declare(self, RecorderParameters)
-        self._born = time.monotonic()
         self._recording: BagInProgress | None = None
         self._ledger = Ledger()
         self._latched: dict[str, bytes] = {}
@@ -106,6 +100,7 @@ class RecorderNode(Node):
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="recorder")
         self._topics = {self._full_name(topic.name): topic for topic in RECORDED}
         self._subscriptions_by_name = {name: self._subscribe(name, topic) for name, topic in self._topics.items()}
+        self._sources = Publishers(self, self._topics, self._subscriptions_by_name)
         self._state_client = self.create_client(GetState, "simulator/get_state")
         create_service(self, StartRecording, "~/start", self._on_start, self._worker)
         create_service(self, StopRecording, "~/stop", self._on_stop, self._worker)
@@ -232,7 +227,7 @@ class RecorderNode(Node):
             raise BagError(f"already recording {self._recording.folder}; stop that first")
         folder = Path(self._settings.directory).expanduser() / (uri or time.strftime("amb_%Y-%m-%d_%H-%M-%S"))
         require_free_space(folder, self._settings.minimum_free_space)
-        self._wait_for_publishers()
+        self._sources.wait_for()
         self._described.clear()
         self._attempts.clear()
         self._next_attempt.clear()
@@ -258,7 +253,7 @@ class RecorderNode(Node):
 
     def _open(self, folder: Path) -> BagInProgress:
         """An empty bag with all topics."""
-        offered = {name: self._offered(name, topic) for name, topic in self._topics.items()}
+        offered = {name: self._sources.offered(name) for name in self._topics}
         settings = self._settings
         writer = BagWriter(folder, settings.chunk_period, settings.split_size, settings.split_period)
         for name, topic in self._topics.items():
@@ -320,56 +315,11 @@ class RecorderNode(Node):
         found = [self._ledger.conflict, *self._diagnostics.conflicts()]
         self._conflicts.update((text, None) for text in found if text)
 
-    def _offered(self, name: str, topic: RecordedTopic) -> list[dict[str, Any]]:
-        """Quality of service that the publishers of a topic offer; the workbench's own if there is none yet."""
-        profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
-        offered: list[dict[str, Any]] = []
-        for profile in profiles or [topic.offered]:
-            words = offered_profile(profile, topic.offered)
-            if words not in offered:
-                offered.append(words)
-        return offered
-
     def _start_by_itself(self) -> None:
         try:
             self._start("")
         except AmbError as problem:
             self.get_logger().error(str(problem))
-
-    def _wait_for_publishers(self) -> None:
-        """Wait until controller and simulator publish and the publishers that exist are connected."""
-        deadline = time.monotonic() + DISCOVERY_TIMEOUT
-        expected = [self.resolve_topic_name(name) for name in (topics.TELEMETRY, topics.SIMULATOR_STATE)]
-        while not all(map(self.count_publishers, expected)) and time.monotonic() < deadline:
-            time.sleep(0.01)
-        self._wait_for_discovery()
-        deadline = time.monotonic() + DISCOVERY_TIMEOUT
-        while (waiting := self._unconnected_topics()) and time.monotonic() < deadline:
-            time.sleep(0.01)
-        for name in waiting:
-            self.get_logger().warning(f"not connected to every publisher of {name}; are their QoS settings compatible?")
-
-    def _wait_for_discovery(self) -> None:
-        """Wait, soon after the start of the node, until no new publisher appears: some may not be known yet."""
-        known, quiet_since = -1, time.monotonic()
-        while (now := time.monotonic()) < min(quiet_since + DISCOVERY_QUIET, self._born + DISCOVERY_END):
-            found = sum(map(self.count_publishers, self._topics))
-            if found != known:
-                known, quiet_since = found, now
-            time.sleep(0.01)
-
-    def _unconnected_topics(self) -> list[str]:
-        """Topics with publishers that have not been matched with the subscription."""
-        waiting = []
-        for name, subscription in self._subscriptions_by_name.items():
-            offers = [end.qos_profile.durability for end in self.get_publishers_info_by_topic(name)]
-            # Publishers without history have a subscription of their own.
-            fitting = (
-                offers.count(DurabilityPolicy.TRANSIENT_LOCAL) if self._topics[name].keeps_history else len(offers)
-            )
-            if subscription.get_publisher_count() < fitting:
-                waiting.append(name)
-        return waiting
 
     def _undescribed_nodes(self) -> list[str]:
         """Nodes of the workbench without parameters in the bag."""

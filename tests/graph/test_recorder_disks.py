@@ -67,7 +67,7 @@ def publish_slowly(loop: Loop, health: Health, blocks: int) -> None:
     for first in range(0, blocks, 500):
         stop = min(first + 500, blocks)
         loop.publish_blocks(1, first, stop)
-        loop.graph.wait_until(lambda stop=stop: health.received >= stop, f"{stop} blocks at the recorder", 30.0)
+        loop.graph.wait_until(lambda stop=stop: health.received >= stop, f"{stop} blocks at the recorder")
 
 
 def test_a_disk_that_stalls_loses_nothing(graph: Graph, disk: StallingDisk, health: Health, loop: Loop) -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import random
+import resource
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 from typer.testing import CliRunner
@@ -153,6 +156,37 @@ def test_chunks_behind_a_damaged_one_are_recovered(bag: Path, tmp_path: Path, wh
     assert "bag_0.mcap is damaged: the chunk at byte " in state.damage[0]
     assert state.damage[1] == "metadata.yaml lists 40 messages, and 35 can be read"
     assert inspect_bag(recover_bag(state, tmp_path / "made")).damage == []
+
+
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(places=st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), min_size=1, max_size=20))
+def test_whatever_is_damaged_the_rest_is_recovered(bag: Path, tmp_path: Path, places: list[tuple[float, int]]) -> None:
+    content = bytearray((bag / "bag_0.mcap").read_bytes())
+    for where, value in places:
+        content[int(where**3 * (len(content) - 1))] = value  # mostly at the beginning, where the definitions are
+    shutil.rmtree(tmp_path / "bag", ignore_errors=True)
+    shutil.rmtree(tmp_path / "made", ignore_errors=True)
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "bag_0.mcap").write_bytes(content)
+    state = inspect_bag(tmp_path / "bag")
+    if state.messages:
+        made = inspect_bag(recover_bag(state, tmp_path / "made"))
+        assert (made.damage, made.messages) == ([], state.messages)
+    else:
+        with pytest.raises(BagError, match="no message can be read"):
+            recover_bag(state, tmp_path / "made")
+
+
+def test_a_full_disk_leaves_nothing_of_the_copy(bag: Path, tmp_path: Path) -> None:
+    state = inspect_bag(cut(bag, next(bag.glob("*.mcap")).stat().st_size - 10, tmp_path / "bag"))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+    try:
+        with pytest.raises(BagError, match="cannot be written: File too large"):
+            recover_bag(state, tmp_path / "made")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not (tmp_path / "made").exists()
 
 
 def test_files_of_a_split_bag_are_recovered_together(tmp_path: Path) -> None:

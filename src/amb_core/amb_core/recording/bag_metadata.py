@@ -56,7 +56,10 @@ def _times(start: int, end: int) -> dict[str, dict[str, int]]:
 
 
 def _topic_metadata(topic: StoredTopic) -> dict[str, Any]:
-    profiles = yaml.safe_load(topic.metadata.get("offered_qos_profiles", ""))
+    try:
+        profiles = yaml.safe_load(topic.metadata.get("offered_qos_profiles", ""))
+    except yaml.YAMLError:  # of a damaged bag: its messages count more
+        profiles = None
     return {
         "name": topic.name,
         "type": topic.type,

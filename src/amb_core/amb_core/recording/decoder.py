@@ -55,6 +55,8 @@ class Decoder:
             if message_type not in self._types.types:
                 self._register(message_type)
             return self._types.deserialize_cdr(data, message_type)
+        except KeyError as problem:
+            raise BagError(f"bag {self._path}: the definition of {message_type} lacks the type {problem}") from None
         except (TypesysError, SerdeError) as problem:
             raise BagError(f"bag {self._path}: a message of type {message_type} cannot be decoded: {problem}") from None
 

@@ -6,6 +6,7 @@ import contextlib
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO, BinaryIO, cast
 
 import zstandard
 from mcap.exceptions import McapError
@@ -20,7 +21,16 @@ from amb_core.recording.mcap_file import StoredTopic
 
 LARGEST = 1 << 30
 """Largest record or chunk that is read (B): a corrupt length must not take all memory."""
-UNREADABLE = (McapError, ValueError, LookupError, struct.error, zstandard.ZstdError, RuntimeError, MemoryError)
+UNREADABLE = (
+    McapError,
+    ValueError,
+    LookupError,
+    OverflowError,
+    struct.error,
+    zstandard.ZstdError,
+    RuntimeError,
+    MemoryError,
+)
 """What reader, checksums and decompressors (lz4: RuntimeError) raise for incomplete data."""
 
 
@@ -68,7 +78,8 @@ class McapScan:
                 if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):
                     raise NotMcapError(f"bag {self.path}: not an MCAP file")
                 stream.seek(0)
-                reader = StreamReader(stream, emit_chunks=True, record_size_limit=min(self.size, LARGEST))
+                bounded = cast("IO[bytes]", _BoundedReads(stream))
+                reader = StreamReader(bounded, emit_chunks=True, record_size_limit=min(self.size, LARGEST))
                 for record in self._top_level(reader):
                     yield from self._messages_in(record)
                     self.position = stream.tell()
@@ -136,3 +147,15 @@ class McapScan:
             return f"{self.path.name} is incomplete: it lacks its index, but no message"
         lost = self.size - self.position
         return f"{self.path.name} is incomplete: it was not closed, and its last {lost} of {self.size} bytes are lost"
+
+
+class _BoundedReads:
+    """A stream of which no more than `LARGEST` is read at a time: lengths inside a record may be corrupt too."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+
+    def read(self, length: int) -> bytes:
+        if length > LARGEST:
+            raise ValueError(f"{length} bytes are too many")
+        return self._stream.read(length)
