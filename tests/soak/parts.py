@@ -19,7 +19,7 @@ from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.real_time import RealTimeParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import validate
-from amb_core.recording import Recording
+from amb_core.recording import Recording, audit_steps
 from amb_core.simulation import simulate
 from amb_core.target import AmbUdpLink, TargetSettings, TargetState, TargetStatus, TelemetryBlock
 from amb_msgs.msg import BridgeState, Trip
@@ -50,7 +50,7 @@ def soak(folder: Path, seconds: float) -> dict[str, Any]:
         state = amb.rig.wait_for_state()
         amb.stop_recording(run, int(state.step))
         pace = session.diagnostics["target_emulator"]
-    steps = steps_in_bag(bag, run)
+    audit = audit_steps(bag, run)
     settled = [look for look in looks if look["time"] > min(60.0, 0.2 * seconds)]
     first, last = settled[0], settled[-1]
     span = last["time"] - first["time"]
@@ -61,9 +61,9 @@ def soak(folder: Path, seconds: float) -> dict[str, Any]:
             "seconds": seconds,
             "axes": 4,
             "samples": int(state.step),
-            "lost": int(state.step) - steps["once"],
-            "doubled": steps["doubled"],
-            "out_of_order": steps["out_of_order"],
+            "lost": audit.lost(0, int(state.step)),
+            "doubled": audit.doubled,
+            "out_of_order": audit.out_of_order,
             "lost_on_link": int(state.lost),
             "bridge_cores": (last["cpu"]["hardware_bridge"] - first["cpu"]["hardware_bridge"]) / span,
             "host_cores": sum(last["cpu"][node] - first["cpu"][node] for node in HOST) / span,
@@ -99,25 +99,6 @@ def _run_and_look(session: Session, seconds: float) -> list[dict[str, Any]]:
         while time.monotonic() < end:
             session.amb.spin_once(0.1)
     return looks
-
-
-def steps_in_bag(bag: Path, run: int) -> dict[str, int]:
-    """How the steps of a run are in a bag: once, again, or after later ones. Streams: memory does not grow."""
-    once = doubled = out_of_order = 0
-    stop = 0
-    with AnyReader([bag]) as reader:
-        wanted = [item for item in reader.connections if item.topic.endswith("/telemetry")]
-        for connection, _, data in reader.messages(wanted):
-            message: Any = reader.deserialize(data, connection.msgtype)
-            if message.run != run:
-                continue
-            first, count = int(message.first_step), len(message.axes[0].position)
-            again = max(0, min(stop, first + count) - first)
-            doubled += again
-            out_of_order += first < stop
-            once += count - again
-            stop = max(stop, first + count)
-    return {"once": once, "doubled": doubled, "out_of_order": out_of_order}
 
 
 class _Listener:
@@ -163,11 +144,10 @@ def link() -> dict[str, Any]:
         time.sleep(10.5)
         emulator.configure(FaultParameters())
         time.sleep(1.0)
-        while emulator.latest.to_host.frames == 0 or emulator._asked:
+        wanted = connection.status().step
+        while emulator.latest.steps < wanted:
             emulator.ask_for_report()
-        emulator.ask_for_report()
-        time.sleep(0.5)
-        emulator.ask_for_report()
+            time.sleep(0.01)
         injected, found = emulator.latest.to_host, connection.count.samples
         played = np.full((100_000 + 200, 4), np.nan)
         for block in listener.blocks:
@@ -177,12 +157,13 @@ def link() -> dict[str, Any]:
         there = ~np.isnan(played[:, 0])
         expected = np.vstack([np.zeros((100, 4)), samples, np.zeros((100, 4))])
         moved = np.flatnonzero(there & (played != 0.0).any(axis=1))
-        gaps = [(gap.first, gap.stop) for gap in injected.gaps]
+        lost = {step for gap in injected.gaps for step in range(gap.first, gap.stop)}
+        reported = {step for first, stop in found.gaps for step in range(first, stop)}
         return {
             "link": {
                 "injected_gaps": injected.samples,
                 "reported_gaps": found.lost,
-                "gaps_equal": gaps == list(found.gaps),
+                "gaps_equal": lost == reported,
                 "late": found.late,
                 "doubled": found.doubled,
                 "upload_s": upload,
@@ -292,15 +273,10 @@ def kills(folder: Path, rounds: int) -> dict[str, Any]:
     times: list[float] = []
     square = Square(amplitude=10e-6, duration=5.0, frequency=20.0)
     limit = 10e-6  # m, of a step: that of the square itself; a fade and everything else is slower
+    bridge = {"levitation_time": 0.0, "at_exit": "stay"}
     with (
         Tap(emulator_port()) as tap,
-        Session(
-            folder,
-            PAPER,
-            tap.port,
-            target_emulator=PATIENT,
-            hardware_bridge={"levitation_time": 0.0, "at_exit": "stay"},
-        ) as session,
+        Session(folder, PAPER, tap.port, target_emulator=PATIENT, hardware_bridge=bridge) as session,
     ):
         amb = session.amb
         amb.rig.connect()
@@ -386,12 +362,8 @@ def same(folder: Path) -> dict[str, Any]:
     """One experiment through bridge and emulator, and without either: float64 bit for bit, float32 by its response."""
     identical, records = True, {}
     for float64 in (True, False):
-        with Session(
-            folder,
-            RIGID,
-            target_emulator=PATIENT,
-            hardware_bridge={"levitation_time": 0.0, "link": {"float64": float64}},
-        ) as session:
+        bridge = {"levitation_time": 0.0, "link": {"float64": float64}}
+        with Session(folder, RIGID, target_emulator=PATIENT, hardware_bridge=bridge) as session:
             amb = session.amb
             amb.rig.connect()
             bag = Path(amb.start_recording(folder / f"same_{float64}"))
@@ -421,9 +393,8 @@ def _response_error(bridge: LoopRecord, simulator: LoopRecord) -> float:
     frequency, measured = estimates[0]
     _, expected = estimates[1]
     size = np.abs(expected)
-    counted = (size > 0.01 * size.max(axis=(1, 2), keepdims=True)) & ((frequency >= 5) & (frequency <= 1000))[
-        :, None, None
-    ]
+    in_band = (frequency >= 5) & (frequency <= 1000)
+    counted = (size > 0.01 * size.max(axis=(1, 2), keepdims=True)) & in_band[:, None, None]
     return float(100.0 * (np.abs(measured - expected) / size)[counted].max())
 
 

@@ -59,21 +59,10 @@ class Session:
             _merge(own.setdefault(node, {}), values)
         file = folder / "soak.yaml"
         file.write_text(yaml.safe_dump({f"/amb/{node}": {"ros__parameters": values} for node, values in own.items()}))
+        files = ["--params-file", str(machine), "--params-file", str(file)]
         self.graph = Graph(
             [
-                NodeProcess(
-                    node,
-                    (
-                        str(find_executable(package, node)),
-                        "--ros-args",
-                        "-r",
-                        "__ns:=/amb",
-                        "--params-file",
-                        str(machine),
-                        "--params-file",
-                        str(file),
-                    ),
-                )  # fmt: skip
+                NodeProcess(node, (str(find_executable(package, node)), "--ros-args", "-r", "__ns:=/amb", *files))
                 for node, package in PACKAGES.items()
             ],
             {"ROS_DOMAIN_ID": str(self.domain)},

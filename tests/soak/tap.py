@@ -1,4 +1,4 @@
-"""A tap between bridge and target: passes every frame on, watches the reference, and can send hostile copies to the host.
+"""A tap between bridge and target: passes frames on, watches the reference, can send hostile copies to the host.
 
 It sees what the target sends also while no host lives.
 """
