@@ -151,8 +151,8 @@ class HardwareBridgeNode(ManagedNode):
         """Levitate. A rotor that is levitated already, since an earlier bridge left it so, stays as it is."""
         link = self._connected()
         status = link.status()
-        if problem := self._latched():
-            raise TargetError(f"{problem}; call ~/reset_faults first")
+        if self._latched():
+            raise TargetError("trips are latched; reset the faults first")
         if status.state in (TargetState.OFF, TargetState.LANDING):
             self._wait_for((TargetState.OFF,), self._settings.landing_time)
             link.levitate(self._settings.levitation_time)
@@ -366,7 +366,7 @@ class HardwareBridgeNode(ManagedNode):
             if self._link is not None:
                 samples = self._link.count.samples
                 message.lost, message.doubled, message.reordered = samples.lost, samples.doubled, samples.reordered
-            message.problem = self._latched() or self.problem
+            message.problem = "; ".join(filter(None, (self._latched(), self.problem)))
             message.sequence += 1
             message.header.stamp = self._wall_clock.now().to_msg()
             self._state_publisher.publish(message)

@@ -24,7 +24,7 @@ from amb_ident_node.identifier import IdentifierParameters
 from amb_ident_node.recorder import RecorderParameters
 from amb_ident_node.region_monitor import RegionMonitorParameters
 from amb_ros import topics
-from amb_sim_node.parameters import SimulatorParameters, TargetEmulatorParameters
+from amb_sim_node.parameters import BridgeParameters, SimulatorParameters, TargetEmulatorParameters
 
 ROOT = Path(__file__).parents[2]
 NODE_PACKAGES = ("amb_sim_node", "amb_controller_node", "amb_ident_node")
@@ -70,6 +70,7 @@ TABLES: dict[str, tuple[Callable[[type[Parameters]], str], type[Parameters]]] = 
         parameters.__name__: (parameter_table, parameters)
         for parameters in (
             SimulatorParameters,
+            BridgeParameters,
             TargetEmulatorParameters,
             PdControllerParameters,
             StateSpaceControllerParameters,
@@ -236,7 +237,7 @@ def test_services_and_actions_in_the_readme_are_those_of_the_nodes(package: str,
 def test_names_in_the_top_readme_exist() -> None:
     called = {name for package in NODE_PACKAGES for kind in ("service", "action") for name in calls(package, kind)}
     nodes = "|".join(KNOWN_NODES)
-    assert set(re.findall(rf"`((?:{nodes})/\w+)`", _top())) == called | {topics.SIMULATOR_STATE}
+    assert set(re.findall(rf"`((?:{nodes})/\w+)`", _top())) == called | {topics.SIMULATOR_STATE, topics.BRIDGE_STATE}
     for topic in TOPIC_NAMES.values():
         assert f"`{topic}`" in _top()
 

@@ -115,6 +115,7 @@ class AmbUdpLink(TargetLink):
         # Times of the monotonic clock (s)
         self._next_hello = self._next_heartbeat = self._next_clock = self._heard = self._sampled = -math.inf
         self._clock: tuple[int, int] | None = None  # of host and target (ns), when the session began
+        self._last_known: object = None  # state, excitation and trips in the latest reply
 
     # -- connection
 
@@ -307,16 +308,20 @@ class AmbUdpLink(TargetLink):
             self._sampled = now
             self._deliver(self._order.add(answer))
             return
-        if isinstance(answer, Reply):
-            self._note_clock(answer)
-            if answer.counter == self._awaited and not self._replied.is_set():
-                self._reply = answer
-                self._replied.set()
-            answer = answer.status
-        self._excited = answer.excitation is not ExcitationPhase.NONE
+        if isinstance(answer, TargetStatus):  # not authenticated: a reason to ask, and nothing more
+            if (answer.state, answer.excitation, answer.trips) != self._last_known:
+                self._next_heartbeat = now
+            return
+        self._note_clock(answer)
+        if answer.counter == self._awaited and not self._replied.is_set():
+            self._reply = answer
+            self._replied.set()
+        status = answer.status
+        self._last_known = status.state, status.excitation, status.trips
+        self._excited = status.excitation is not ExcitationPhase.NONE
         if self._excited:
             self._next_heartbeat = min(self._next_heartbeat, now + EXCITED_HEARTBEAT_PERIOD)
-        self._listener.on_status(answer)
+        self._listener.on_status(status)
 
     def _deliver(self, blocks: list[TelemetryBlock]) -> None:
         for block in blocks:

@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 
 from amb_core.target.answers import TelemetryBlock
 
+FARTHEST = 100_000
+"""Steps by which a block may be ahead of all others, ten seconds; after a longer silence the second one is taken."""
+
 
 @dataclass
 class TelemetryCount:
@@ -19,6 +22,9 @@ class TelemetryCount:
         Samples passed on; never received within the wait; received twice; received after they had been given up.
     reordered : int
         Blocks that arrived after a later one and were put in order.
+    implausible : int
+        Blocks far ahead of all others that were dropped, since the next one did not continue them: telemetry is not
+        authenticated, and one wrong step must not end a stream.
     gaps : deque of (int, int)
         The latest gaps: first step, and the step after the last one.
     """
@@ -28,6 +34,7 @@ class TelemetryCount:
     doubled: int = 0
     late: int = 0
     reordered: int = 0
+    implausible: int = 0
     gaps: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=1000))
 
 
@@ -51,12 +58,15 @@ class InOrder:
         self._wait, self._next, self._newest = wait, -1, -1
         self._early: list[tuple[int, int, TelemetryBlock]] = []
         self._arrivals = 0
+        self._doubtful: TelemetryBlock | None = None
         self.count = count or TelemetryCount()
         self.count.gaps.clear()  # by the steps of another boot
 
     def add(self, block: TelemetryBlock) -> list[TelemetryBlock]:
         """Blocks that can be passed on now that this one has arrived."""
         stop = block.first_step + block.steps
+        if not self._is_plausible(block):
+            return []
         if self._next < 0:
             self._next = block.first_step
         if any(first == block.first_step for first, *_ in self._early):
@@ -71,6 +81,18 @@ class InOrder:
     def flush(self) -> list[TelemetryBlock]:
         """All that is left at the end of a stream."""
         return self._ready(0)
+
+    def _is_plausible(self, block: TelemetryBlock) -> bool:
+        """Whether a block is near the others, or continues one that was not: then the stream has jumped indeed."""
+        doubtful, self._doubtful = self._doubtful, None
+        if self._next < 0 or block.first_step <= self._newest + FARTHEST:
+            self.count.implausible += doubtful is not None
+            return True
+        if doubtful is not None and block.first_step == doubtful.first_step + doubtful.steps:
+            return True  # the gap before it is counted; it lost its first block
+        self.count.implausible += doubtful is not None
+        self._doubtful = block
+        return False
 
     def _ready(self, wait: int) -> list[TelemetryBlock]:
         ready: list[TelemetryBlock] = []
