@@ -157,6 +157,7 @@ class HardwareBridgeNode(ManagedNode):
             self._wait_for((TargetState.OFF,), self._settings.landing_time)
             link.levitate(self._settings.levitation_time)
             self._wait_for((TargetState.LEVITATED,), self._settings.levitation_time)
+        self._wait_for_run()
         self._rig = self._ready
         self._note_state()
 
@@ -191,6 +192,14 @@ class HardwareBridgeNode(ManagedNode):
         if self._link is None:
             raise TargetError("the bridge is not configured")
         return self._link
+
+    def _wait_for_run(self) -> None:
+        """Wait until telemetry of the levitated rotor arrives: the run has begun."""
+        until = time.monotonic() + PATIENCE
+        while self._runs is None or not self._runs.levitated:
+            if time.monotonic() > until:
+                raise TargetError(f"the rotor is levitated, but no telemetry arrives within {PATIENCE:g} s")
+            time.sleep(0.002)
 
     def _wait_for(self, states: tuple[TargetState, ...], duration: float) -> None:
         """Wait until the target is in one of some states.
@@ -361,6 +370,8 @@ class HardwareBridgeNode(ManagedNode):
                 message.target_step, message.missed = status.step, status.missed
             if runs is not None:
                 message.run, message.step, message.position = runs.run, runs.next_step, runs.position.tolist()
+                if message.mode == BridgeState.LEVITATED and not runs.levitated:
+                    message.mode = BridgeState.LEVITATING  # its run begins with the first telemetry
             if machine is not None:
                 message.axes, message.sample_time = list(machine.axis_names), 1.0 / machine.sample_rate
             if self._link is not None:

@@ -63,7 +63,7 @@ class RigExcitation:
         self._newest = 0  # number of the newest message: older ones are called off
         self._counting = threading.Lock()
         self._publisher = node.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, EVERY_STATE)
-        self._done: set[tuple[int, int, str, int]] = set()  # answered, of the present run
+        self._applied: tuple[object, ...] = ()  # the latest one, with its step resolved
         self._subscription = create_subscription(
             node, Excitation, topics.EXCITATION, self._on_excitation, EVERY_STATE, raw=True
         )
@@ -83,8 +83,7 @@ class RigExcitation:
         if isinstance(message, ExcitationStatus):
             self._refuse(message, message.message)
             return
-        identity = message.run, message.id, message.kind, message.checksum
-        if identity in self._done:
+        if _identity(message, message.first_step) == self._applied:
             return  # published again with its step resolved
         with self._counting:
             self._newest += 1
@@ -117,8 +116,7 @@ class RigExcitation:
             self._refuse(status, f"internal error: {problem!r}; see the log of the bridge")
             return
         status.accepted = True
-        self._done = {known for known in self._done if known[0] == message.run}
-        self._done.add((message.run, message.id, message.kind, message.checksum))
+        self._applied = _identity(message, status.first_step)
         if self._node.context.ok():
             self._publisher.publish(status)
 
@@ -202,3 +200,8 @@ class RigExcitation:
         self._node.get_logger().warning(f"excitation {status.id} refused: {reason}")
         if self._node.context.ok():
             self._publisher.publish(status)
+
+
+def _identity(message: Excitation, first_step: int) -> tuple[object, ...]:
+    """What is equal in two copies of an excitation; a generator that starts anew counts from 1 again."""
+    return message.run, message.id, message.kind, message.description, message.checksum, int(first_step)

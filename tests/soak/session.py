@@ -71,9 +71,20 @@ class Session:
 
     def __enter__(self) -> Self:
         self.graph.start()
-        self.amb = AmbClient(domain_id=self.domain, nodes=tuple(name for name in RIG_NODES if name in PACKAGES))
-        self.amb.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
+        self.amb = self._client()
         return self
+
+    def _client(self) -> AmbClient:
+        client = AmbClient(domain_id=self.domain, nodes=tuple(name for name in RIG_NODES if name in PACKAGES))
+        client.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
+        return client
+
+    def come_anew(self) -> None:
+        """Leave the graph and join it again: who was there takes a killed node for alive for some twenty seconds."""
+        self.amb.close()
+        self.diagnostics.clear()
+        self.amb = self._client()
+        self.amb.wait_for_nodes()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

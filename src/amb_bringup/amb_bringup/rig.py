@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from amb_bringup.connection import ClientError
 from amb_msgs.msg import BridgeState, Trip
 from amb_ros import topics
-from amb_ros.qos import EVERY_STATE
+from amb_ros.qos import EVERY_STATE, LATCHED
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Rig:
         self._client = client
         self.state: BridgeState | None = None
         self.trips: list[Trip] = []
-        create_subscription(client.node, BridgeState, topics.BRIDGE_STATE, self._on_state, EVERY_STATE)
+        create_subscription(client.node, BridgeState, topics.BRIDGE_STATE, self._on_state, LATCHED)
         create_subscription(client.node, Trip, topics.TRIP, self.trips.append, EVERY_STATE)
         self._change = client.node.create_client(ChangeState, f"{BRIDGE}/change_state")
         self._get = client.node.create_client(GetState, f"{BRIDGE}/get_state")
@@ -151,7 +151,7 @@ class Rig:
         if answer.result().success:
             return
         self._client.wait_until(
-            lambda: self.state is not None and self.state.sequence > before and bool(self.state.problem),
+            lambda: self.state is not None and self.state.sequence > before and f"{label}: " in self.state.problem,
             REASON_TIMEOUT,
             f"{BRIDGE}: {label} failed; see its log",
         )
