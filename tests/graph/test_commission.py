@@ -33,12 +33,13 @@ def parameters(folder: Path, **faults: Any) -> Path:
         port = found.getsockname()[1]
     content = yaml.safe_load(config("paper").read_text())
     content["/amb/simulator"]["ros__parameters"]["sensor"] = {"noise": 0.1e-6}
-    emulator = {
+    emulator: dict[str, Any] = {
         "port": port,
         "real_time_factor": 0.4,
         "limits": {"missed_steps": 1e9, "host_time": 1e3},
-        "faults": faults,
     }
+    if faults:  # ROS refuses an empty mapping
+        emulator["faults"] = faults
     content["/amb/target_emulator"] = {"ros__parameters": emulator}
     content["/amb/hardware_bridge"] = {"ros__parameters": {"link": {"port": port, "timeout": 30.0}}}
     path = folder / "rig.yaml"

@@ -76,6 +76,8 @@ class Session:
         That excitations are checked against.
     confirm : callable
         Asks whether something may be done, or was seen; True if so. None: nobody is asked and nothing is seen.
+    check : callable
+        Raises AmbError if a node of the graph has ended.
     show : callable
         Called with each step when it begins, and when it has ended.
     protocol, figures, model
@@ -90,6 +92,7 @@ class Session:
     expected: Expected | None
     region_map: RegionMap | None
     confirm: Callable[[str], bool] | None
+    check: Callable[[], None]
     show: Callable[[Step], None]
     protocol: Protocol = field(default_factory=Protocol)
     figures: dict[str, Chart] = field(default_factory=dict)
@@ -160,13 +163,21 @@ class Session:
             except _NotDoneError as reason:
                 step.skipped = str(reason)
             except AmbError as problem:
-                step.problem = str(problem)
+                step.problem = self._why(problem)
             except KeyboardInterrupt:
                 step.problem = "interrupted"
                 raise
             finally:
                 step.seconds = round(time.monotonic() - began, 3)
         self.show(step)
+
+    def _why(self, problem: AmbError) -> str:
+        """A problem, or the node that has ended and thereby caused it."""
+        try:
+            self.check()
+        except AmbError as ended:
+            return str(ended)
+        return str(problem)
 
     # -- steps
 

@@ -74,11 +74,12 @@ def commission(
         AmbClient(domain_id=domain, nodes=RIG_NODES) as amb,
     ):
         confirm = None if yes else lambda question: typer.confirm(question)
-        session = Session(amb, settings, bridge, expected, region_map, confirm, lambda step: _show(console, step))
+        session = Session(
+            amb, settings, bridge, expected, region_map, confirm, graph.check, lambda step: _show(console, step)
+        )
         session.protocol.about = _about(path, emulator, expected)
         try:
             session.carry_out(out / "bag")
-            graph.check()
         finally:
             _write(session, out)
     if report and (out / "bag").exists() and not session.protocol.failed:
