@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -18,32 +19,33 @@ from amb_bringup.packages import find_executable
 from amb_core.files.parameter_files import RIG_NODES
 from amb_core.model import StateSpaceModel
 from amb_core.recording import Recording
-from tests.graph.rig import config
+
+GUIDE = Path(__file__).parents[2] / "docs" / "commissioning.md"
+PARAMETERS, WRONG_SIGN = re.findall(r"^```yaml\n(.*?)^```$", GUIDE.read_text(), re.DOTALL | re.MULTILINE)
 
 TIMEOUT = 540.0
 LENIENT = ("--clock-drift", "1e7", "--most-missed", "1000000000", "--round-trip", "10", "--lost-share", "1")
 """What a machine that is slower than real time decides."""
-SHORT = ("--observation", "0.5", "--sweep-duration", "4", "--multisine-duration", "3", "--multisine-amplitude", "5e-6")
+SHORT = ("--observation", "0.5", "--sweep-duration", "4", "--multisine-duration", "3")
 
 
-def parameters(folder: Path, **faults: Any) -> Path:
-    """The paper's bearing with noisy sensors, emulated more slowly than real time on a port of its own."""
+def parameters(folder: Path, addition: str = "") -> Path:
+    """The file of the guide, for an emulator slower than real time on a port of its own."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
         found.bind(("127.0.0.1", 0))
         port = found.getsockname()[1]
-    content = yaml.safe_load(config("paper").read_text())
-    content["/amb/simulator"]["ros__parameters"]["sensor"] = {"noise": 0.1e-6}
+    content = yaml.safe_load(PARAMETERS)
     emulator: dict[str, Any] = {
         "port": port,
         "real_time_factor": 0.4,
         "limits": {"missed_steps": 1e9, "host_time": 1e3},
     }
-    if faults:  # ROS refuses an empty mapping
-        emulator["faults"] = faults
+    if addition:
+        emulator |= yaml.safe_load(addition)["/amb/target_emulator"]["ros__parameters"]
     content["/amb/target_emulator"] = {"ros__parameters": emulator}
-    content["/amb/hardware_bridge"] = {"ros__parameters": {"link": {"port": port, "timeout": 30.0}}}
+    content["/amb/hardware_bridge"]["ros__parameters"]["link"] |= {"port": port, "timeout": 30.0}
     path = folder / "rig.yaml"
-    path.write_text(yaml.safe_dump(content))
+    path.write_text(re.sub(r": y$", ': "y"', yaml.safe_dump(content), flags=re.MULTILINE))  # a bare y is a bool in ROS
     return path
 
 
@@ -81,7 +83,7 @@ def test_it_leads_from_the_connection_to_the_identified_plant(tmp_path: Path, do
 
 
 def test_a_sensor_with_the_wrong_sign_is_named_and_nothing_moves_afterwards(tmp_path: Path, domain: int) -> None:
-    code, said, protocol = commission(tmp_path, domain, parameters(tmp_path, sensor={"inverted": "y,"}))
+    code, said, protocol = commission(tmp_path, domain, parameters(tmp_path, WRONG_SIGN))
     results = {step["name"]: step for step in protocol["steps"]}
     assert code == 3
     assert results["levitation"]["result"] == "failed", said

@@ -235,7 +235,7 @@ def test_a_protocol_has_every_number_with_its_limit_and_fails_with_one_step(tmp_
         "what": "drift", "value": None, "unit": "ppm", "limit": "at most 2 ppm", "passed": False, "advice": "wait",
     }  # fmt: skip
     assert content["steps"][2]["reason"] == "second has failed"
-    write_report(protocol_report(protocol, {}), tmp_path / "protocol.html")
+    write_report(protocol_report(protocol, []), tmp_path / "protocol.html")
     page = (tmp_path / "protocol.html").read_text()
     assert "Failed: second, fourth. Skipped: third." in page
     assert "at most 2 um" in page

@@ -262,7 +262,7 @@ class Session:
         alarm = bool(rig.wait_for_state().alarm)
         checks.append(Check("alarm", "on" if alarm else "off", limit="off", passed=not alarm))
         rest = record.window(stop - self._steps(0.5 * REST), self._steps(0.5 * REST))
-        self.figures["Orbit of the levitated rotor at rest"] = orbit_chart(rest)
+        self.figures["orbit"] = orbit_chart(rest, title="Orbit of the levitated rotor at rest")
         return rest.position.mean(axis=0), checks
 
     def _how_it_failed(self) -> str:
@@ -276,14 +276,14 @@ class Session:
         if not blocks:
             return ""
         record = merge_blocks(blocks)
-        self.figures["The rotor before the trip"] = response_chart(record, title="Before the trip")
+        self.figures["before_trip"] = response_chart(record, title="The rotor before the trip")
         return f"; {core.runaway(record, self.machine)}"
 
     def _polarity(self) -> list[Check]:
         machine = self.machine
         excitation = core.small_steps(self.settings, len(machine.axes))
         started = self._excite(excitation)
-        self.figures["Small steps of each axis"] = response_chart(self._record(started), title="Small steps")
+        self.figures["small_steps"] = response_chart(self._record(started), title="Small steps of each reference")
         found = core.static_response(self._of_each_axis(excitation, started, before=1, after=1))
         rest = self.telemetry.record(self.run, started.first_step - self._steps(SETTLING), started.first_step)
         return core.calibration_checks(found, rest.current.mean(axis=0), machine, self.settings, self.expected)
@@ -309,7 +309,7 @@ class Session:
         models = None
         if (expected := self.expected) is not None:
             models = [expected.response(loop.frequency, axis) for axis, loop in enumerate(loops)]
-        self.figures["Response of each axis to its reference"] = closed_loop_chart(loops, models)
+        self.figures["closed_loop"] = closed_loop_chart(loops, models)
         return [self._region(started), *core.resonance_checks(loops, self.settings, self.expected)]
 
     def _identify(self) -> list[Check]:

@@ -21,6 +21,7 @@ from amb_bringup.commissioning import Session
 from amb_bringup.launcher import Graph, launch_file, own_domain
 from amb_bringup.node_parameters import check_parameter_file
 from amb_core.commissioning import CommissioningSettings, Expected, Step, expected_of, order_for
+from amb_core.figures.saving import write_image
 from amb_core.files.parameter_files import BRIDGE_NODE, NAMESPACE, RIG_NODES, ParameterFile
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import part_of, validate
@@ -64,7 +65,8 @@ def commission(
     expected = _expected(path, bridge)
     region_map = RegionMap.load(map_file) if map_file is not None else None
     make_folder(out)
-    shutil.rmtree(out / "bag", ignore_errors=True)
+    for folder in ("bag", "figures"):
+        shutil.rmtree(out / folder, ignore_errors=True)
     for name in FILES:
         (out / name).unlink(missing_ok=True)
     domain = own_domain()
@@ -85,7 +87,7 @@ def commission(
     if report and (out / "bag").exists() and not session.protocol.failed:
         order = order_for(len(session.machine.axes))
         write_report(recording_report(Recording.read(out / "bag"), None, order), out / "report.html")
-    console.print(f"protocol.html, protocol.json, bag: {out}")
+    console.print(f"protocol.html, protocol.json, figures, bag: {out}")
     if session.protocol.failed:
         raise typer.Exit(FAILED)
 
@@ -138,6 +140,8 @@ def _show(console: Console, step: Step) -> None:
 
 def _write(session: Session, out: Path) -> None:
     write_json(out / "protocol.json", session.protocol.to_json())
-    write_report(protocol_report(session.protocol, session.figures), out / "protocol.html")
+    write_report(protocol_report(session.protocol, session.figures.values()), out / "protocol.html")
+    for name, chart in session.figures.items():
+        write_image(out / "figures", name, chart.figure(), chart.title, chart.alt)
     if session.model is not None:
         session.model.save(out / "model.json")

@@ -42,9 +42,9 @@ class CommissioningSettings(Parameters):
         0.1, "-", "largest relative error of the natural frequency against the model", 1e-3, 10.0
     )
     damping_error: float = quantity(0.1, "-", "largest error of the damping ratio against the model", 1e-3, 10.0)
-    multisine_amplitude: float = quantity(3e-6, "m", "amplitude of the multisine", 1e-7, 1e-4)
+    multisine_amplitude: float = quantity(5e-6, "m", "amplitude of the multisine", 1e-7, 1e-4)
     multisine_duration: float = quantity(8.0, "s", "duration of the multisine", 1.0, 600.0)
-    multisine_end: float = quantity(2_000.0, "Hz", "highest frequency of the multisine", 100.0, 20_000.0)
+    multisine_end: float = quantity(600.0, "Hz", "highest frequency of the multisine", 100.0, 20_000.0)
     unexplained: float = quantity(
         20.0, "percent", "largest part of the motion that the identified model leaves unexplained, rms", 0.1, 100.0
     )

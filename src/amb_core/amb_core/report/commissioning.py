@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 
 from amb_core.commissioning import Check, Protocol, Step
 from amb_core.figures.chart import Chart
@@ -12,15 +12,15 @@ from amb_core.report.document import Block, FigureBlock, Prose, Report, Section,
 _WORDS = {True: "passed", False: "failed", None: ""}
 
 
-def protocol_report(protocol: Protocol, figures: Mapping[str, Chart]) -> Report:
+def protocol_report(protocol: Protocol, figures: Iterable[Chart]) -> Report:
     """A page with all steps, their numbers and limits.
 
     Parameters
     ----------
     protocol : Protocol
         What was done.
-    figures : mapping of str to Chart
-        Figures by heading.
+    figures : iterable of Chart
+        Their titles become headings.
     """
     failed = protocol.failed
     skipped = [step.name for step in protocol.steps if step.result == "skipped"]
@@ -28,7 +28,7 @@ def protocol_report(protocol: Protocol, figures: Mapping[str, Chart]) -> Report:
     lead += f"Skipped: {', '.join(skipped)}." if skipped else "No step was skipped."
     rows = [(step.name, step.title, step.result, step.reason) for step in protocol.steps]
     sections = [_section(step) for step in protocol.steps if step.began]
-    drawn = [Section(heading, [FigureBlock(chart.page())]) for heading, chart in figures.items()]
+    drawn = [Section(chart.title, [FigureBlock(chart.page())]) for chart in figures]
     return Report(
         f"Commissioning of {protocol.about.get('machine', 'a rig')}",
         lead,
