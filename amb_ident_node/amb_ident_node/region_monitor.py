@@ -181,8 +181,14 @@ class RegionMonitorNode(Node):
             from amb_core.tasks.cluster import check_address  # loads the library of the cluster
 
             check_address(goal.scheduler)
+        machine = self._machine_input.machine
         if goal.parameter_file:
             self._loop_parameters(goal.parameter_file)
+        elif machine is not None and machine.source == "bridge":
+            raise RegionError(
+                f"the running machine {machine.name!r} is a rig: nobody knows its plant to simulate sweeps of it; give "
+                "parameter_file with a plant like it"
+            )
 
     def _on_build_map(
         self, goal: BuildMap.Goal, feedback: Callable[[BuildMap.Feedback], None], cancelled: Callable[[], bool]

@@ -402,6 +402,9 @@ class HardwareBridgeNode(ManagedNode):
                 "round trip (ms)": _shown(1e3 * count.round_trip),
                 "clock of the target (ppm)": _shown(count.clock_drift),
             }
+        if known := self._known:
+            limits = self._settings.protection.lowered(known.limits, self._settings.current_limit)
+            values |= {"firmware": known.firmware, "limits in force": str(limits)}
         if runs is not None:
             values |= {"run": runs.run, "step": runs.next_step}
         if status is not None:

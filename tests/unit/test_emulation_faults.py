@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from amb_core.emulation import FaultyLink, Gap, LinkFaults, SensorFaultParameters
-from amb_core.emulation.faulty_sensors import faulty_axes
+from amb_core.emulation.faulty_sensors import FaultySensors, faulty_axes
 from amb_core.errors import ParameterError
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
@@ -169,6 +169,22 @@ def test_a_sensor_shows_the_value_at_which_it_is_stuck_and_the_true_one_afterwar
         assert [len(set(values)) for values in shown] == [1, 20, 1]
         assert shown[2][0] != shown[0][0]
         assert not bench.command(commands.heartbeat()).status.trips
+
+
+def test_wrongly_wired_sensors_show_the_other_sign_or_each_others_position() -> None:
+    faults = SensorFaultParameters(inverted="x_a", swapped="y_a, y_b")
+    sensors = FaultySensors(("x_a", "y_a", "x_b", "y_b"), faults, 0)
+    position = np.array([1.0, 2.0, 3.0, 4.0])
+    sensors.apply(position)
+    assert position.tolist() == [-1.0, 4.0, 3.0, 2.0]
+    sensors.configure(SensorFaultParameters())
+    sensors.apply(position)
+    assert position.tolist() == [-1.0, 4.0, 3.0, 2.0]
+
+
+def test_sensors_are_swapped_in_pairs() -> None:
+    with pytest.raises(ParameterError, match=r"'faults\.sensor\.swapped' = 'x' is not allowed; allowed: two axes"):
+        FaultySensors(("x", "y"), SensorFaultParameters(swapped="x"), 0)
 
 
 def test_a_failed_sensor_trips_at_once() -> None:

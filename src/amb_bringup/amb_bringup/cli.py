@@ -76,6 +76,10 @@ COMMANDS = {
         "rig:app",
         "Work with a rig behind a real-time target, real or emulated.",
     ),
+    "commission": (
+        "commission:commission",
+        "Commission a rig: check link, sensors, polarity, levitation, resonance, plant and protection, step by step.",
+    ),
     "bag": (
         "bag:app",
         "Inspect, play and recover bags.",

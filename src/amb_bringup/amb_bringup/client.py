@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from amb_bringup.connection import ClientError, GraphConnection
 from amb_bringup.rig import Rig
-from amb_core.files.parameter_files import NODES
+from amb_core.files.parameter_files import BRIDGE_NODE, NODES
 from amb_core.identification import IdentificationProgress, StateSpaceModel
 from amb_core.recording.messages.region_map import region_map_from_message
 from amb_core.recording.messages.region_state import region_state_from_message
@@ -112,11 +112,13 @@ class AmbClient(GraphConnection):
             ROS parameter file for the simulator, which then behaves as if it had been started with it. Relative to the
             working directory of the caller; the simulator must be able to read it.
         """
+        self._require_simulator("simulator/reset")
         self._run = self.call(Reset, "simulator/reset", parameter_file=_absolute(parameter_file or "")).run
         return self._run
 
     def pause(self) -> int:
         """Pause the simulator. Returns the next step."""
+        self._require_simulator("simulator/pause")
         return self.call(Pause, "simulator/pause", repeated=True).step
 
     def run(self, steps: int, progress: Callable[[int], None] | None = None) -> RunEnd:
@@ -131,6 +133,7 @@ class AmbClient(GraphConnection):
         """
         if steps < 1:
             raise ClientError(f"steps = {steps} is not allowed; allowed: 1 or more")
+        self._require_simulator("simulator/run")
         started = self.call(RunSteps, "simulator/run", steps=steps)
         seen_step, deadline = -1, 0.0
         while True:
@@ -153,6 +156,20 @@ class AmbClient(GraphConnection):
                     f"the loop has stood at step {seen_step} for {self.timeout:g} s; is the controller running?"
                 )
             self.spin_once()
+
+    def _require_simulator(self, service: str) -> None:
+        """Wait for the node simulator; ClientError if the graph has a bridge to a rig instead."""
+
+        def found() -> bool:
+            names = self.node.get_node_names()
+            if BRIDGE_NODE in names and "simulator" not in names:
+                raise ClientError(
+                    f"{self.node.resolve_service_name(service)} needs a simulator; this graph has a rig behind "
+                    f"{BRIDGE_NODE}: levitate and land it, with AmbClient.rig or `amb rig`"
+                )
+            return "simulator" in names
+
+        self.wait_until(found, complaint=f"no service {self.node.resolve_service_name(service)}; is the node running?")
 
     # -- excitation
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
@@ -39,15 +40,35 @@ def up(
     Reports when the graph is ready, and what to call then. Exit code 0 after Ctrl-C if every node ends correctly. If a
     node ends on its own, the others are stopped and the exit code is 1.
     """
+    nodes_with(controller)  # refuses an unknown one
+    keep_running(lambda: _graph(composed, params, controller), lambda: _readiness(controller), keep_going)
+
+
+def keep_running(
+    make_graph: Callable[[], Graph], make_readiness: Callable[[], Readiness], keep_going: bool = False
+) -> None:
+    """Run a graph in the foreground until Ctrl-C, and report when it is ready.
+
+    Parameters
+    ----------
+    make_graph, make_readiness : callable
+        Make the graph, and what monitors its start.
+    keep_going : bool
+        Leave the other nodes running when one has ended.
+
+    Raises
+    ------
+    typer.Exit
+        With code 1 if a node ends on its own, or not cleanly.
+    """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)
     reported: dict[str, int] = {}
     graph: Graph | None = None
     try:
-        nodes_with(controller)  # refuses an unknown one
-        graph = _graph(composed, params, controller)
+        graph = make_graph()
         with graph:
-            _watch(graph, reported, keep_going, controller)
+            _watch(graph, reported, keep_going, make_readiness)
     except KeyboardInterrupt:
         typer.echo("amb: stopped", err=True)
     codes = graph.ended() if graph is not None else {}
@@ -59,27 +80,31 @@ def up(
         raise typer.Exit(1)
 
 
-def _graph(composed: bool, params: Path | None, controller: str) -> Graph:
-    """The graph to start, after a check that its nodes will accept the parameters."""
+def shown_graph(name: str, arguments: dict[str, str], params: Path | None) -> Graph:
+    """The graph of a launch file with its output on the terminal, after a check that its nodes take the parameters."""
     from amb_bringup.launcher import Graph, launch_file
 
-    def show(name: str, text: str) -> None:
-        typer.echo(f"{typer.style(f'[{name}]', fg='cyan')} {text}")
+    def show(node: str, text: str) -> None:
+        typer.echo(f"{typer.style(f'[{node}]', fg='cyan')} {text}")
 
-    arguments = {}
-    if composed and controller != CONTROLLERS[0]:
-        raise ParameterError(f"--composed --controller {controller} is not allowed; allowed: {CONTROLLERS[0]}")
-    if not composed:
-        arguments["controller"] = controller
     if params is not None:
         from amb_bringup.node_parameters import check_parameter_file
 
         check_parameter_file(params)  # one line here; six from the nodes, and a traceback from rcl
-        arguments["params"] = str(params.absolute())
-    return Graph.from_launch_file(launch_file("composed" if composed else "bearing"), arguments, output=show)
+        arguments = {**arguments, "params": str(params.absolute())}
+    return Graph.from_launch_file(launch_file(name), arguments, output=show)
 
 
-def _watch(graph: Graph, reported: dict[str, int], keep_going: bool, controller: str) -> None:
+def _graph(composed: bool, params: Path | None, controller: str) -> Graph:
+    """The graph of a loop to start."""
+    if composed and controller != CONTROLLERS[0]:
+        raise ParameterError(f"--composed --controller {controller} is not allowed; allowed: {CONTROLLERS[0]}")
+    if composed:
+        return shown_graph("composed", {}, params)
+    return shown_graph("bearing", {"controller": controller}, params)
+
+
+def _watch(graph: Graph, reported: dict[str, int], keep_going: bool, make_readiness: Callable[[], Readiness]) -> None:
     """Report when the graph is ready, and every node that ends, until one or (`keep_going`) all have ended."""
     readiness: Readiness | None = None
     try:
@@ -92,7 +117,7 @@ def _watch(graph: Graph, reported: dict[str, int], keep_going: bool, controller:
             if ready or reported:
                 continue
             if readiness is None:
-                readiness = _readiness(controller)
+                readiness = make_readiness()
             missing = readiness.missing(0.1)
             if not missing:
                 ready = True
@@ -107,9 +132,9 @@ def _watch(graph: Graph, reported: dict[str, int], keep_going: bool, controller:
 
 
 def _readiness(controller: str) -> Readiness:
-    from amb_bringup.readiness import Readiness  # takes seconds to import while the nodes start
+    from amb_bringup.readiness import LoopReadiness  # takes seconds to import while the nodes start
 
-    return Readiness(controller)
+    return LoopReadiness(controller)
 
 
 def _report_end(name: str, code: int, when: str = "") -> None:

@@ -15,8 +15,27 @@ from amb_core.files.parameter_files import RIG_NODES
 
 if TYPE_CHECKING:
     from amb_bringup.client import AmbClient
+    from amb_bringup.readiness import Readiness
 
 app = typer.Typer(no_args_is_help=True, help="Work with a rig behind a real-time target, real or emulated.")
+
+
+@app.command()
+def up(
+    emulator: Annotated[
+        bool, typer.Option("--emulator", help="Start an emulated target on this machine, too.")
+    ] = False,
+    params: ParamsOption = None,
+) -> None:
+    """Start the nodes of a rig and show their output, until Ctrl-C.
+
+    Reports when the graph is ready, and what to call then. Exit codes as those of `amb up`. At its end the rotor is
+    landed, unless the parameter `at_exit` of hardware_bridge leaves it levitated.
+    """
+    from amb_bringup.commands.graph import keep_running, shown_graph
+
+    arguments = {"emulator": str(emulator).lower()}
+    keep_running(lambda: shown_graph("rig", arguments, params), _readiness)
 
 
 @app.command()
@@ -105,6 +124,12 @@ def demo(
     table.add_row("duration", f"{summary.seconds:.0f} s")
     console.print(table)
     console.print(f"bag, model.json, report.html, summary.json: {out}")
+
+
+def _readiness() -> Readiness:
+    from amb_bringup.readiness import RigReadiness  # takes seconds to import while the nodes start
+
+    return RigReadiness()
 
 
 def _client() -> AmbClient:

@@ -89,6 +89,8 @@ class SensorFaultParameters(Parameters):
     noisy: str = choice("", "axes whose sensors have additional noise", runtime=True)
     noise: float = quantity(5e-6, "m", "standard deviation of that noise", 0.0, 1e-2, runtime=True)
     failed: str = choice("", "axes whose sensors have failed: their positions are NaN", runtime=True)
+    inverted: str = choice("", "axes whose sensors have the wrong sign", runtime=True)
+    swapped: str = choice("", "two axes whose sensors are plugged in each other's place", runtime=True)
 
 
 class FaultParameters(Parameters):

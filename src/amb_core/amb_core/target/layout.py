@@ -172,6 +172,9 @@ class Limits:
             if not value > 0.0:  # not NaN
                 raise TargetError(f"limit {name} is {value:g}; allowed: more than 0")
 
+    def __str__(self) -> str:
+        return ", ".join(f"{field.name} {getattr(self, field.name):g}" for field in fields(self))
+
     def to_bytes(self) -> bytes:
         """As in frames."""
         return struct.pack(f"<{len(fields(self))}d", *astuple(self))

@@ -1,0 +1,419 @@
+"""Commissions a rig step by step through the nodes of its graph; `amb_core.commissioning` decides what passes.
+
+Each step returns its checks. After one that fails no further step moves the rotor: the rotor is landed, and what was
+measured so far is written. So is it after an error and after Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
+
+from amb_bringup.client import AmbClient, StartedExcitation
+from amb_bringup.connection import ClientError
+from amb_bringup.rig import MODES
+from amb_bringup.run_telemetry import RunTelemetry
+from amb_core import commissioning as core
+from amb_core.commissioning import Check, CommissioningSettings, Expected, Protocol, Step, at_most, measured
+from amb_core.errors import AmbError, BagError
+from amb_core.excitation import Excitation, generate
+from amb_core.excitation.axes import parts_of
+from amb_core.excitation_design.beyond_a import highest_load
+from amb_core.figures.chart import Chart
+from amb_core.figures.closed_loop import closed_loop_chart
+from amb_core.figures.loop import orbit_chart, response_chart
+from amb_core.loop.machine import Machine
+from amb_core.loop.records import LoopRecord
+from amb_core.loop.telemetry import merge_blocks
+from amb_core.model import StateSpaceModel
+from amb_core.recording.messages.loop_samples import block_from_message
+from amb_core.recording.messages.machine import machine_from_message
+from amb_core.regions import Region
+from amb_core.regions.region_map import RegionMap
+from amb_core.units import UM
+from amb_msgs.msg import BridgeState
+from amb_msgs.msg import Machine as MachineMessage
+from amb_ros import topics
+from amb_ros.qos import HISTORY, LATCHED
+from amb_ros.subscriptions import create_subscription
+from amb_sim_node.parameters import BridgeParameters
+
+T = TypeVar("T")
+
+START = 1.0  # s after the connection: the first telemetry comes in a burst
+REST = 1.0  # s of rest after a levitation; half of it is evaluated
+SETTLING = 0.3  # s after an excitation
+BEFORE_STOP = 0.5  # s for which the tone plays that is stopped
+FADING = 30.0  # s of wall-clock time for a fade
+ATTEMPTS = 3  # of a measurement whose telemetry is not whole
+TRIP_TIMEOUT = 5.0  # s until the trip after a failed levitation has arrived
+ROUND_TRIP, CLOCK_DRIFT = "round trip (ms)", "clock of the target (ppm)"  # keys of the bridge's diagnostics
+
+
+@dataclass
+class Session:
+    """A commissioning in progress.
+
+    Attributes
+    ----------
+    amb : AmbClient
+        In the graph of the rig.
+    settings : CommissioningSettings
+        Excitations and limits.
+    bridge : BridgeParameters
+        Of the bridge in that graph.
+    expected : Expected or None
+        Of the model of the machine.
+    region_map : RegionMap or None
+        That excitations are checked against.
+    confirm : callable
+        Asks whether something may be done, or was seen; True if so. None: nobody is asked and nothing is seen.
+    check : callable
+        Raises AmbError if a node of the graph has ended.
+    show : callable
+        Called with each step when it begins, and when it has ended.
+    protocol, figures, model
+        What was done, what it looks like, and the identified model if there is one.
+    run : int
+        The present run; 0 while the rotor is not levitated.
+    """
+
+    amb: AmbClient
+    settings: CommissioningSettings
+    bridge: BridgeParameters
+    expected: Expected | None
+    region_map: RegionMap | None
+    confirm: Callable[[str], bool] | None
+    check: Callable[[], None]
+    show: Callable[[Step], None]
+    protocol: Protocol = field(default_factory=Protocol)
+    figures: dict[str, Chart] = field(default_factory=dict)
+    model: StateSpaceModel | None = None
+    run: int = 0
+
+    def __post_init__(self) -> None:
+        node = self.amb.node
+        self.telemetry = RunTelemetry(self.amb)
+        self._machine: Machine | None = None
+        self._link: dict[str, str] = {}
+        create_subscription(node, MachineMessage, topics.MACHINE, self._on_machine, LATCHED)
+        create_subscription(node, DiagnosticArray, "/diagnostics", self._on_diagnostics, HISTORY)
+
+    @property
+    def machine(self) -> Machine:
+        """The machine of the target; known once the bridge is connected."""
+        self.amb.wait_until(lambda: self._machine is not None, complaint="no machine of hardware_bridge")
+        assert self._machine is not None
+        return self._machine
+
+    def carry_out(self, bag: Path) -> Protocol:
+        """All steps; the rotor is landed at the end in every case.
+
+        Parameters
+        ----------
+        bag : Path
+            Folder of the bag that is made once the target is connected.
+        """
+        try:
+            self._step("connection", "Connect to the target and observe the link", self._connect)
+            if not self.protocol.failed:
+                self.amb.start_recording(bag)
+            self._step("sensors", "Sensors while the rotor rests, currents off", self._sensors)
+            self._step("emergency stop", "Emergency stop, by hand, currents off", self._emergency_stop)
+            self._step("levitation", "Levitate, land, and levitate again", self._levitate, "levitate the rotor")
+            self._step("polarity", "Polarity and calibration: small steps of each reference", self._polarity, "excite")
+            self._step("map", "Excitations on the region map", self._map)
+            self._step("sweep", "Sweep of each axis in region A", self._sweep, "sweep each axis")
+            self._step("identification", "Identify the plant", self._identify, "excite with a multisine")
+            self._step("protection", "Stop an excitation while it plays", self._protection, "excite and stop")
+        finally:
+            self._step("landing", "Land", self._land, always=True)
+            if bag.exists():
+                state = self.amb.rig.wait_for_state()
+                self.amb.stop_recording(int(state.run), int(state.step))
+        return self.protocol
+
+    def _step(
+        self, name: str, title: str, action: Callable[[], list[Check]], moves: str = "", always: bool = False
+    ) -> None:
+        """Carry out a step, unless one before it has failed or the user refuses it."""
+        step = Step(name, title)
+        self.protocol.steps.append(step)
+        self.show(step)
+        failed = self.protocol.failed
+        if failed and not always:
+            step.skipped = f"{failed[0].name} has failed"
+        elif moves and name != "levitation" and not self.run:
+            step.skipped = "the rotor is not levitated"
+        elif moves and self.confirm is not None and not self.confirm(f"{title}: {moves} now?"):
+            step.skipped = "not confirmed"
+        if not step.skipped:
+            began = time.monotonic()
+            step.began = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
+            try:
+                step.checks = action()
+            except _NotDoneError as reason:
+                step.skipped = str(reason)
+            except AmbError as problem:
+                step.problem = self._why(problem)
+            except KeyboardInterrupt:
+                step.problem = "interrupted"
+                raise
+            finally:
+                step.seconds = round(time.monotonic() - began, 3)
+        self.show(step)
+
+    def _why(self, problem: AmbError) -> str:
+        """A problem, or the node that has ended and thereby caused it."""
+        try:
+            self.check()
+        except AmbError as ended:
+            return str(ended)
+        return str(problem)
+
+    # -- steps
+
+    def _connect(self) -> list[Check]:
+        settings, rig = self.settings, self.amb.rig
+        rig.connect()
+        self._spend(START)
+        machine, before = self.machine, rig.wait_for_state()
+        self._spend(settings.observation)
+        self.amb.wait_until(
+            lambda: all(self._link.get(key, "-") != "-" for key in (ROUND_TRIP, CLOCK_DRIFT)),
+            complaint="round trip and clock drift are not known: no /diagnostics of hardware_bridge",
+        )
+        after = rig.wait_for_state()
+        for key in ("firmware", "limits in force"):
+            self.protocol.about[key] = self._link.get(key, "-")
+        self.protocol.about["machine"] = (
+            f"{machine.name}, axes {', '.join(machine.axis_names)}, {machine.sample_rate:g} Hz"
+        )
+        lost = (after.lost - before.lost) / max(after.target_step - before.target_step, 1)
+        advice = "another switch, cable or network card; nothing else on the network of the rig"
+        return [
+            measured("machine", self.protocol.about["machine"]),
+            measured("firmware", self.protocol.about["firmware"]),
+            at_most("share of telemetry lost", lost, settings.lost_share, "-", advice),
+            at_most("control steps missed", float(after.missed - before.missed), settings.most_missed, "-",
+                    "the control step takes too long, or something interrupts it: see target/PORTING.md"),
+            at_most("round trip of a command", float(self._link[ROUND_TRIP]), 1e3 * settings.round_trip, "ms", advice),
+            at_most("drift of the target's clock", abs(float(self._link[CLOCK_DRIFT])), settings.clock_drift, "ppm",
+                    "the sample rate of the target is not what its configuration says"),
+        ]  # fmt: skip
+
+    def _sensors(self) -> list[Check]:
+        state = self.amb.rig.wait_for_state()
+        if state.mode not in (BridgeState.OFF, BridgeState.TRIPPED):
+            raise AmbError("the rotor is levitated already; land it first")
+        positions: list[NDArray[np.float64]] = []
+        until, seen = time.monotonic() + self.settings.observation, state.sequence
+        while time.monotonic() < until or len(positions) < 2:
+            state = self.amb.rig.wait_for_state()
+            if state.sequence != seen:
+                seen = state.sequence
+                positions.append(np.array(state.position))
+            self.amb.spin_once()
+        return core.rest_checks(np.array(positions), self.machine, self.settings)
+
+    def _emergency_stop(self) -> list[Check]:
+        if self.confirm is None:
+            raise _NotDoneError(
+                "nobody was asked; press it with the rotor at rest: the amplifiers must lose their supply"
+            )
+        seen = self.confirm("Press the emergency stop. Did the amplifiers lose their supply?")
+        if seen and not self.confirm("Release it and switch the amplifiers on. Are they ready?"):
+            raise AmbError("the amplifiers are not ready")
+        self.amb.rig.reset_faults()
+        return [Check("emergency stop", "works" if seen else "not seen to work", limit="works", passed=seen,
+                      advice="do not levitate before it works; software protects no people")]  # fmt: skip
+
+    def _levitate(self) -> list[Check]:
+        first, _ = _whole(self._one_levitation)
+        second, checks = _whole(self._one_levitation)
+        change = UM * float(np.abs(second - first).max())
+        limit = UM * self.settings.repeatability
+        return [*checks, at_most("change of the position from the first to the second", change, limit, "um",
+                                 "hysteresis, a sensor or a support that is loose")]  # fmt: skip
+
+    def _one_levitation(self) -> tuple[NDArray[np.float64], list[Check]]:
+        """Levitate, and look at the rotor once it rests. Returns its position (m), and the checks."""
+        machine, rig = self.machine, self.amb.rig
+        if rig.life_cycle() == "active":
+            rig.land()
+        try:
+            self.run = rig.levitate()
+            stop = int(rig.wait_for_state().step) + self._steps(REST)
+            rig.wait_for_step(stop)
+        except ClientError as problem:
+            self.run = 0
+            raise AmbError(f"{problem}{self._how_it_failed()}") from None
+        record = self.telemetry.record(self.run, 0, stop)
+        limits = np.minimum([axis.current_limit for axis in machine.axes], self.bridge.current_limit)
+        checks = core.levitation_checks(record, machine, limits, self.settings)
+        alarm = bool(rig.wait_for_state().alarm)
+        checks.append(Check("alarm", "on" if alarm else "off", limit="off", passed=not alarm))
+        rest = record.window(stop - self._steps(0.5 * REST), self._steps(0.5 * REST))
+        self.figures["orbit"] = orbit_chart(rest, title="Orbit of the levitated rotor at rest")
+        return rest.position.mean(axis=0), checks
+
+    def _how_it_failed(self) -> str:
+        """What the telemetry before the last trip shows, as a clause; empty without."""
+        trips = self.amb.rig.trips
+        try:
+            self.amb.wait_until(lambda: bool(trips), TRIP_TIMEOUT)
+        except ClientError:
+            return ""
+        blocks = [block_from_message(block) for block in trips[-1].before]
+        if not blocks:
+            return ""
+        record = merge_blocks(blocks)
+        self.figures["before_trip"] = response_chart(record, title="The rotor before the trip")
+        return f"; {core.runaway(record, self.machine)}"
+
+    def _polarity(self) -> list[Check]:
+        machine = self.machine
+        excitation = core.small_steps(self.settings, len(machine.axes))
+        started = self._excite(excitation)
+        self.figures["small_steps"] = response_chart(self._record(started), title="Small steps of each reference")
+        found = core.static_response(self._of_each_axis(excitation, started, before=1, after=1))
+        rest = self.telemetry.record(self.run, started.first_step - self._steps(SETTLING), started.first_step)
+        return core.calibration_checks(found, rest.current.mean(axis=0), machine, self.settings, self.expected)
+
+    def _map(self) -> list[Check]:
+        if self.region_map is None:
+            raise _NotDoneError("no --map was given")
+        checks = []
+        for excitation in (core.sweep(self.settings), core.multisine(self.settings)):
+            signal = generate(excitation, self.machine.sample_rate, self.machine)
+            found = highest_load(signal, self.region_map, self.bridge)
+            advice = "lower its amplitude, or its highest frequency"
+            checks.append(at_most(f"load of the {excitation.kind} on {found.axis}, 1: end of region A", found.load, 1.0,
+                                  "-", advice))  # fmt: skip
+        return checks
+
+    def _sweep(self) -> list[Check]:
+        excitation = core.sweep(self.settings)
+        started = self._excite(excitation)
+        records = self._of_each_axis(excitation, started, after=self._steps(SETTLING))
+        band = excitation.frequency_start, excitation.frequency_end
+        loops = [core.closed_loop(record, axis, band) for axis, record in enumerate(records)]
+        models = None
+        if (expected := self.expected) is not None:
+            models = [expected.response(loop.frequency, axis) for axis, loop in enumerate(loops)]
+        self.figures["closed_loop"] = closed_loop_chart(loops, models)
+        return [self._region(started), *core.resonance_checks(loops, self.settings, self.expected)]
+
+    def _identify(self) -> list[Check]:
+        started = self._excite(core.multisine(self.settings))
+        self.model = self.amb.identify(order=core.order_for(len(self.machine.axes)), focus="simulation")
+        rest = self.telemetry.record(self.run, started.first_step - self._steps(SETTLING), started.first_step)
+        verdicts = core.model_checks(self.model, self._record(started), rest, self.settings, self.expected)
+        return [self._region(started), *verdicts]
+
+    def _protection(self) -> list[Check]:
+        rig = self.amb.rig
+        started = self.amb.start_excitation(
+            "tones", **core.tone(self.settings, self.machine.axis_names[0]).model_dump()
+        )
+        rig.wait_for_step(started.first_step + self._steps(BEFORE_STOP))
+        asked = int(rig.wait_for_state().step)
+        self.amb.stop_excitation()
+        self.amb.wait_until(
+            lambda: rig.wait_for_state().excitation == BridgeState.NONE, FADING, "the excitation goes on"
+        )
+        stop = int(rig.wait_for_state().step) + self._steps(SETTLING)
+        rig.wait_for_step(stop)
+        record = self.telemetry.record(self.run, started.first_step, stop)
+        checks = core.fade_checks(record.reference, asked - started.first_step, record.sample_time, self.settings)
+        return [*checks, Check("trips", "; ".join(trip.text for trip in rig.trips) or "none", limit="none",
+                               passed=not rig.trips)]  # fmt: skip
+
+    def _land(self) -> list[Check]:
+        rig = self.amb.rig
+        if rig.life_cycle() == "active":
+            rig.land()
+        self.run = 0
+        state = rig.wait_for_state()
+        mode = MODES[state.mode]
+        off = state.mode in (BridgeState.OFF, BridgeState.TRIPPED)
+        place = ", ".join(f"{axis} {UM * value:.1f}" for axis, value in zip(state.axes, state.position, strict=False))
+        return [
+            Check("target", mode, limit="off or tripped", passed=off, advice="use the emergency stop"),
+            measured("position", f"{place} um"),
+        ]
+
+    # -- excitations
+
+    def _excite(self, excitation: Excitation) -> StartedExcitation:
+        """Apply an excitation after a moment of rest, and wait until the rotor rests again.
+
+        It is repeated if telemetry is lost in between.
+        """
+        return _whole(lambda: self._excite_once(excitation))
+
+    def _excite_once(self, excitation: Excitation) -> StartedExcitation:
+        rig, rest = self.amb.rig, self._steps(SETTLING)
+        rig.wait_for_step(int(rig.wait_for_state().step) + 2 * rest)
+        started = self.amb.start_excitation(excitation.kind, **excitation.model_dump())
+        stop = started.first_step + started.steps + rest
+        rig.wait_for_step(stop)
+        self.telemetry.record(self.run, started.first_step - rest, stop)
+        return started
+
+    def _record(self, started: StartedExcitation) -> LoopRecord:
+        return self.telemetry.record(self.run, started.first_step, started.first_step + started.steps)
+
+    def _of_each_axis(
+        self, excitation: Excitation, started: StartedExcitation, before: int = 0, after: int = 0
+    ) -> list[LoopRecord]:
+        """The samples while each axis in turn is excited, with some before and after."""
+        first = started.first_step
+        return [
+            self.telemetry.record(self.run, first + part.first - before, first + part.stop + after)
+            for part in parts_of(excitation.axes, started.steps, self.machine)
+        ]
+
+    def _region(self, started: StartedExcitation) -> Check:
+        stop = started.first_step + started.steps
+        region = Region(self.telemetry.highest_region(self.run, started.first_step, stop))
+        return Check("highest region", region.name, limit="A", passed=region is Region.A, advice="lower the amplitude")
+
+    def _steps(self, seconds: float) -> int:
+        return round(seconds * self.machine.sample_rate)
+
+    def _spend(self, seconds: float) -> None:
+        """Listen for a while."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            self.amb.spin_once()
+
+    def _on_machine(self, message: MachineMessage) -> None:
+        self._machine = machine_from_message(message)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.endswith("hardware_bridge"):
+                self._link = {item.key: item.value for item in status.values}
+
+
+class _NotDoneError(Exception):
+    """A step was not done; the text says why."""
+
+
+def _whole(measure: Callable[[], T]) -> T:
+    """What a measurement returns; it is repeated if some of its telemetry has been lost."""
+    for _ in range(ATTEMPTS - 1):
+        try:
+            return measure()
+        except BagError:
+            continue
+    return measure()

@@ -1,0 +1,39 @@
+"""Commissioning of a rig: what each step measures, its limits, what is expected of a model, and the protocol."""
+
+from amb_core.commissioning.expected import Expected, expected_of
+from amb_core.commissioning.experiments import multisine, order_for, small_steps, sweep, tone
+from amb_core.commissioning.levitation import levitation_checks, rest_checks, runaway
+from amb_core.commissioning.protocol import Check, Protocol, Step, at_least, at_most, between, measured
+from amb_core.commissioning.response import ClosedLoop, StaticResponse, closed_loop, fit_second_order, static_response
+from amb_core.commissioning.settings import CommissioningSettings
+from amb_core.commissioning.verdicts import calibration_checks, fade_checks, model_checks, resonance_checks
+
+__all__ = [
+    "Check",
+    "ClosedLoop",
+    "CommissioningSettings",
+    "Expected",
+    "Protocol",
+    "StaticResponse",
+    "Step",
+    "at_least",
+    "at_most",
+    "between",
+    "calibration_checks",
+    "closed_loop",
+    "expected_of",
+    "fade_checks",
+    "fit_second_order",
+    "levitation_checks",
+    "measured",
+    "model_checks",
+    "multisine",
+    "order_for",
+    "resonance_checks",
+    "rest_checks",
+    "runaway",
+    "small_steps",
+    "static_response",
+    "sweep",
+    "tone",
+]

@@ -1,0 +1,57 @@
+"""What the model of a machine lets expect of its rig: gains and currents at rest, resonances, unstable poles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.loop.control import ControllerParameters
+from amb_core.plant import Plant, PlantParameters, linearize
+
+if TYPE_CHECKING:
+    import control
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """Of the linearised machine in the loop of its controller.
+
+    Attributes
+    ----------
+    gain : ndarray, shape (axes, axes)
+        Change of the position at rest (row) over that of the reference (column).
+    current : ndarray, shape (axes,)
+        Control currents at rest (A).
+    unstable_poles : int
+        Of the plant alone.
+    """
+
+    gain: NDArray[np.float64]
+    current: NDArray[np.float64]
+    unstable_poles: int
+    loop: control.StateSpace
+
+    def response(self, frequency: NDArray[np.float64], axis: int) -> NDArray[np.complex128]:
+        """From reference to position of an axis at some frequencies (Hz), shape (frequencies,)."""
+        at = np.exp(2j * np.pi * frequency * self.loop.dt)
+        return np.asarray(self.loop(at, squeeze=False)[axis, axis], dtype=np.complex128)
+
+
+def expected_of(plant: PlantParameters, controller: ControllerParameters) -> Expected:
+    """What to expect of a machine with a PD controller.
+
+    Raises
+    ------
+    PlantError
+        If the controller cannot hold the rotor.
+    """
+    found = linearize(Plant(plant), controller.at_rate(plant.integration.sample_rate))
+    current = found.point.current_reference
+    if found.axial_point is not None:
+        current = np.append(current, found.axial_point.current_reference)
+    loop = found.closed_loop
+    unstable = int(np.sum(np.abs(found.discrete.poles()) > 1.0))
+    return Expected(np.real(loop(1.0, squeeze=False)), current, unstable, loop)

@@ -1,0 +1,57 @@
+"""Excitations of a commissioning: small ones, inside region A of bearings like those of this project."""
+
+from __future__ import annotations
+
+from amb_core.commissioning.settings import CommissioningSettings
+from amb_core.excitation import Multisine, Square, Sweep, Tones
+
+STEP_FREQUENCY = 4.0  # Hz: half a period is many times the settling time of a bearing
+STEP_PERIODS = 4
+MULTISINE_START = 2.0  # Hz
+TONE_FREQUENCY, TONE_DURATION = 20.0, 8.0  # Hz, s; the tone is stopped long before
+
+
+def small_steps(settings: CommissioningSettings, axes: int) -> Square:
+    """Steps of the reference up and down, one axis after the other."""
+    duration = axes * STEP_PERIODS / STEP_FREQUENCY
+    return Square(amplitude=settings.step_amplitude, duration=duration, frequency=STEP_FREQUENCY, axes="in_turn")
+
+
+def sweep(settings: CommissioningSettings) -> Sweep:
+    """A rising sine, one axis after the other."""
+    return Sweep(
+        amplitude=settings.sweep_amplitude,
+        duration=settings.sweep_duration,
+        axes="in_turn",
+        frequency_start=settings.sweep_start,
+        frequency_end=settings.sweep_end,
+    )
+
+
+def multisine(settings: CommissioningSettings) -> Multisine:
+    """All axes in orthogonal experiments, for identification."""
+    return Multisine(
+        amplitude=settings.multisine_amplitude,
+        axes="orthogonal",
+        duration=settings.multisine_duration,
+        periods=4,
+        frequency_start=MULTISINE_START,
+        frequency_end=settings.multisine_end,
+        phasing="optimised",
+        odd=True,
+    )
+
+
+def tone(settings: CommissioningSettings, axis: str) -> Tones:
+    """A sine on one axis that is stopped before its end."""
+    return Tones(
+        frequencies=(TONE_FREQUENCY,), amplitudes=(settings.sweep_amplitude,), duration=TONE_DURATION, axes=axis
+    )
+
+
+def order_for(axes: int) -> int:
+    """Order of an identified model.
+
+    Two states for each rigid coordinate at an axis, and one for its amplifier; the paper's ten for one bearing.
+    """
+    return 10 if axes == 2 else 3 * axes

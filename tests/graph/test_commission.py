@@ -1,0 +1,123 @@
+"""`amb commission` and `amb rig up` as a user types them, on an emulated rig."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from amb_bringup.client import AmbClient, ClientError
+from amb_bringup.packages import find_executable
+from amb_core.files.parameter_files import RIG_NODES
+from amb_core.model import StateSpaceModel
+from amb_core.recording import Recording
+
+GUIDE = Path(__file__).parents[2] / "docs" / "commissioning.md"
+PARAMETERS, WRONG_SIGN = re.findall(r"^```yaml\n(.*?)^```$", GUIDE.read_text(), re.DOTALL | re.MULTILINE)
+
+TIMEOUT = 540.0
+LENIENT = ("--clock-drift", "1e7", "--most-missed", "1000000000", "--round-trip", "10", "--lost-share", "1")
+"""What a machine that is slower than real time decides."""
+SHORT = ("--observation", "0.5", "--sweep-duration", "4", "--multisine-duration", "3")
+
+
+def parameters(folder: Path, addition: str = "") -> Path:
+    """The file of the guide, for an emulator slower than real time on a port of its own."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+        found.bind(("127.0.0.1", 0))
+        port = found.getsockname()[1]
+    content = yaml.safe_load(PARAMETERS)
+    emulator: dict[str, Any] = {
+        "port": port,
+        "real_time_factor": 0.4,
+        "limits": {"missed_steps": 1e9, "host_time": 1e3},
+    }
+    if addition:
+        emulator |= yaml.safe_load(addition)["/amb/target_emulator"]["ros__parameters"]
+    content["/amb/target_emulator"] = {"ros__parameters": emulator}
+    content["/amb/hardware_bridge"]["ros__parameters"]["link"] |= {"port": port, "timeout": 30.0}
+    path = folder / "rig.yaml"
+    path.write_text(re.sub(r": y$", ': "y"', yaml.safe_dump(content), flags=re.MULTILINE))  # a bare y is a bool in ROS
+    return path
+
+
+def commission(folder: Path, domain: int, path: Path) -> tuple[int, str, dict[str, Any]]:
+    """Exit code, output and protocol."""
+    command = [str(find_executable("amb_bringup", "amb")), "commission", "--emulator", "--yes", "--params", str(path)]
+    command += ["--out", str(folder / "out"), *LENIENT, *SHORT, "--no-report"]
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "COLUMNS": "400"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIMEOUT)
+    assert "Traceback" not in done.stderr, done.stderr
+    return done.returncode, done.stdout, json.loads((folder / "out" / "protocol.json").read_text())
+
+
+@pytest.mark.timeout(600)
+def test_it_leads_from_the_connection_to_the_identified_plant(tmp_path: Path, domain: int) -> None:
+    code, said, protocol = commission(tmp_path, domain, parameters(tmp_path))
+    results = {step["name"]: step["result"] for step in protocol["steps"]}
+    skipped = {"emergency stop": "skipped", "map": "skipped"}
+    done = ("connection", "sensors", "levitation", "polarity", "sweep", "identification", "protection", "landing")
+    assert results == dict.fromkeys(done, "passed") | skipped, said
+    assert (code, protocol["result"]) == (0, "passed")
+    values = {check["what"]: check["value"] for step in protocol["steps"] for check in step["checks"]}
+    assert values["natural frequency of x"] == pytest.approx(62.7, rel=0.02)
+    assert values["control current at rest of y"] == pytest.approx(1.363, abs=0.02)
+    assert values["unstable poles of the plant"] == 2
+    assert values["target"] == "off"
+    assert len(protocol["about"]["SHA-256 of it"]) == 64
+    out = tmp_path / "out"
+    assert "No step failed. Skipped: emergency stop, map." in (out / "protocol.html").read_text()
+    assert StateSpaceModel.load(out / "model.json").order == 10
+    recording = Recording.read(out / "bag")
+    assert not recording.truncated
+    kinds = [item.kind for item in recording.excitations(recording.runs[-1])]
+    assert [kind for kind in kinds if kind != "stop"] == ["square", "sweep", "multisine", "tones"]
+
+
+def test_a_sensor_with_the_wrong_sign_is_named_and_nothing_moves_afterwards(tmp_path: Path, domain: int) -> None:
+    code, said, protocol = commission(tmp_path, domain, parameters(tmp_path, WRONG_SIGN))
+    results = {step["name"]: step for step in protocol["steps"]}
+    assert code == 3
+    assert results["levitation"]["result"] == "failed", said
+    assert (
+        "y ran upwards, so it was not the weight; its sensor or its coils have the wrong sign"
+        in (results["levitation"]["reason"])
+    )
+    assert [results[name]["result"] for name in ("polarity", "sweep", "identification")] == ["skipped"] * 3
+    assert results["landing"]["result"] == "passed"
+
+
+def test_rig_up_shows_what_to_call_next_and_refuses_what_needs_a_simulator(tmp_path: Path, domain: int) -> None:
+    amb = str(find_executable("amb_bringup", "amb"))
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(
+        [amb, "rig", "up", "--emulator", "--params", str(parameters(tmp_path))],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment, start_new_session=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        ready = next(line for line in process.stdout if line.startswith("amb: ready"))
+        assert "5 nodes; not connected to the target yet" in ready
+        for _ in ("amb rig connect", "amb rig levitate"):
+            hint = process.stdout.readline().strip()
+            answer = subprocess.run(hint, shell=True, capture_output=True, text=True, timeout=TIMEOUT, env=environment)
+            assert answer.returncode == 0, answer.stderr
+        assert "levitated: run" in answer.stdout
+        with AmbClient(domain_id=domain, nodes=RIG_NODES) as client:
+            with pytest.raises(ClientError, match="/amb/simulator/run needs a simulator; this graph has a rig"):
+                client.run(100)
+            with pytest.raises(ClientError, match="the running machine 'point_mass' is a rig"):
+                client.build_map()
+    finally:
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=TIMEOUT)
+    assert "Traceback" not in rest, rest
+    assert process.returncode == 0, rest
