@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from amb_bringup.cli import app
 from amb_core.errors import AmbError, ParameterError, PlantError
 from amb_core.loop.control import ControllerParameters
-from amb_core.plant import FlexibleRotorParameters, Plant, PlantParameters, RotorParameters, uniform_shaft
+from amb_core.plant import Plant, PlantParameters, RotorParameters
 from amb_core.running_speeds import SpeedSettings, SpeedTask, identify_over_speeds
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"
@@ -21,27 +21,15 @@ POINT_MASS = PlantParameters(rotor=RotorParameters(gravity=0.0))
 QUICK = SpeedSettings(period=0.1, frequency_start=10.0, settling=0.05)
 
 
-def test_the_band_reaches_over_the_bending_modes_that_the_sample_rate_shows(tmp_path):
-    modes = tmp_path / "shaft.npz"
-    uniform_shaft(0.9, 0.048, (-0.3, 0.3), bending_modes=4).save(modes)  # 273, 752, 1470 and 2440 Hz
-    flexible = PlantParameters(
-        rotor=RotorParameters(model="flexible"), flexible_rotor=FlexibleRotorParameters(modal_data=str(modes))
-    )
-    settings = SpeedSettings()
-    assert settings.band_end(POINT_MASS) == 600.0
-    assert settings.band_end(flexible) == pytest.approx(1.3 * 1475, rel=0.01)
-    assert settings.model_order(POINT_MASS, 2) == 6
-    assert settings.model_order(PlantParameters(rotor=RotorParameters(model="rigid")), 4) == 12
-    assert settings.model_order(flexible, 4) == 2 * 10 + 4
-    assert SpeedSettings(order=8).model_order(flexible, 4) == 8
-
-
-def test_a_wider_band_has_a_smaller_amplitude():
-    """The square of the currents of the highest line over the motion at the low ones stays the same: a f^4."""
+def test_settings_follow_the_machine_unless_they_are_given():
     machine = Plant(POINT_MASS).machine
-    assert SpeedSettings().multisine(POINT_MASS, machine).amplitude == 1.5e-6
-    assert SpeedSettings(frequency_end=1200.0).multisine(POINT_MASS, machine).amplitude == pytest.approx(1.5e-6 / 16)
-    assert SpeedSettings(frequency_end=1200.0, amplitude=1e-6).multisine(POINT_MASS, machine).amplitude == 1e-6
+    by_default = SpeedSettings().multisine(POINT_MASS, machine)
+    assert (by_default.amplitude, by_default.frequency_end, by_default.duration) == (1.5e-6, 600.0, 2.0)
+    given = SpeedSettings(frequency_end=1200.0, amplitude=1e-6, period=0.1).multisine(POINT_MASS, machine)
+    assert (given.amplitude, given.frequency_end, given.duration) == (1e-6, 1200.0, 0.4)
+    assert SpeedSettings(frequency_end=1200.0).multisine(POINT_MASS, machine).amplitude == pytest.approx(0.75e-6)
+    assert SpeedSettings().model_order(POINT_MASS) == 6
+    assert SpeedSettings(order=8).model_order(POINT_MASS) == 8
 
 
 def test_an_empty_band_is_refused():

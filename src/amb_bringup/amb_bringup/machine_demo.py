@@ -29,18 +29,11 @@ from amb_core.identification.modes import closed_loop_modes
 from amb_core.identification.response_error import response_error
 from amb_core.identification.validation.frequency import response_of_plant
 from amb_core.loop.control import PdController
+from amb_core.machine_experiment import amplitude, band_end, model_order, multisine
 from amb_core.model.mode_pairs import pair_modes
 from amb_core.model.modes import modes_of
 from amb_core.plant import Plant, linearize
 from amb_core.simulation import simulate
-
-PERIOD = 0.5  # s
-PERIODS = 2
-AMPLITUDE = 1.5e-6  # m, of a rigid rotor
-LOWEST = 2.0  # Hz
-HIGHEST = 600.0  # Hz; higher lines cost much current, whose square distorts the response to the low ones
-HIGHEST_OVER_BENDING = 2.25  # likewise over the highest bending frequency of a flexible rotor
-STATES_OF_HALF_ORDER = 2  # that describe the eddy currents of a thrust bearing over the band
 
 
 @dataclass(frozen=True)
@@ -82,7 +75,9 @@ def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progres
     excitation = excitation_for(plant)
     experiments = [Experiment("orthogonal multisine", excitation), Experiment("the same again", excitation)]
     # Predictions weigh fast errors most; the response below 50 Hz is determined by the simulated loop.
-    done = run_graph(experiments, order_of(plant), folder, parameter_file, domain_id, progress, focus="simulation")
+    done = run_graph(
+        experiments, model_order(plant.parameters), folder, parameter_file, domain_id, progress, focus="simulation"
+    )
     records = [done.recording.telemetry(run) for run in done.runs]
     signal = samples_of(excitation, plant.machine)
     reference = simulate(
@@ -130,27 +125,7 @@ def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progres
     return summary
 
 
-def order_of(plant: Plant) -> int:
-    """Order of the model: two states for each coordinate of the rotor, one for each axis, more for a half-order lag."""
-    assert plant.rotor is not None  # of several bearings
-    thrust = 0 if plant.axial is None else 2 + STATES_OF_HALF_ORDER
-    return 2 * plant.rotor.n + thrust + len(plant.machine.axes)
-
-
 def excitation_for(plant: Plant) -> Multisine:
-    """The orthogonal multisine of the demo, up to above the bending frequencies of the machine's rotor.
-
-    The amplitude falls as the band grows: the voltages of the highest lines must stay within the supply.
-    """
-    assert plant.rotor is not None
-    highest = max(HIGHEST, HIGHEST_OVER_BENDING * float(plant.rotor.natural_frequencies().max()))
-    return Multisine(
-        amplitude=AMPLITUDE * HIGHEST / highest,
-        axes="orthogonal",
-        duration=len(plant.machine.axes) * PERIODS * PERIOD,
-        periods=PERIODS,
-        frequency_start=LOWEST,
-        frequency_end=highest,
-        phasing="optimised",
-        odd=True,  # distortions of even order, which the sag causes, then lie between the lines
-    )
+    """The orthogonal multisine of the demo."""
+    end = band_end(plant.parameters)
+    return multisine(plant.machine, end, amplitude(end))

@@ -8,6 +8,8 @@ from amb_core.excitation import Square, generate
 from amb_core.excitation_design.linear_response import LinearLoop
 from amb_core.identification import Focus, identify
 from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.known_controller import LinearControl
+from amb_core.loop.linear_control import LinearController, LinearControllerParameters, pd_as_linear
 from amb_core.parameters import validate
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions.rehearsal import rehearse
@@ -28,6 +30,9 @@ def warm_up() -> None:
     identify(part, order=4, method="n4sid")
     for focus in get_args(Focus):
         identify(part, order=4, method="pem", focus=focus)
+    linear = LinearControl(pd_as_linear(controller), LinearControllerParameters())
+    LinearController(linear.model, linear.parameters, 2, linear.sample_rate).update((0.0, 0.0), (0.0, 0.0))
+    identify(part, order=4, method="pem", focus="simulation", controller=linear)
 
 
 if __name__ == "__main__":

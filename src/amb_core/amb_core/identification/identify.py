@@ -15,7 +15,7 @@ from amb_core.identification.controller_choice import needs_controller
 from amb_core.identification.data import DataReport, IdentificationData, Severity, check_data
 from amb_core.identification.data.checks import check_amount, check_excitation
 from amb_core.identification.data.drift import DriftCure, DriftOption, cure_drift
-from amb_core.identification.estimate.methods import METHODS, estimate
+from amb_core.identification.estimate.methods import METHODS, estimate, starts_for_simulation
 from amb_core.identification.estimate.order_selection import OrderSelection, select_order
 from amb_core.identification.estimate.scaled_data import check_order
 from amb_core.identification.experiment_simulation import in_experiment, simulate_experiment
@@ -187,12 +187,18 @@ def identify(
         selection = select_order(used, orders, progress, cancelled, feedthrough)
         order = selection.chosen
         report = _for_order(report, data, order)
-    models = estimate(used, order, method, watch, source, feedthrough)
-    if cure is not None:  # the state at the first sample of the data themselves
-        models = [replace(model, initial_state=in_experiment(model, data, 0).initial_state) for model in models]
-    watch.tell("validation", 0, 1)
-    best = max((_validate(model, data, controller, report, selection) for model in models), key=_quality)
+
+    def validated(models: list[StateSpaceModel]) -> list[Identification]:
+        if cure is not None:  # the state at the first sample of the data themselves
+            models = [replace(model, initial_state=in_experiment(model, data, 0).initial_state) for model in models]
+        watch.tell("validation", 0, 1)
+        return [_validate(model, data, controller, report, selection) for model in models]
+
+    best = max(validated(estimate(used, order, method, watch, source, feedthrough)), key=_quality)
     if focus == "simulation" and controller is not None:
+        if not best.stable:  # the best predictor of data with next to no noise need not even make a stable loop
+            starts = starts_for_simulation(used, order, watch, source, feedthrough)
+            best = max([best, *validated(starts)], key=_quality)
         model = focus_simulation(best.model, data, controller, progress, cancelled)
         best = _validate(model, data, controller, report, selection)
     elif method == "pem":

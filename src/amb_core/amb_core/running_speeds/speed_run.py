@@ -78,6 +78,6 @@ def run_speed(task: SpeedTask) -> StateSpaceModel:
     if record.steps < rest + signal.steps:
         raise PlantError(f"at {rpm:.0f} rpm the rotor delevitates after {record.steps * record.sample_time:.3g} s")
     data = IdentificationData.from_record(record.window(rest, signal.steps), source=f"{rpm:.0f} rpm")
-    wanted = task.settings.model_order(task.plant, axes)
+    wanted = task.settings.model_order(task.plant)
     order = wanted if task.settings.order else max(1, highest_excited_order(data, wanted))
     return identify(data, order, controller=task.controller).model

@@ -132,7 +132,7 @@ def joined(traces: Sequence[Trace]) -> Trace:
     arrays: dict[str, Any] = {
         item.name: np.concatenate([getattr(trace, item.name) for trace in traces])
         for item in fields(Trace)
-        if item.name not in ("time", "bearing_b")
+        if item.name not in ("time", "bearing_b", "axial")
     }
     return Trace(time=step * np.arange(len(arrays["flux"])), **arrays)
 

@@ -12,7 +12,7 @@ from amb_core.identification.estimate.cva import cva
 from amb_core.identification.estimate.pbsid import pbsid
 from amb_core.identification.estimate.pem import MOST_ITERATIONS, pem
 from amb_core.identification.estimate.scaled_data import Samples
-from amb_core.identification.estimate.ssarx import ssarx
+from amb_core.identification.estimate.ssarx import ssarx, ssarx_ridges
 from amb_core.identification.estimate.subspace import n4sid_horizons
 from amb_core.identification.progress import Watch
 from amb_core.model.state_space import StateSpaceModel
@@ -97,10 +97,32 @@ def estimate(
     IdentificationError
         If order or data do not suit the method, or the data determine no model.
     """
-    inputs: Samples = [item.inputs for item in data.experiments]
-    outputs: Samples = [item.outputs for item in data.experiments]
-    if len(data.experiments) == 1:  # n4sid and moesp take one array only
-        inputs, outputs = inputs[0], outputs[0]
+    inputs, outputs = _samples(data)
+    return _of_data(METHODS[method](inputs, outputs, data.sample_time, order, watch, feedthrough), data, source)
+
+
+def starts_for_simulation(
+    data: IdentificationData, order: int, watch: Watch, source: str, feedthrough: bool = False
+) -> list[StateSpaceModel]:
+    """Models among which the simulated loop is to choose, as `estimate` returns them; there may be none.
+
+    Parameters and errors are those of `estimate`.
+    """
+    watch.tell("subspace", 0, 1)
+    models = ssarx_ridges(*_samples(data), data.sample_time, order, feedthrough)
+    watch.tell("subspace", 1, 1)
+    return _of_data(models, data, source)
+
+
+def _samples(data: IdentificationData) -> tuple[Samples, Samples]:
+    inputs = [item.inputs for item in data.experiments]
+    outputs = [item.outputs for item in data.experiments]
+    # n4sid and moesp take one array only
+    return (inputs[0], outputs[0]) if len(data.experiments) == 1 else (inputs, outputs)
+
+
+def _of_data(models: list[StateSpaceModel], data: IdentificationData, source: str) -> list[StateSpaceModel]:
+    """The models with the names of the data and about their operating point."""
     return [
         replace(
             model,
@@ -112,5 +134,5 @@ def estimate(
             output_units=data.output_units,
             source=source,
         )
-        for model in METHODS[method](inputs, outputs, data.sample_time, order, watch, feedthrough)
+        for model in models
     ]

@@ -15,7 +15,7 @@ from scipy import linalg
 
 from amb_core.identification.estimate.data_triangle import PastRegression
 from amb_core.identification.estimate.scaled_data import Samples
-from amb_core.identification.estimate.state_regression import identify_by_states
+from amb_core.identification.estimate.state_regression import identify_by_states, models_of_all_ridges
 from amb_core.model.state_space import StateSpaceModel
 
 
@@ -55,6 +55,17 @@ def ssarx(
     return identify_by_states(
         inputs, outputs, sample_time, order, past, future, source, "ssarx", future_map, feedthrough
     )
+
+
+def ssarx_ridges(
+    inputs: Samples, outputs: Samples, sample_time: float, order: int = 10, feedthrough: bool = False
+) -> list[StateSpaceModel]:
+    """Models of one order with every ridge that gives one; arguments and errors are those of `ssarx`.
+
+    `ssarx` takes the ridge with the smallest prediction errors. Where data have next to no noise, its model can be the
+    worst in simulation.
+    """
+    return models_of_all_ridges(inputs, outputs, sample_time, order, "ssarx", future_map, feedthrough)
 
 
 def future_map(regression: PastRegression, ridge: float) -> NDArray[np.float64]:

@@ -50,16 +50,63 @@ def identify_by_states(
 
     Parameters and errors are those of `ssarx`.
     """
+    data = _checked(inputs, outputs, order)
+    with small_matrices(f"no model of order {order} from {len(data.inputs)} samples"):
+        regression = _regression(data, order, past, future, feedthrough)
+        predictor = best_predictor(data, regression, order, future_map)
+        return _model(data, predictor, sample_time, method, source, feedthrough)
+
+
+def models_of_all_ridges(
+    inputs: Samples,
+    outputs: Samples,
+    sample_time: float,
+    order: int,
+    method: str,
+    future_map: FutureMap,
+    feedthrough: bool = False,
+) -> list[StateSpaceModel]:
+    """The models of a method with every ridge that gives one, none or several.
+
+    Parameters and errors are those of `identify_by_states`.
+    """
+    data, models = _checked(inputs, outputs, order), []
+    with small_matrices(f"no model of order {order} from {len(data.inputs)} samples"):
+        regression = _regression(data, order, None, None, feedthrough)
+        for ridge in RIDGES:
+            try:
+                a, _, c, _, k = predictor_matrices(regression, future_map(regression, float(ridge)), order)
+            except IdentificationError:
+                continue
+            models.append(_model(data, (a, c, k), sample_time, method, "", feedthrough))
+    return models
+
+
+def _checked(inputs: Samples, outputs: Samples, order: int) -> ScaledData:
     check_order(order)
-    data = ScaledData.of(inputs, outputs)
-    steps, shortest = len(data.inputs), shortest_horizon(order, data.outputs.shape[1])
+    return ScaledData.of(inputs, outputs)
+
+
+def _regression(
+    data: ScaledData, order: int, past: int | None, future: int | None, feedthrough: bool
+) -> PastRegression:
     longest, future = horizons(data, order, past, future)
-    with small_matrices(f"no model of order {order} from {steps} samples"):
-        triangle = DataTriangle(data, longest, future, feedthrough)
-        used = triangle.best_past(shortest) if past is None else past
-        a, c, k = best_predictor(data, PastRegression(triangle, used), order, future_map)
-        b, d, initial_states = fit_input_matrix(a, c, k, data.inputs, data.outputs, data.lengths, feedthrough)
-        return data.model(a, b, c, k, initial_states, sample_time, method, source, d)
+    triangle = DataTriangle(data, longest, future, feedthrough)
+    used = triangle.best_past(shortest_horizon(order, data.outputs.shape[1])) if past is None else past
+    return PastRegression(triangle, used)
+
+
+def _model(
+    data: ScaledData,
+    predictor: tuple[NDArray[np.float64], ...],
+    sample_time: float,
+    method: str,
+    source: str,
+    feedthrough: bool,
+) -> StateSpaceModel:
+    a, c, k = predictor
+    b, d, initial_states = fit_input_matrix(a, c, k, data.inputs, data.outputs, data.lengths, feedthrough)
+    return data.model(a, b, c, k, initial_states, sample_time, method, source, d)
 
 
 def shortest_horizon(order: int, outputs: int) -> int:

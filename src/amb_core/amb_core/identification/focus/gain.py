@@ -44,8 +44,10 @@ def fit_kalman_gain(
     """
     lengths = [len(part) for part in inputs]
     joined_inputs, joined_outputs = np.vstack(inputs), np.vstack(outputs)
-    noise = model.innovation_covariance
-    first = kalman_gain(model.a, model.c, model.k @ noise @ model.k.T, noise, model.k @ noise)
+    # For innovations of variance 1: with the squares of positions in m the Riccati equation is too badly scaled.
+    root = linalg.cholesky(model.innovation_covariance, lower=True)
+    unit, gain = np.linalg.inv(root), model.k @ root
+    first = kalman_gain(model.a, unit @ model.c, gain @ gain.T, np.eye(len(root)), gain) @ unit
 
     def errors_of(k: Arrays) -> Arrays:
         return innovations(model.a, model.b, model.c, k, initial_states, joined_inputs, joined_outputs, lengths)
