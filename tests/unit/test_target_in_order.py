@@ -60,3 +60,22 @@ def test_what_waits_stays_bounded_while_a_block_is_missing() -> None:
     passed = [len(order.add(block(first))) for first in range(40, 4000, ROWS)]
     assert passed[:5] == [0, 0, 0, 0, 5]
     assert set(passed[5:]) == {1}
+
+
+def test_a_wrong_step_far_ahead_does_not_end_the_stream() -> None:
+    order = InOrder(wait=40)
+    passed = steps(order.add(block(0)))
+    passed += steps(order.add(block(10**9)))  # with a right checksum: somebody made it
+    for first in range(20, 200, ROWS):
+        passed += steps(order.add(block(first)))
+    assert passed == list(range(200))
+    assert (order.count.implausible, order.count.lost) == (1, 0)
+
+
+def test_a_stream_that_has_jumped_indeed_goes_on_from_its_second_block() -> None:
+    order = InOrder(wait=40)
+    passed = steps(order.add(block(0)))
+    for first in (10**6, 10**6 + 20, 10**6 + 40, 10**6 + 60, 10**6 + 80):
+        passed += steps(order.add(block(first)))
+    assert passed == [*range(20), *range(10**6 + 20, 10**6 + 100)]
+    assert order.count.lost == 10**6
