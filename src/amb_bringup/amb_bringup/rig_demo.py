@@ -1,4 +1,4 @@
-"""The first session with a rig, on an emulated target: levitate, sweep in region A, identify, land, report.
+"""The first session with a rig, on an emulated target: map check, levitate, sweep in A, identify, land, report.
 
 Everything goes the way that it goes with hardware: the C target behind UDP in real time, the bridge, the nodes.
 """
@@ -15,23 +15,29 @@ from pathlib import Path
 from amb_bringup.client import AmbClient
 from amb_bringup.demo_run import Progress, controller_of, plant_of
 from amb_bringup.launcher import Graph, launch_file
-from amb_core.errors import AmbError
-from amb_core.excitation import Excitation, Multisine, Sweep
+from amb_core import machine_experiment
+from amb_core.errors import AmbError, ExcitationError
+from amb_core.excitation import Excitation, Multisine, Sweep, generate
+from amb_core.excitation_design.beyond_a import highest_load
 from amb_core.files.parameter_files import RIG_NODES
 from amb_core.identification.response_error import response_error
+from amb_core.loop.control import ControllerParameters
 from amb_core.model import StateSpaceModel
 from amb_core.plant import Plant, linearize
 from amb_core.recording import Recording
 from amb_core.regions import Region
+from amb_core.regions.region_map import MapSettings, build_map
 from amb_core.report import write_report
 from amb_core.report.recording import recording_report
 
 SETTLING = 0.5  # s after levitation, and after each excitation
 SWEEP_AMPLITUDE = 4e-6  # m: well inside region A of the bearings of this project
 SWEEP_BAND = 5.0, 200.0  # Hz
-MULTISINE_AMPLITUDE = 3e-6  # m
-MULTISINE_BAND = 2.0, 2000.0  # Hz
-LONGEST_SESSION = 10.0  # s of one excitation: what an emulated target has room for with four axes
+SWEEP_DURATION = 10.0  # s: what an emulated target has room for with four axes
+MAP = MapSettings(amplitude_low=2e-6, amplitude_high=50e-6, duration=5.0, initial_sweeps=4, max_sweeps=4)
+"""Coarse: enough to see that the excitations stay far below its boundaries."""
+LOUDER = 2.0  # amplitude of the multisine over that of a simulated experiment
+PERIODS = 4
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,8 @@ class RigDemoSummary:
 
     Fits are closed-loop NRMSE fits by axis in percent, `frf_error_percent` is the largest relative error of the model's
     frequency response against the linearised plant of the emulator, 5 to 1000 Hz. Samples lost and doubled are those
-    of telemetry, missed control steps those of the emulated target. `region` is the highest region of the session.
+    of telemetry, missed control steps those of the emulated target. `region` is the highest region of the session,
+    `load` the highest load of its excitations on a coarse region map, 1 where region A may end.
     """
 
     axes: list[str]
@@ -52,6 +59,7 @@ class RigDemoSummary:
     missed: int
     trips: list[str]
     region: str
+    load: float
     order: int
     fit: dict[str, float]
     unstable_poles: int
@@ -83,6 +91,8 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
     began = time.monotonic()
     folder.mkdir(parents=True, exist_ok=True)
     plant, controller = plant_of(parameter_file), controller_of(parameter_file)
+    excitations: tuple[Excitation, ...] = (_sweep(), _multisine(plant))
+    load = _load_on_a_map(excitations, plant, controller, progress)
     arguments = {"params": str(parameter_file), "emulator": "true"}
     with (
         Graph.from_launch_file(launch_file("rig"), arguments, {"ROS_DOMAIN_ID": str(domain_id)}) as graph,
@@ -96,11 +106,13 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
         run = amb.rig.levitate()
         progress("levitate", 1, 1)
         with _landing(amb, progress):
-            for excitation in (_sweep(), _multisine(plant)):
+            for excitation in excitations:
                 _excite(amb, excitation, 1.0 / plant.sample_time, progress)
                 _require_region_a(amb, excitation.kind)
             model = amb.identify(
-                order=_order(plant), progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total)
+                order=machine_experiment.model_order(plant.parameters),
+                focus="simulation",
+                progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total),
             )
         state = amb.rig.wait_for_state()
         amb.stop_recording(run, int(state.step))
@@ -117,6 +129,7 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
         missed=int(state.missed),
         trips=[str(trip.text) for trip in amb.rig.trips],
         region=Region.A.name,
+        load=load,
         order=model.order,
         fit=dict(zip(plant.machine.axis_names, _fit(model), strict=True)),
         unstable_poles=len(model.unstable_poles()),
@@ -128,6 +141,30 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
     summary = RigDemoSummary(**{**asdict(summary), "seconds": time.monotonic() - began})
     (folder / "summary.json").write_text(json.dumps(asdict(summary), indent=2) + "\n")
     return summary
+
+
+def _load_on_a_map(
+    excitations: tuple[Excitation, ...], plant: Plant, controller: ControllerParameters, progress: Progress
+) -> float:
+    """The highest load of the excitations on a coarse region map of the machine.
+
+    Raises
+    ------
+    ExcitationError
+        If one may leave region A.
+    """
+    region_map = build_map(
+        MAP,
+        plant.parameters,
+        controller,
+        progress=lambda now: progress("region map", now.done, now.total),
+    )
+    rate = plant.machine.sample_rate
+    loads = [highest_load(generate(item, rate, plant.machine), region_map, controller) for item in excitations]
+    for excitation, found in zip(excitations, loads, strict=True):
+        if found.load >= 1.0:
+            raise ExcitationError(f"the {excitation.kind} may leave region A on {found.axis}: load {found.load:.2f}")
+    return max(found.load for found in loads)
 
 
 @contextmanager
@@ -165,29 +202,14 @@ def _require_region_a(amb: AmbClient, kind: str) -> None:
 def _sweep() -> Sweep:
     low, high = SWEEP_BAND
     return Sweep(
-        amplitude=SWEEP_AMPLITUDE, duration=LONGEST_SESSION, axes="in_turn", frequency_start=low, frequency_end=high
+        amplitude=SWEEP_AMPLITUDE, duration=SWEEP_DURATION, axes="in_turn", frequency_start=low, frequency_end=high
     )
 
 
 def _multisine(plant: Plant) -> Multisine:
-    low, high = MULTISINE_BAND
-    axes = len(plant.machine.axes)
-    return Multisine(
-        amplitude=MULTISINE_AMPLITUDE,
-        axes="orthogonal",
-        duration=LONGEST_SESSION * min(1.0, axes / 4),
-        periods=4,
-        frequency_start=low,
-        frequency_end=high,
-        phasing="optimised",
-        odd=True,
-    )
-
-
-def _order(plant: Plant) -> int:
-    """Two states for each rigid coordinate at an axis, and one for its amplifier; the paper's ten for one bearing."""
-    axes = len(plant.machine.axes)
-    return 10 if axes == 2 else 3 * axes
+    """As of the demo of machines, larger and longer: a rig has noise."""
+    end = machine_experiment.band_end(plant.parameters)
+    return machine_experiment.multisine(plant.machine, end, LOUDER * machine_experiment.amplitude(end), periods=PERIODS)
 
 
 def _fit(model: StateSpaceModel) -> list[float]:

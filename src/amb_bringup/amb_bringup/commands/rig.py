@@ -116,7 +116,7 @@ def demo(
     table.add_row("samples", f"{summary.steps:,}, {summary.lost:,} lost, {summary.doubled:,} doubled")
     table.add_row("control steps that the emulated target missed", f"{summary.missed:,}")
     table.add_row("trips", "; ".join(summary.trips) or "none")
-    table.add_row("region", summary.region)
+    table.add_row("region", f"{summary.region}; highest load on a coarse map {summary.load:.2f}, where A may end at 1")
     table.add_row("model order", str(summary.order))
     table.add_row("closed-loop fit", ", ".join(f"{name} {value:.2f} %" for name, value in summary.fit.items()))
     table.add_row("unstable plant poles", str(summary.unstable_poles))
