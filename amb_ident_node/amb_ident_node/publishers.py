@@ -37,7 +37,7 @@ class Publishers:
     ) -> None:
         self._node = node
         self._recorded = recorded
-        self._subscriptions = subscriptions
+        self._by_topic = subscriptions
         self._born = time.monotonic()
 
     def offered(self, name: str) -> list[dict[str, Any]]:
@@ -78,7 +78,7 @@ class Publishers:
     def _unconnected(self) -> list[str]:
         """Topics with publishers that have not been matched with the subscription."""
         waiting = []
-        for name, subscription in self._subscriptions.items():
+        for name, subscription in self._by_topic.items():
             offers = [end.qos_profile.durability for end in self._node.get_publishers_info_by_topic(name)]
             # Publishers without history have a subscription of their own.
             fitting = (

@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 import random
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from amb_bringup.demo_run import controller_of, plant_of
+from amb_bringup.packages import find_executable
 from amb_core.excitation import Square, generate
 from amb_core.loop.control import PdController
 from amb_core.recording.messages.loop_samples import block_from_message, steps_in
@@ -17,6 +19,7 @@ from amb_core.simulation import simulate
 from amb_msgs.msg import BridgeState, Excitation, Machine, Trip
 from amb_ros.qos import EVERY_STATE, LATCHED
 from tests.graph.conftest import Graph
+from tests.graph.limits import TIMEOUT
 from tests.graph.rig import Rig, config
 
 GENERATOR = "amb_controller_node.excitation_generator"
@@ -232,3 +235,20 @@ def test_hostile_excitations_are_answered_and_end_nothing(graph: Graph) -> None:
     rig.wait_for_step(step + 1_000)
     assert rig.bridge.poll() is None
     assert rig.life_cycle == "active"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_session_that_is_ended_lands_the_rotor_and_leaves_no_node(
+    graph: Graph, tmp_path: Path, number: signal.Signals
+) -> None:
+    states: list[BridgeState] = []
+    graph.node.create_subscription(BridgeState, "/amb/hardware_bridge/state", states.append, EVERY_STATE)
+    process = graph.start_command([str(find_executable("amb_bringup", "amb")), "rig", "demo", "--out", "demo"])
+    graph.wait_until(lambda: any(state.excitation == BridgeState.PLAYING for state in states), "the excitation")
+    process.send_signal(number)
+    process.wait_for_end(TIMEOUT)
+    assert process.returncode == 130, process.said
+    modes = [state.mode for state in states]
+    last = len(modes) - 1 - modes[::-1].index(BridgeState.LEVITATED)
+    assert BridgeState.OFF in modes[last:]  # landed, by the command or by the bridge at its end
+    graph.wait_until(lambda: not graph.node.get_publishers_info_by_topic("/amb/telemetry"), "the end of the bridge")

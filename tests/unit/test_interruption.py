@@ -49,7 +49,8 @@ def test_amb_that_is_interrupted_while_it_imports_ends_with_one_line(tmp_path: P
     assert interrupted(process) == (130, "", "amb: interrupted\n")
 
 
-def test_a_command_that_is_interrupted_ends_with_one_line(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_interrupted_ends_with_one_line(tmp_path: Path, number: signal.Signals) -> None:
     code = (
         "import sys, time\n"
         "from amb_bringup import cli, command_line\n"
@@ -59,7 +60,7 @@ def test_a_command_that_is_interrupted_ends_with_one_line(tmp_path: Path) -> Non
         "    time.sleep(20)\n"
         "sys.exit(command_line.main())\n"
     )
-    assert interrupted(python(code, tmp_path, "wait")) == (130, "", "amb: interrupted\n")
+    assert interrupted(python(code, tmp_path, "wait"), number) == (130, "", "amb: interrupted\n")
 
 
 @pytest.mark.parametrize("setup", SETUPS, ids=lambda path: path.parent.name)

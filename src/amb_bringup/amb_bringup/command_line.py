@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 
-from amb_bringup.startup import leave
+from amb_bringup.startup import ending_signals, leave
 
 
 def main() -> int:
@@ -12,8 +12,10 @@ def main() -> int:
     signal.signal(signal.SIGINT, leave)
     from amb_bringup.cli import main as run
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a command may have something to close
+    for number in ending_signals():  # a command may have something to close, nodes to stop or a rotor to land
+        signal.signal(number, signal.default_int_handler)
     try:
         return run()
     finally:
-        signal.signal(signal.SIGINT, leave)  # while Python ends
+        for number in ending_signals():
+            signal.signal(number, leave)  # while Python ends

@@ -1,4 +1,4 @@
-"""Ctrl-C while modules are imported ends the process at once, with one line."""
+"""Ctrl-C or another signal that ends a program, while modules are imported: it ends at once, with one line."""
 
 from __future__ import annotations
 
@@ -11,14 +11,21 @@ from types import FrameType
 from amb_bringup.exit_codes import INTERRUPTED
 
 
+def ending_signals() -> list[signal.Signals]:
+    """Signals that end a command: SIGINT, SIGTERM, SIGHUP; without those that are ignored, as SIGHUP under nohup."""
+    every = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    return [number for number in every if number is signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN]
+
+
 @contextmanager
 def leaving_at_once() -> Iterator[None]:
-    """End the process on SIGINT instead of raising: an exception could be caught or printed by what is imported."""
-    before = signal.signal(signal.SIGINT, leave)
+    """End the process on a signal instead of raising: an exception could be caught or printed by what is imported."""
+    before = {number: signal.signal(number, leave) for number in ending_signals()}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def leave(_number: int, _frame: FrameType | None) -> None:
