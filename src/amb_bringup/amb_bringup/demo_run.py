@@ -25,6 +25,7 @@ from amb_core.recording import Recording
 from amb_sim_node.parameters import SimulatorParameters
 
 SETTLING_STEPS = 2_000  # the rotor falls to its sag and comes to rest within a few periods of 63 Hz
+PATIENCE = 120.0  # s; longest wait for the nodes, which start all at once, on a machine that has other work too
 
 Progress = Callable[[str, int, int], None]
 """Called with the name of the stage, the number of finished steps and the number of all steps."""
@@ -84,7 +85,7 @@ def run_graph(
     environment = {"ROS_DOMAIN_ID": str(domain_id)}
     with (
         Graph.from_launch_file(launch_file("bearing"), {"params": str(parameter_file)}, environment) as graph,
-        AmbClient(domain_id=domain_id) as amb,
+        AmbClient(domain_id=domain_id, timeout=PATIENCE) as amb,
     ):
         amb.start_recording(str(bag.absolute()))
         runs, walls = [], []

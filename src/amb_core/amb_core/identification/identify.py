@@ -20,6 +20,7 @@ from amb_core.identification.estimate.order_selection import OrderSelection, sel
 from amb_core.identification.estimate.scaled_data import check_order
 from amb_core.identification.experiment_simulation import in_experiment, simulate_experiment
 from amb_core.identification.focus.focus import focus_simulation
+from amb_core.identification.numerics import LARGEST_RADIUS
 from amb_core.identification.progress import Cancelled, Progress, SearchEnd, Watch
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import nrmse_fit
@@ -196,9 +197,9 @@ def identify(
 
     best = max(validated(estimate(used, order, method, watch, source, feedthrough)), key=_quality)
     if focus == "simulation" and controller is not None:
-        if not best.stable:  # the best predictor of data with next to no noise need not even make a stable loop
+        if not _fades(best):  # the best predictor of data with next to no noise need not even make a stable loop
             starts = starts_for_simulation(used, order, watch, source, feedthrough)
-            best = max([best, *validated(starts)], key=_quality)
+            best = max([best, *validated(starts)], key=lambda result: (_fades(result), *_quality(result)))
         model = focus_simulation(best.model, data, controller, progress, cancelled)
         best = _validate(model, data, controller, report, selection)
     elif method == "pem":
@@ -287,6 +288,11 @@ def _fit(data: IdentificationData, simulations: list[LoopRecord | None]) -> NDAr
             measured.append(position - position.mean(axis=0))
             modelled.append(simulation.position - position.mean(axis=0))
     return nrmse_fit(np.vstack(measured), np.vstack(modelled))
+
+
+def _fades(result: Identification) -> bool:
+    """Whether the loop of model and controller is stable with the margin that simulation focus needs."""
+    return result.closed_loop_poles is not None and bool(np.all(np.abs(result.closed_loop_poles) < LARGEST_RADIUS))
 
 
 def _quality(result: Identification) -> tuple[bool, float, float]:

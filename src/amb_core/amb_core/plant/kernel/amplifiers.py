@@ -26,19 +26,24 @@ def set_references(amplifier, bearing, current_x, current_y):
 
 
 @numba.njit(inline="always", error_model="numpy")
+def regulate(amplifier, error, integral, step):
+    """Duty cycle and integral part of the PI controller for an error of the mean current (A), limited."""
+    wanted = integral + amplifier.integral_gain * error * float(amplifier.period) * step
+    duty = 0.5 + amplifier.proportional_gain * error + wanted
+    held = not amplifier.duty_min <= duty <= amplifier.duty_max
+    return min(max(duty, amplifier.duty_min), amplifier.duty_max), integral if held else wanted
+
+
+@numba.njit(inline="always", error_model="numpy")
 def update_duty(amplifier, bearing, coil, step):
-    """PI on the mean current of the past switching period; the integral part holds while the duty is at its limit."""
-    period = float(amplifier.period)
+    """Duty cycle of a coil for the switching period that begins."""
     # Trapezoidal mean: the sum counts the start of every step, so half the change over the period is missing; nothing
     # is missing where the currents are means over the steps.
     current = bearing.current[coil]
     missing = amplifier.mean_by_ends * (current - bearing.current_start[coil])
-    error = bearing.reference[coil] - (bearing.current_sum[coil] + missing) / period
-    integral = bearing.integral[coil] + amplifier.integral_gain * error * period * step
-    duty = 0.5 + amplifier.proportional_gain * error + integral
-    if amplifier.duty_min <= duty <= amplifier.duty_max:
-        bearing.integral[coil] = integral
-    bearing.duty[coil] = min(max(duty, amplifier.duty_min), amplifier.duty_max)
+    mean = (bearing.current_sum[coil] + missing) / float(amplifier.period)
+    duty, integral = regulate(amplifier, bearing.reference[coil] - mean, bearing.integral[coil], step)
+    bearing.duty[coil], bearing.integral[coil] = duty, integral
     bearing.current_sum[coil] = 0.0
     bearing.current_start[coil] = current
 

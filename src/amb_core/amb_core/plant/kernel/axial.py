@@ -10,7 +10,7 @@ over the step (as those of `laminations`): with phi and the memories w_n = alpha
 R(z) is that of the gap in the middle of the step. This is implicit (trapezoidal), so terms may be faster than a step. A
 coil current that would be negative is zero: diodes raise the voltage.
 
-The amplifiers follow the law of `amplifiers` (PI on the mean current of the past switching period, regular sampling, a
+The amplifiers are those of `amplifiers` (PI on the mean current of the past switching period, regular sampling, a
 pulse in the middle of the period), and the motion m z'' = f_1 - f_2 + f_external + f_contact the scheme of `rotor`.
 """
 
@@ -21,6 +21,7 @@ import math
 import numba
 import numpy as np
 
+from amb_core.plant.kernel.amplifiers import regulate
 from amb_core.plant.kernel.records import AMPLIFIER, DELEVITATED, GAP_CLOSED, NOT_FINITE, OK
 from amb_core.plant.memory_terms import MOST_TERMS
 
@@ -138,15 +139,11 @@ def advance_axial(constants, state, reference, steps, trace):
 
 @numba.njit(inline="always", error_model="numpy")
 def _set_duties(amplifier, bearing, step):
-    """PI on the mean current of the past switching period; the integral part holds while the duty is at its limit."""
-    period = float(amplifier.period)
+    """Duty cycles for the switching period that begins; the currents are means over the steps."""
     for magnet in range(MAGNETS):
-        error = bearing.reference[magnet] - bearing.current_sum[magnet] / period
-        integral = bearing.integral[magnet] + amplifier.integral_gain * error * period * step
-        duty = 0.5 + amplifier.proportional_gain * error + integral
-        if amplifier.duty_min <= duty <= amplifier.duty_max:
-            bearing.integral[magnet] = integral
-        bearing.duty[magnet] = min(max(duty, amplifier.duty_min), amplifier.duty_max)
+        error = bearing.reference[magnet] - bearing.current_sum[magnet] / float(amplifier.period)
+        duty, integral = regulate(amplifier, error, bearing.integral[magnet], step)
+        bearing.duty[magnet], bearing.integral[magnet] = duty, integral
         bearing.current_sum[magnet] = 0.0
 
 

@@ -1,0 +1,45 @@
+"""The Kalman gain that simulation focus estimates last."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from amb_core.identification.focus.gain import fit_kalman_gain
+from amb_core.model.state_space import StateSpaceModel
+
+ORDER, AXES = 8, 2
+
+
+def model_of(seed: int, unit: float) -> StateSpaceModel:
+    """A stable plant whose own gain makes an unstable predictor; its outputs are in a unit, and of unequal accuracy."""
+    random = np.random.default_rng(seed)
+    a = random.normal(size=(ORDER, ORDER))
+    spread = np.array([1e-2, 1.0])
+    return StateSpaceModel(
+        a=0.99 * a / np.abs(np.linalg.eigvals(a)).max(),
+        b=random.normal(size=(ORDER, AXES)),
+        c=unit * random.normal(size=(AXES, ORDER)),
+        d=np.zeros((AXES, AXES)),
+        k=random.normal(size=(ORDER, AXES)) / (unit * spread),
+        innovation_covariance=np.diag((unit * spread) ** 2),
+        input_offset=np.zeros(AXES),
+        output_offset=np.zeros(AXES),
+        initial_state=np.zeros(ORDER),
+        sample_time=1e-4,
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_gain_does_not_depend_on_the_unit_of_the_outputs(seed: int) -> None:
+    """In m, squared innovations of a simulated bearing are 1e-24, next to squared states of 1."""
+    random = np.random.default_rng(100 + seed)
+    inputs, outputs = random.normal(size=(2, 400, AXES))
+    found = [
+        fit_kalman_gain(model_of(seed, unit), [inputs], [unit * outputs], np.zeros((1, ORDER))).k * unit
+        for unit in (1.0, 1e-11)
+    ]
+    assert np.isfinite(found[0]).all()
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-3, atol=1e-6 * np.abs(found[0]).max())
+    radius = np.abs(np.linalg.eigvals(model_of(seed, 1.0).a - found[0] @ model_of(seed, 1.0).c)).max()
+    assert radius < 1.0

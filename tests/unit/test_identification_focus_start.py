@@ -1,0 +1,38 @@
+"""Where simulation focus starts if the best predictor makes an unstable loop."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from amb_core.identification import IdentificationData, closed_loop_poles, identify
+from amb_core.identification.estimate.methods import estimate
+from amb_core.identification.numerics import LARGEST_RADIUS
+from amb_core.identification.progress import Watch
+from amb_core.loop.control import ControllerParameters
+
+if TYPE_CHECKING:
+    from conftest import LinearBearing
+
+CONTROLLER = ControllerParameters()
+
+
+def test_it_starts_from_a_stable_loop_where_the_best_predictor_makes_an_unstable_one(bearing: LinearBearing) -> None:
+    """Without noise PEM of too high an order keeps a mode that the data do not determine."""
+    record = bearing.experiment(
+        duration=0.5,
+        noise=0.0,
+        force=0.0,
+        kind="multisine",
+        amplitude=20e-6,
+        frequency_start=1.0,
+        frequency_end=1_000.0,
+    )
+    (predictor,) = estimate(IdentificationData.from_record(record), 8, "pem", Watch(), "")
+    assert np.abs(closed_loop_poles(predictor, CONTROLLER)[0]) >= LARGEST_RADIUS
+
+    found = identify(record, 8, focus="simulation", controller=CONTROLLER)
+
+    assert found.stable
+    assert min(found.model.fit) > 99.0
