@@ -23,6 +23,7 @@ from amb_core.target import (
     TooLateError,
 )
 from tests.served_emulator import ServedEmulator
+from tests.soak.tap import Tap
 
 KEY = bytes(range(32))
 TIMEOUT = 60.0
@@ -242,3 +243,18 @@ def test_a_host_that_is_there_keeps_an_excitation_alive(listener: Listener) -> N
         served.do(lambda emulator: emulator.run(20_000))
         status = served.do(lambda emulator: emulator.status())
         assert status is not None
+
+
+def test_hostile_frames_end_neither_the_link_nor_its_telemetry(served: ServedEmulator, listener: Listener) -> None:
+    with Tap(served.port) as tap:
+        link = AmbUdpLink(port=tap.port, key=KEY, float64=True, timeout=TIMEOUT)
+        try:
+            link.connect(listener)
+            tap.attack(True)
+            listener.wait_for(lambda: tap.hostile > 5_000 and link.count.refused > 1_000)
+            assert link.status().state is TargetState.OFF  # sealed replies get through
+            tap.attack(False)
+            listener.wait_for_step(served.do(lambda emulator: emulator.steps) + 1_000)
+            assert "reboot" not in listener.events
+        finally:
+            link.close()
