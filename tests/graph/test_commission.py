@@ -79,7 +79,7 @@ def test_it_leads_from_the_connection_to_the_identified_plant(tmp_path: Path, do
     recording = Recording.read(out / "bag")
     assert not recording.truncated
     kinds = [item.kind for item in recording.excitations(recording.runs[-1])]
-    assert [kind for kind in kinds if kind != "stop"] == ["square", "sweep", "multisine", "tones"]
+    assert [kind for kind in kinds if kind != "stop"] == ["square", "tones", "sweep", "multisine"]
 
 
 def test_a_sensor_with_the_wrong_sign_is_named_and_nothing_moves_afterwards(tmp_path: Path, domain: int) -> None:
@@ -93,6 +93,26 @@ def test_a_sensor_with_the_wrong_sign_is_named_and_nothing_moves_afterwards(tmp_
     )
     assert [results[name]["result"] for name in ("polarity", "sweep", "identification")] == ["skipped"] * 3
     assert results["landing"]["result"] == "passed"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_lands_when_it_is_interrupted(tmp_path: Path, domain: int, number: signal.Signals) -> None:
+    command = [str(find_executable("amb_bringup", "amb")), "commission", "--emulator", "--yes", "--no-report"]
+    command += ["--params", str(parameters(tmp_path)), "--out", str(tmp_path / "out"), *LENIENT, "--observation", "0.5"]
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment, start_new_session=True
+    )
+    assert process.stdout is not None
+    next(line for line in process.stdout if line.startswith("Polarity"))
+    process.send_signal(number)
+    rest, _ = process.communicate(timeout=TIMEOUT)
+    assert "Traceback" not in rest, rest
+    assert process.returncode == 130, rest
+    steps = {step["name"]: step for step in json.loads((tmp_path / "out" / "protocol.json").read_text())["steps"]}
+    assert steps["polarity"]["reason"] == "interrupted"
+    assert steps["landing"]["result"] == "passed"
+    assert steps["landing"]["checks"][0]["value"] == "off"
 
 
 def test_rig_up_shows_what_to_call_next_and_refuses_what_needs_a_simulator(tmp_path: Path, domain: int) -> None:

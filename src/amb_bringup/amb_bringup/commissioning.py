@@ -130,10 +130,10 @@ class Session:
             self._step("emergency stop", "Emergency stop, by hand, currents off", self._emergency_stop)
             self._step("levitation", "Levitate, land, and levitate again", self._levitate, "levitate the rotor")
             self._step("polarity", "Polarity and calibration: small steps of each reference", self._polarity, "excite")
+            self._step("protection", "Stop an excitation while it plays", self._protection, "excite and stop")
             self._step("map", "Excitations on the region map", self._map)
             self._step("sweep", "Sweep of each axis in region A", self._sweep, "sweep each axis")
             self._step("identification", "Identify the plant", self._identify, "excite with a multisine")
-            self._step("protection", "Stop an excitation while it plays", self._protection, "excite and stop")
         finally:
             self._step("landing", "Land", self._land, always=True)
             if bag.exists():

@@ -61,8 +61,7 @@ def keep_running(
     typer.Exit
         With code 1 if a node ends on its own, or not cleanly.
     """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
+    end_on_signals()
     reported: dict[str, int] = {}
     graph: Graph | None = None
     try:
@@ -155,6 +154,12 @@ def run(
 
     path = str(find_executable(package, executable))
     os.execv(path, [path, *context.args])
+
+
+def end_on_signals() -> None:
+    """Let SIGTERM and a closed terminal end a command as Ctrl-C does, so that it leaves nothing running."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupt)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -45,7 +45,11 @@ def multisine(settings: CommissioningSettings) -> Multisine:
 def tone(settings: CommissioningSettings, axis: str) -> Tones:
     """A sine on one axis that is stopped before its end."""
     return Tones(
-        frequencies=(TONE_FREQUENCY,), amplitudes=(settings.sweep_amplitude,), duration=TONE_DURATION, axes=axis
+        frequencies=(TONE_FREQUENCY,),
+        amplitudes=(settings.sweep_amplitude,),
+        phases=(),
+        duration=TONE_DURATION,
+        axes=axis,
     )
 
 

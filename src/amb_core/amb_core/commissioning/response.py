@@ -122,7 +122,7 @@ def closed_loop(record: LoopRecord, axis: int, band: tuple[float, float]) -> Clo
     IdentificationError
         If the response is not that of a resonance.
     """
-    frequency = np.fft.rfftfreq(record.steps, record.sample_time)
+    frequency = np.asarray(np.fft.rfftfreq(record.steps, record.sample_time), dtype=np.float64)
     inside = (frequency >= _MARGIN * band[0]) & (frequency <= band[1] / _MARGIN)
     reference, position = (
         np.fft.rfft(signal[:, axis] - signal[-1, axis])[inside] for signal in (record.reference, record.position)

@@ -49,8 +49,8 @@ def calibration_checks(
             checks.append(between(what, own, settings.gain_low, settings.gain_high, "-", advice))
         else:
             middle, error = float(expected.gain[axis, axis]), settings.gain_error
-            ends = sorted((middle * (1.0 - error), middle * (1.0 + error)))
-            checks.append(between(what, own, *ends, "-", advice))
+            low, high = sorted((middle * (1.0 - error), middle * (1.0 + error)))
+            checks.append(between(what, own, low, high, "-", advice))
         others = np.delete(np.abs(response.gain[:, axis]), axis)
         if len(others):
             coupling = float(others.max()) / max(abs(own), 1e-9)

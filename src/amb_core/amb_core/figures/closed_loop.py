@@ -38,7 +38,7 @@ def closed_loop_chart(
         panels.append(
             Panel(
                 Axis("frequency (Hz)", log=True),
-                Axis(f"{loop.axis} over its reference (-)", log=True),
+                Axis(f"{loop.axis} over its reference (-)"),
                 tuple(curves),
                 f"{loop.axis}: natural frequency {pair[0]}, damping ratio {pair[1]}",
             )
