@@ -14,7 +14,6 @@ from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.client import AmbClient
-from amb_bringup.commands.graph import end_on_signals
 from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.results import make_folder, write_json
@@ -70,7 +69,6 @@ def commission(
         shutil.rmtree(out / folder, ignore_errors=True)
     for name in FILES:
         (out / name).unlink(missing_ok=True)
-    end_on_signals()  # and lands
     domain = own_domain()
     arguments = {"params": str(path), "emulator": str(emulator).lower()}
     with (

@@ -6,7 +6,6 @@ import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -61,7 +60,6 @@ def keep_running(
     typer.Exit
         With code 1 if a node ends on its own, or not cleanly.
     """
-    end_on_signals()
     reported: dict[str, int] = {}
     graph: Graph | None = None
     try:
@@ -154,13 +152,3 @@ def run(
 
     path = str(find_executable(package, executable))
     os.execv(path, [path, *context.args])
-
-
-def end_on_signals() -> None:
-    """Let SIGTERM and a closed terminal end a command as Ctrl-C does, so that it leaves nothing running."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
