@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -292,7 +293,7 @@ def kills(folder: Path, rounds: int) -> dict[str, Any]:
         for number in range(rounds):
             for victims in (("hardware_bridge",), ("excitation_generator",), ("recorder",), HOST):
                 session.wait_until(lambda: _clean(session), "a clean state")
-                session.amb.start_excitation("square", **square.model_dump())
+                _patiently(session, lambda: session.amb.start_excitation("square", **square.model_dump()))
                 session.amb.rig.wait_for_step(int(session.amb.rig.wait_for_state().step) + 1_000)
                 session.kill(*victims)
                 began = time.monotonic()
@@ -300,7 +301,7 @@ def kills(folder: Path, rounds: int) -> dict[str, Any]:
                 session.come_anew()
                 if "hardware_bridge" in victims:
                     session.amb.rig.connect()
-                    _levitate(session)
+                    _patiently(session, session.amb.rig.levitate)
                 times.append(time.monotonic() - began)
                 tried += 1
                 levitated = session.amb.rig.wait_for_state().mode == BridgeState.LEVITATED
@@ -324,15 +325,15 @@ def kills(folder: Path, rounds: int) -> dict[str, Any]:
         }
 
 
-def _levitate(session: Session) -> None:
-    """Levitate; an excitation that lost its host is a latched trip, which has to be reset first."""
+def _patiently(session: Session, work: Callable[[], object]) -> None:
+    """Do something that latched trips forbid: an excitation that lost its host is one, and has to be reset first."""
     try:
-        session.amb.rig.levitate()
+        work()
     except ClientError as problem:
         if "latched" not in str(problem):
             raise
         session.amb.rig.reset_faults()
-        session.amb.rig.levitate()
+        work()
 
 
 def _clean(session: Session) -> bool:

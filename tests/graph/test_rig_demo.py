@@ -1,0 +1,33 @@
+"""The first session with an emulated rig, in real time, to its end."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from amb_bringup.packages import find_executable
+from amb_core.recording import Recording, audit_steps
+from tests.graph.conftest import Graph
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_session_levitates_excites_identifies_lands_and_reports(graph: Graph, tmp_path: Path) -> None:
+    out = tmp_path / "session"
+    process = graph.start_command([str(find_executable("amb_bringup", "amb")), "rig", "demo", "--out", str(out)])
+    process.wait_for_end(800.0)
+    assert process.returncode == 0, process.said
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["axes"], summary["region"], summary["trips"]) == (["x", "y"], "A", [])
+    assert summary["unstable_poles"] == 2
+    assert summary["frf_error_percent"] < 3.0
+    assert min(summary["fit"].values()) > 90.0
+    assert summary["load"] < 1.0
+    audit = audit_steps(out / "bag", summary["run"])
+    assert audit.lost(0, summary["steps"]) == summary["lost"]
+    assert (audit.doubled, audit.out_of_order) == (0, 0)
+    recording = Recording.read(out / "bag")
+    assert recording.controller() is not None
+    assert (out / "report.html").stat().st_size > 100_000
