@@ -82,7 +82,7 @@ RECORDED = (
     RecordedTopic(topics.REGION_MAP, RegionMap, LATCHED),
     RecordedTopic(topics.MODEL, StateSpaceModel, LATCHED),
     RecordedTopic(topics.SIMULATOR_STATE, SimulatorState, EVERY_STATE),
-    RecordedTopic(topics.BRIDGE_STATE, BridgeState, EVERY_STATE),
+    RecordedTopic(topics.BRIDGE_STATE, BridgeState, LATCHED),
     RecordedTopic(topics.TRIP, Trip, EVERY_STATE),
     RecordedTopic(topics.CLOCK, ClockMessage, STREAM),
     RecordedTopic(PARAMETER_EVENTS, ParameterEvent, STREAM),

@@ -89,7 +89,7 @@ class HardwareBridgeNode(ManagedNode):
         self._state_message = BridgeState(mode=BridgeState.UNREACHABLE)
         self._machine_publisher = self.create_publisher(Machine, topics.MACHINE, LATCHED)
         self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
-        self._state_publisher = self.create_publisher(BridgeState, topics.BRIDGE_STATE, EVERY_STATE)
+        self._state_publisher = self.create_publisher(BridgeState, topics.BRIDGE_STATE, LATCHED)
         self._trip_publisher = self.create_publisher(TripMessage, topics.TRIP, EVERY_STATE)
         self._excitation = RigExcitation(self, lambda: self._rig)
         create_service(self, Trigger, "~/reset_faults", self._on_reset_faults, self.worker)

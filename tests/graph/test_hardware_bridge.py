@@ -250,5 +250,5 @@ def test_a_session_that_is_ended_lands_the_rotor_and_leaves_no_node(
     assert process.returncode == 130, process.said
     modes = [state.mode for state in states]
     last = len(modes) - 1 - modes[::-1].index(BridgeState.LEVITATED)
-    assert BridgeState.OFF in modes[last:]  # landed, by the command or by the bridge at its end
+    assert BridgeState.LANDING in modes[last:]  # by the command, or by the bridge at its end
     graph.wait_until(lambda: not graph.node.get_publishers_info_by_topic("/amb/telemetry"), "the end of the bridge")

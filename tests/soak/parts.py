@@ -333,7 +333,11 @@ def _patiently(session: Session, work: Callable[[], object]) -> None:
         if "latched" not in str(problem):
             raise
         session.amb.rig.reset_faults()
-        work()
+        try:
+            work()
+        except ClientError:
+            print("trips:", [str(trip.text) for trip in session.amb.rig.trips], flush=True)
+            raise
 
 
 def _clean(session: Session) -> bool:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import tempfile
 import time
 import traceback
@@ -36,6 +37,7 @@ def main() -> int:
     options.add_argument("--short", action="store_true", help="short forms")
     options.add_argument("--seconds", type=float, help="duration of the soak itself, by default 600")
     given = options.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # nodes are stopped then, too
     short = given.short
     with tempfile.TemporaryDirectory(prefix="amb_soak") as name:
         folder = Path(name)
