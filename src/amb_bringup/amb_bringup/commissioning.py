@@ -147,29 +147,37 @@ class Session:
         """Carry out a step, unless one before it has failed or the user refuses it."""
         step = Step(name, title)
         self.protocol.steps.append(step)
+        try:
+            self.show(step)
+            step.skipped = "" if always else self._obstacle(name, title, moves)
+            if not step.skipped:
+                self._carry_out(step, action)
+        except KeyboardInterrupt:
+            step.problem = "interrupted"
+            raise
         self.show(step)
-        failed = self.protocol.failed
-        if failed and not always:
-            step.skipped = f"{failed[0].name} has failed"
-        elif moves and name != "levitation" and not self.run:
-            step.skipped = "the rotor is not levitated"
-        elif moves and self.confirm is not None and not self.confirm(f"{title}: {moves} now?"):
-            step.skipped = "not confirmed"
-        if not step.skipped:
-            began = time.monotonic()
-            step.began = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
-            try:
-                step.checks = action()
-            except _NotDoneError as reason:
-                step.skipped = str(reason)
-            except AmbError as problem:
-                step.problem = self._why(problem)
-            except KeyboardInterrupt:
-                step.problem = "interrupted"
-                raise
-            finally:
-                step.seconds = round(time.monotonic() - began, 3)
-        self.show(step)
+
+    def _obstacle(self, name: str, title: str, moves: str) -> str:
+        """Why a step is not carried out; empty if it is."""
+        if failed := self.protocol.failed:
+            return f"{failed[0].name} has failed"
+        if moves and name != "levitation" and not self.run:
+            return "the rotor is not levitated"
+        if moves and self.confirm is not None and not self.confirm(f"{title}: {moves} now?"):
+            return "not confirmed"
+        return ""
+
+    def _carry_out(self, step: Step, action: Callable[[], list[Check]]) -> None:
+        began = time.monotonic()
+        step.began = datetime.now(UTC).astimezone().isoformat(timespec="seconds")
+        try:
+            step.checks = action()
+        except _NotDoneError as reason:
+            step.skipped = str(reason)
+        except AmbError as problem:
+            step.problem = self._why(problem)
+        finally:
+            step.seconds = round(time.monotonic() - began, 3)
 
     def _why(self, problem: AmbError) -> str:
         """A problem, or the node that has ended and thereby caused it."""

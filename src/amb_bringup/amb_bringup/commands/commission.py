@@ -75,7 +75,7 @@ def commission(
         Graph.from_launch_file(launch_file("rig"), arguments, {"ROS_DOMAIN_ID": str(domain)}) as graph,
         AmbClient(domain_id=domain, nodes=RIG_NODES) as amb,
     ):
-        confirm = None if yes else lambda question: typer.confirm(question)
+        confirm = None if yes else _confirm
         session = Session(
             amb, settings, bridge, expected, region_map, confirm, graph.check, lambda step: _show(console, step)
         )
@@ -90,6 +90,13 @@ def commission(
     console.print(f"protocol.html, protocol.json, figures, bag: {out}")
     if session.protocol.failed:
         raise typer.Exit(FAILED)
+
+
+def _confirm(question: str) -> bool:
+    try:
+        return typer.confirm(question)
+    except typer.Abort:
+        raise KeyboardInterrupt from None
 
 
 def _bridge(path: Path) -> BridgeParameters:
