@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import signal
 import sys
 from typing import Annotated, Any
 
@@ -11,7 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from amb_bringup.exit_codes import INTERRUPTED
-from amb_bringup.startup import leaving_at_once
+from amb_bringup.startup import ending_signals, leaving_at_once
 from amb_core.errors import AmbError
 
 PASSING_ON = {"allow_extra_args": True, "allow_interspersed_args": False}
@@ -164,6 +165,8 @@ def amb(
 
 def main() -> int:
     """Run `amb` with the arguments of the process; returns its exit code."""
+    for number in ending_signals():  # a command may have something to close, nodes to stop or a rotor to land
+        signal.signal(number, signal.default_int_handler)
     try:
         app()
         return 0

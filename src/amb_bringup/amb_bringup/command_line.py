@@ -12,8 +12,6 @@ def main() -> int:
     signal.signal(signal.SIGINT, leave)
     from amb_bringup.cli import main as run
 
-    for number in ending_signals():  # a command may have something to close, nodes to stop or a rotor to land
-        signal.signal(number, signal.default_int_handler)
     try:
         return run()
     finally:
