@@ -182,7 +182,7 @@ class ExcitationGeneratorNode(Node):
         if not self._run_known.wait(timeout):
             raise ExcitationError(
                 f"no message within {timeout:g} s on {self._state_subscription.topic_name} with the current run; "
-                "is the simulator running, or the rotor of the rig levitated? Or give the run in the request"
+                "is the simulator running? On a rig a run begins with levitation. Or give the run in the request"
             )
         return self._run
 

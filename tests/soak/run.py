@@ -59,14 +59,15 @@ def main() -> int:
             except Exception:
                 traceback.print_exc()
                 found, failed = {f"{part}_failed": traceback.format_exc(limit=1)}, 1
-            _write(found)
+            _write(found, f"{part}_failed")
             print(f"{part}, {time.monotonic() - began:.0f} s: {json.dumps(found)}", flush=True)
     return failed
 
 
-def _write(found: dict[str, Any]) -> None:
-    """Add figures to the results; parts that were run before stay."""
+def _write(found: dict[str, Any], failure: str) -> None:
+    """Add figures to the results; parts that were run before stay, but for a failure that is mended."""
     known: dict[str, Any] = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    known.pop(failure, None)
     for key, value in found.items():
         known[key] = {**known.get(key, {}), **value} if isinstance(value, dict) else value
     RESULTS.parent.mkdir(exist_ok=True)
