@@ -83,7 +83,7 @@ class HardwareBridgeNode(ManagedNode):
         self._reachable = False
         self._trips = TripLog()
         self._own_trips: list[Trip] = []  # latched by the bridge itself
-        self._sampled = self._flushed = 0  # step of the target
+        self._flushed = 0  # step of the target
         self._run = 0
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._state_message = BridgeState(mode=BridgeState.UNREACHABLE)
@@ -121,22 +121,20 @@ class HardwareBridgeNode(ManagedNode):
     def configure(self) -> None:
         """Connect to the target, check it and send it controller, limits and references."""
         settings = self._settings
-        controller = controller_of(settings)
-        guard = guard_of(settings, controller)
+        guard = guard_of(settings, controller_of(settings))
         link = link_of(settings.link, self._enter_real_time)
         try:
             description = link.connect(self)
-            machine = description.machine
-            limits = settings.protection.lowered(description.limits, settings.current_limit)
-            link.configure(TargetSettings(controller, limits, settings.landing_reference))
+            machine, wanted = description.machine, self._wanted(description)
+            link.configure(wanted)
             protection = ExcitationProtection(
-                settings.protection, limits, machine.axis_names, machine.sample_rate, description.waveform_steps
+                settings.protection, wanted.limits, machine.axis_names, machine.sample_rate, description.waveform_steps
             )
             with self._lock:
                 self._known, self._machine, self._link, self._reachable = description, machine, link, True
                 self._runs = Runs(machine, settings.telemetry_block, self._new_run)
                 self._trips, self._own_trips = TripLog(), []
-        except AmbError:
+        except Exception:
             link.close()
             raise
         self._publish_machine(machine)
@@ -151,6 +149,7 @@ class HardwareBridgeNode(ManagedNode):
         """Levitate. A rotor that is levitated already, since an earlier bridge left it so, stays as it is."""
         link = self._connected()
         status = link.status()
+        self._require_same_machine()
         if self._latched():
             raise TargetError("trips are latched; reset the faults first")
         if status.state in (TargetState.OFF, TargetState.LANDING):
@@ -193,6 +192,25 @@ class HardwareBridgeNode(ManagedNode):
             raise TargetError("the bridge is not configured")
         return self._link
 
+    def _require_same_machine(self) -> None:
+        """Raise TargetError if the target describes another machine since its reboot."""
+        if self._known is not None and self._known.machine != self._machine:
+            raise TargetError(
+                "the target describes another machine since it started anew; clean up and configure again"
+            )
+
+    def _wanted(self, description: TargetDescription) -> TargetSettings:
+        """What the parameters ask of a target.
+
+        Raises
+        ------
+        ParameterError
+            If they contradict each other, or the file of a controller cannot be read.
+        """
+        settings = self._settings
+        limits = settings.protection.lowered(description.limits, settings.current_limit)
+        return TargetSettings(controller_of(settings), limits, settings.landing_reference)
+
     def _wait_for_run(self) -> None:
         """Wait until telemetry of the levitated rotor arrives: the run has begun."""
         until = time.monotonic() + PATIENCE
@@ -222,8 +240,8 @@ class HardwareBridgeNode(ManagedNode):
     def on_samples(self, block: TelemetryBlock) -> None:
         """Publish what has arrived, and the trips up to there."""
         with self._lock:
-            if self._runs is None:
-                return
+            if self._runs is None or block.position.shape[1] != len(self._runs.position):
+                return  # not configured; or of another machine, see `_require_same_machine`
             before = self._runs.levitated
             self._publish(self._runs.add(block))
             changed = before != self._runs.levitated
@@ -257,7 +275,7 @@ class HardwareBridgeNode(ManagedNode):
         with self._lock:
             if self._runs is not None:
                 self._publish(self._runs.end())
-            self._trips = TripLog()
+            self._known, self._trips = description, TripLog()
         self._rig = None
         self._trip_by_itself(BridgeTrip.REBOOT)
         self.fall_back()
@@ -268,9 +286,8 @@ class HardwareBridgeNode(ManagedNode):
         if self._link is None or self._known is None:
             return
         try:
-            limits = self._settings.protection.lowered(self._known.limits, self._settings.current_limit)
-            settings = TargetSettings(controller_of(self._settings), limits, self._settings.landing_reference)
-            self._link.configure(settings)
+            self._require_same_machine()
+            self._link.configure(self._wanted(self._known))
         except AmbError as problem:
             self.problem = str(problem)
             self.get_logger().error(f"the target has not taken the settings: {problem}")

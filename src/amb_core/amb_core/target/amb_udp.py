@@ -289,12 +289,15 @@ class AmbUdpLink(TargetLink):
 
     def _run(self) -> None:
         self._starting()
-        while not self._closing.is_set():
-            datagram = self._receive()
-            now = time.monotonic()
-            if datagram is not None:
-                self._take(decode(datagram, self._session), now)
-            self._keep_up(now)
+        try:
+            while not self._closing.is_set():
+                datagram = self._receive()
+                now = time.monotonic()
+                if datagram is not None:
+                    self._take(decode(datagram, self._session), now)
+                self._keep_up(now)
+        finally:
+            self._silent = True  # also after an error of the listener: commands end at once
 
     def _take(self, answer: Answer | Refusal, now: float) -> None:
         if isinstance(answer, Refusal):
