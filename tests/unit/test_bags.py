@@ -5,7 +5,6 @@ from __future__ import annotations
 import resource
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,84 +16,21 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from amb_core.errors import BagError
 from amb_core.loop.control import ControllerParameters
 from amb_core.recording import BagWriter, Recording
-
-MESSAGES = Path(__file__).parents[2] / "amb_msgs" / "msg"
-TYPES = get_typestore(Stores.ROS2_JAZZY)
-for file in MESSAGES.glob("*.msg"):
-    TYPES.register(get_types_from_msg(file.read_text(), f"amb_msgs/msg/{file.stem}"))
-
-LOOP_SAMPLES = "amb_msgs/msg/LoopSamples"
-PLANT_STATE = "amb_msgs/msg/PlantState"
-STATUS = "amb_msgs/msg/ExcitationStatus"
-EVENT = "rcl_interfaces/msg/ParameterEvent"
-BLOCK = 100
-SIGNALS = ("reference_x", "reference_y", "position_x", "position_y", "current_x", "current_y")
-
-
-def definition(message_type: str) -> str:
-    return TYPES.generate_msgdef(message_type, ros_version=2)[0]
-
-
-def serialize(message: Any) -> bytes:
-    return bytes(TYPES.serialize_cdr(message, message.__msgtype__))
-
-
-def signal(name: str, steps: np.ndarray) -> np.ndarray:
-    """Samples that tell every step and signal apart."""
-    return np.sin(1e-3 * steps) + SIGNALS.index(name)
-
-
-def block(run: int, first_step: int, steps: int = BLOCK) -> bytes:
-    time = TYPES.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
-    header = TYPES.types["std_msgs/msg/Header"](stamp=time, frame_id="")
-    index = np.arange(first_step, first_step + steps)
-    axes = [
-        TYPES.types["amb_msgs/msg/AxisSamples"](
-            name=axis, **{name: signal(f"{name}_{axis}", index) for name in ("reference", "position", "current")}
-        )
-        for axis in "xy"
-    ]
-    return serialize(
-        TYPES.types[LOOP_SAMPLES](header=header, run=run, first_step=first_step, sample_time=1e-4, axes=axes)
-    )
-
-
-def status(run: int, first_step: int, steps: int, accepted: bool = True, kind: str = "square") -> bytes:
-    return serialize(
-        TYPES.types[STATUS](run=run, id=1, kind=kind, accepted=accepted, message="", first_step=first_step, steps=steps)
-    )
-
-
-def plant_state(run: int, step: int, coil_currents: int = 8) -> bytes:
-    """Of a rotor in two bearings; every number tells its step, bearing and place."""
-    stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=step // 10_000, nanosec=step % 10_000 * 100_000)
-    pair = step + np.arange(2.0)
-    return serialize(
-        TYPES.types[PLANT_STATE](
-            header=TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=""),
-            run=run,
-            step=step,
-            coil_current=step + 0.1 * np.arange(coil_currents),
-            flux_density=step + 0.01 * np.arange(16),
-            force_x=pair,
-            force_y=-pair,
-            position_x=1e-6 * pair,
-            position_y=-1e-6 * pair,
-            contact=np.array([False, True]),
-            contact_force=2.0 * pair,
-        )
-    )
-
-
-def write_telemetry(folder: Path, blocks: list[tuple[int, int]], chunk_age: float = 60.0) -> Path:
-    """A bag of telemetry blocks (run, first step), one chunk for every ten of them."""
-    with BagWriter(folder, chunk_age) as bag:
-        bag.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
-        for number, (run, first_step) in enumerate(blocks):
-            bag.write("/amb/telemetry", block(run, first_step), 10**9 + 10**7 * number)
-            if number % 10 == 9:
-                bag.flush()
-    return folder
+from tests.bag_messages import TYPES, definition
+from tests.written_bags import (
+    BLOCK,
+    EVENT,
+    LOOP_SAMPLES,
+    PLANT_STATE,
+    SIGNALS,
+    STATUS,
+    block,
+    plant_state,
+    serialize,
+    signal,
+    status,
+    write_telemetry,
+)
 
 
 @pytest.fixture
@@ -340,72 +276,6 @@ def test_split_bags_are_read_in_order(tmp_path: Path) -> None:
         part = write_telemetry(tmp_path / f"part_{number}", [(1, BLOCK * number)])
         (part / f"part_{number}_0.mcap").rename(folder / f"split_{number}.mcap")
     assert Recording.read(folder).telemetry().steps == 12 * BLOCK
-
-
-def write_split(folder: Path, **options: float) -> Path:
-    """A bag of 60 blocks, one every 10 ms, in more than one file."""
-    with BagWriter(folder, **options) as bag:
-        bag.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
-        bag.add_topic("/amb/excitation_status", STATUS, definition(STATUS))
-        bag.write("/amb/excitation_status", status(1, 0, 10), 10**9)
-        for number in range(60):
-            bag.write("/amb/telemetry", block(1, BLOCK * number), 10**9 + 10**7 * number)
-    return folder
-
-
-def described(folder: Path) -> dict[str, Any]:
-    return yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-
-
-def test_a_bag_is_split_by_time_and_every_message_is_in_it_once(tmp_path: Path) -> None:
-    """As rosbag2 does: a file has all topics, and no message of the one before."""
-    folder = write_split(tmp_path / "bag", split_period=0.1)
-    names = [f"bag_{number}.mcap" for number in range(6)]
-    assert sorted(file.name for file in folder.glob("*.mcap")) == names
-    information = described(folder)
-    assert information["relative_file_paths"] == names
-    assert [file["path"] for file in information["files"]] == names
-    assert [file["message_count"] for file in information["files"]] == [11, 10, 10, 10, 10, 10]
-    assert [file["starting_time"]["nanoseconds_since_epoch"] for file in information["files"]] == [
-        10**9 + 10**8 * number for number in range(6)
-    ]
-    assert {file["duration"]["nanoseconds"] for file in information["files"]} == {9 * 10**7}
-    assert information["message_count"] == 61
-    assert information["duration"]["nanoseconds"] == 59 * 10**7
-    counts = {
-        item["topic_metadata"]["name"]: item["message_count"] for item in information["topics_with_message_count"]
-    }
-    assert counts == {"/amb/telemetry": 60, "/amb/excitation_status": 1}
-
-    bag = Recording.read(folder)
-    assert bag.messages == 61
-    np.testing.assert_array_equal(bag.telemetry().position[:, 0], signal("position_x", np.arange(60 * BLOCK)))
-    with AnyReader([folder]) as reader:
-        found = [reader.deserialize(data, item.msgtype) for item, _, data in reader.messages()]
-    assert [message.first_step for message in found if message.__msgtype__ == LOOP_SAMPLES] == [
-        BLOCK * number for number in range(60)
-    ]
-    assert Recording.read(folder / "bag_3.mcap").telemetry().first_step == 30 * BLOCK
-
-
-def test_a_bag_is_split_by_size(tmp_path: Path) -> None:
-    folder = write_split(tmp_path / "bag", split_size=20_000.0, chunk_age=0.0)
-    sizes = [file.stat().st_size for file in folder.glob("*.mcap")]
-    assert len(sizes) > 3
-    assert max(sizes) < 20_000 + 20_000, "the size, one block, and the index with all definitions"
-    assert Recording.read(folder).telemetry().steps == 60 * BLOCK
-    assert described(folder)["message_count"] == 61
-
-
-def test_a_split_bag_survives_a_kill(tmp_path: Path) -> None:
-    writer = BagWriter(tmp_path / "bag", chunk_age=0.0, split_period=0.1)
-    writer.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
-    for number in range(25):
-        writer.write("/amb/telemetry", block(1, BLOCK * number), 10**7 * number)
-    bag = Recording.read(tmp_path / "bag")
-    assert bag.truncated.startswith("bag_2.mcap is incomplete")
-    assert bag.telemetry().steps == 25 * BLOCK
-    writer.close()
 
 
 def wrong_bags(tmp_path: Path) -> Iterator[tuple[Path, str]]:
