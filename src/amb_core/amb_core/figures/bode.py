@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -41,8 +41,7 @@ def bode_chart(
 
     Cross terms that are no more than noise or rounding are faded, see `faint_entries`; the legend says so.
 
-    Measured phases, those with a coherence, are drawn within half a turn of the first response of a model; others are
-    continuous.
+    Phases are wrapped, see `PHASES`.
 
     Parameters
     ----------
@@ -174,27 +173,23 @@ class _Diagram:
         items: list[Item] = []
         for response, stroke, entry, band in zip(self.responses, self.strokes, entries, bands, strict=True):
             if band is not None:
-                low, high = (np.clip(factor * end[:, output, place], lowest / REACH, highest * REACH) for end in band)
-                items.append(self._band(response, stroke, low, high))
+                ends = (np.clip(factor * end[:, output, place], lowest / REACH, highest * REACH) for end in band)
+                items.append(self._band(response, stroke, ends))
             items.append(_curve(response, stroke, np.where(entry > factor * self.floor, entry, np.nan)))
         axis = Axis(f"magnitude ({unit})", log=True, limits=(lowest, highest))
         title = f"{first.input_names[place]} to {first.output_names[output]}"
         return Panel(self.over, axis, self._shown(items, output, place), title)
 
     def phases(self, output: int, place: int) -> Panel:
-        centre = next((response for response in self.responses if response.coherence is None), self.responses[0])
-        middle = np.degrees(centre.phase[:, output, place])
         items: list[Item] = []
         for response, stroke in zip(self.responses, self.strokes, strict=True):
             phase = np.degrees(response.phase[:, output, place])
-            away = phase - np.interp(response.frequency, centre.frequency, middle)
-            shift = -360.0 * np.round((away[:1] if response.coherence is None else away) / 360.0)
+            turns = 360.0 * np.ceil((phase - HIGHEST_PHASE) / 360.0)
+            wrapped = phase - turns
             band = response.phase_band(self.level)
-            turns = 360.0 * np.ceil((phase + shift - HIGHEST_PHASE) / 360.0)
-            wrapped = phase + shift - turns
             if band is not None:
-                low, high = (np.clip(np.degrees(end[:, output, place]) + shift - turns, *PHASES) for end in band)
-                items += [self._band(response, stroke, low, high, part) for part in _stretches(turns)]
+                ends = [np.clip(np.degrees(end[:, output, place]) - turns, *PHASES) for end in band]
+                items += [self._band(response, stroke, ends, part) for part in _stretches(turns)]
             shown = response.magnitude[:, output, place] > self.floor
             wrapped[np.flatnonzero(np.diff(turns)) + 1] = np.nan  # no line from one end of the axis to the other
             items.append(_curve(response, stroke, np.where(shown, wrapped, np.nan)))
@@ -268,11 +263,11 @@ class _Diagram:
         self,
         response: FrequencyResponse,
         stroke: Stroke,
-        low: NDArray[np.float64],
-        high: NDArray[np.float64],
+        ends: Iterable[NDArray[np.float64]],
         part: slice = slice(None),
     ) -> Band:
-        frequency, low, high = response.frequency[part], low[part], high[part]
+        frequency = response.frequency[part]
+        low, high = (end[part] for end in ends)
         grid = np.geomspace(frequency[0], frequency[-1], BAND_POINTS)
         kept = np.unique(np.minimum(np.searchsorted(frequency, grid), len(frequency) - 1))
         label = f"{response.label}: {100.0 * self.level:g} % band"
