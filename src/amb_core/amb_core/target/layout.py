@@ -1,4 +1,4 @@
-"""Numbers of AMB-UDP: types, codes, states and sizes of its frames, as in docs/target-protocol.md and amb_target.h."""
+"""Numbers of AMB-UDP: types, codes, states and sizes of its frames, as in docs/reference/target-protocol.md and amb_target.h."""
 
 from __future__ import annotations
 
