@@ -13,12 +13,13 @@ copyright = "the authors of the AMB workbench, Apache License 2.0"
 release = version = version_of("amb_core")
 
 extensions = [
-    "docs.generators.site",
     "myst_nb",
     "sphinx.ext.autodoc",
     "numpydoc",
     "sphinx_design",
     "sphinx_copybutton",
+    "docs.generators.math",
+    "docs.generators.site",
 ]
 exclude_patterns = ["generators", "requirements.txt", "**/.ipynb_checkpoints"]
 
@@ -30,11 +31,14 @@ nb_execution_cache_path = str(ROOT / "results" / "docs-notebooks")
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+nb_execution_in_temp = True
 
 default_role = "code"
+smartquotes = False  # options such as --help stay as they are typed
 autodoc_member_order = "bysource"
-autodoc_typehints = "signature"
-autodoc_default_options = {"show-inheritance": False}
+autodoc_typehints = "none"  # docstrings give types with shapes and units
+toc_object_entries_show_parents = "hide"
+html_math_renderer = "mathml"
 numpydoc_show_class_members = False
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88

@@ -34,12 +34,25 @@ def command_reference() -> str:
         for name, command in commands()
     ]
     text = "\n".join(sections).replace("**Usage**:\n\n", "").replace("```console\n$ ", "```text\n")
-    text = re.sub(r"^(\* `.*?`): (.*)$", r"\1\n  : \2", text, flags=re.MULTILINE)
     return _as_definitions(text)
 
 
 def _as_definitions(text: str) -> str:
     """Lists of options as definition lists, which wrap well on narrow pages."""
-    text = re.sub(r"^\* (`.*`)\n  : (.*)$", r"\1\n: \2\n", text, flags=re.MULTILINE)
-    text = re.sub(r"^\* (`.*`)$", r"\1\n: Show this message.\n", text, flags=re.MULTILINE)
-    return re.sub(r"\n{3,}", "\n\n", text.replace("<", "&lt;").replace("|", r"\|"))
+    lines = []
+    for line in text.splitlines():
+        option = re.fullmatch(r"\* (`.*?`)(?:: (.*))?", line)
+        if option is None:
+            lines.append(_escaped(line))
+        else:
+            lines += [option[1], f": {_escaped(option[2] or 'see above')}", ""]
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)) + "\n"
+
+
+def _escaped(text: str) -> str:
+    """Text that is not taken for HTML; what stands between backticks is left as it is."""
+    parts = text.split("`")
+    parts[::2] = [
+        part.replace("<", "&lt;").replace("*", r"\*") if not part.startswith("**") else part for part in parts[::2]
+    ]
+    return "`".join(parts)

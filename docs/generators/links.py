@@ -38,9 +38,13 @@ def for_site(text: str, source: Path, page: Path) -> str:
             return match[0]
         name, _, section = target.partition("#")
         place = Path(os.path.normpath(source.parent / name))
+        if place in FRONT:
+            section = ""
         linked = (PAGES | FRONT).get(place, place)
         if DOCS not in linked.parents:
-            return f"{shown} (`{place.relative_to(ROOT)}`)" if shown.strip("`") != str(place.relative_to(ROOT)) else shown
+            return (
+                f"{shown} (`{place.relative_to(ROOT)}`)" if shown.strip("`") != str(place.relative_to(ROOT)) else shown
+            )
         return f"{mark}[{shown}]({os.path.relpath(linked, page.parent)}{'#' if section else ''}{section})"
 
     parts = FENCE.split(text)

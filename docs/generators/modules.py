@@ -45,8 +45,12 @@ def write_if_changed(path: Path, text: str) -> None:
 
 def _page(module: str, pages: dict[str, str]) -> str:
     elsewhere = [name for name in _exported(module) if pages[name] != module]
-    options = [f"   :exclude-members: {', '.join(name.rpartition('.')[2] for name in elsewhere)}\n"] if elsewhere else []
-    links = [f"- {{py:obj}}`{name.rpartition('.')[2]} <{pages[name]}.{name.rpartition('.')[2]}>`\n" for name in elsewhere]
+    options = (
+        [f"   :exclude-members: {', '.join(name.rpartition('.')[2] for name in elsewhere)}\n"] if elsewhere else []
+    )
+    links = [
+        f"- {{py:obj}}`{name.rpartition('.')[2]} <{pages[name]}.{name.rpartition('.')[2]}>`\n" for name in elsewhere
+    ]
     text = f"# {module}\n\n```{{eval-rst}}\n.. automodule:: {module}\n   :members:\n{''.join(options)}```\n"
     return text + ("\nIt also exports, described on their own pages:\n\n" + "".join(links) if links else "")
 

@@ -28,7 +28,8 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 FENCE = re.compile(
-    r"(?:^<!-- run: (?P<how>.*?) -->\n)?^```(?P<language>bash|python|yaml|output|\{code-cell\} python)\n(?P<text>.*?)^```$",
+    r"(?:^<!-- run: (?P<how>.*?) -->\n)?"
+    r"^```(?P<language>bash|python|yaml|output|\{code-cell\} python)\n(?P<text>.*?)^```$",
     re.DOTALL | re.MULTILINE,
 )
 SIGN_OF_LIFE = 120.0  # s; longest wait for the line of a command in the background
