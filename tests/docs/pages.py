@@ -8,7 +8,7 @@ A comment before a block says what else a reader does with it:
     <!-- run: code ends N -->            the commands end with exit code N
     <!-- run: not, REASON -->            leaves it out
 
-A block of the language `output` is what the commands before it show; `...` in it stands for anything.
+A block of the language `output` has lines that the commands before it show; `...` in them stands for anything.
 """
 
 from __future__ import annotations
@@ -169,7 +169,12 @@ def run_cell(text: str, names: dict[str, Any]) -> None:
 
 
 def assert_shows(shown: str, expected: str) -> None:
-    """Whether an output has the expected lines one after another; `...` stands for anything."""
-    parts = [re.escape(part.strip()) for part in re.split(r"\.\.\.", expected)]
-    pattern = r".*?".join(re.sub(r"(?:\\\s|\s)+", r"\\s+", part) for part in parts if part)
+    """Whether an output has the expected lines in their order, others between them; `...` stands for anything."""
+    lines = [line for line in expected.splitlines() if line.strip(" .")]
+    words = [".*?".join(map(_spaced, line.split("..."))) for line in lines]
+    pattern = ".*?".join(words)
     assert re.search(pattern, shown, re.DOTALL), f"expected:\n{expected}\nshown:\n{shown[-6000:]}"
+
+
+def _spaced(text: str) -> str:
+    return r"\s+".join(re.escape(word) for word in text.split())
