@@ -15,10 +15,16 @@ from typer.main import get_command
 from amb_bringup.cli import COMMANDS as LISTED
 from amb_bringup.cli import app
 from docs.generators.commands import commands
+from docs.generators.links import PAGES as PAGES_OF_THE_REPOSITORY
+from docs.generators.modules import FOLDER
 
 ROOT = Path(__file__).parents[2]
+GENERATED = set(PAGES_OF_THE_REPOSITORY.values())
 PAGES = sorted(
-    [ROOT / "README.md", *ROOT.glob("docs/*/*.md"), *ROOT.glob("amb_*/README.md"), *ROOT.glob("src/*/README.md")]
+    page
+    for pattern in ("README.md", "docs/**/*.md", "amb_*/README.md", "src/*/README.md")
+    for page in ROOT.glob(pattern)
+    if page not in GENERATED and page.parent != FOLDER
 )
 AMB = re.compile(r"(?:^|`)(amb [a-z][^`\n]*)", re.MULTILINE)
 ROS_CALL = re.compile(r"^ros2 (?:service call|action send_goal(?: --feedback)?) (/amb/\S+) (\S+)(?: \"(.*?)\")?$")
