@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def design_bearing(bearing: Bearing, highest_peak: float = HIGHEST_PEAK) -> Bear
             f"no PD gains of this bearing have a peak sensitivity of at most {highest_peak:g}; the lowest is "
             f"{tuned.peak_sensitivity:.3g}: {reason(parameters, controller, highest_peak)}"
         )
-    for trial in (tuned, *_others(parameters, tuned, highest_peak)):
+    for trial in chain([tuned], _others(parameters, tuned, highest_peak)):
         risen = lift_off(parameters, trial.controller)
         if risen.levitated:
             return BearingDesign(bearing, parameters, trial, risen, lifting)
@@ -87,7 +88,10 @@ def _others(parameters: PlantParameters, tuned: Tuned, highest_peak: float) -> I
     pairs = candidates(plant, family, highest_peak)
     chosen = sorted({round(place) for place in np.linspace(0, len(pairs) - 1, TRIED)}) if pairs else []
     for place in chosen:
-        trial = result_of(plant, family, pairs[place])
+        try:
+            trial = result_of(plant, family, pairs[place])
+        except PlantError:  # with these gains the rotor would rest somewhere else
+            continue
         if trial.peak_sensitivity <= highest_peak:
             yield trial
 
@@ -96,7 +100,7 @@ def _why_it_stays_down(bearing: Bearing, parameters: PlantParameters, tuned: Tun
     """Whether ten times the voltage lifts the rotor off with the same gains."""
     faster = plant_of(bearing.model_copy(update={"voltage": min(10.0 * bearing.voltage, 5000.0)}))
     text = "small motions in the loop are stable, but the rotor does not rise from the backup bearing: "
-    for trial in (tuned, *_others(parameters, tuned, highest_peak)):
+    for trial in chain([tuned], _others(parameters, tuned, highest_peak)):
         if lift_off(faster, trial.controller).levitated:
             return f"{text}amplifier too slow: {bearing.voltage:g} V do not change the coil currents fast enough"
     return f"{text}the control current is limited to {tuned.controller.current_limit:.3g} A"

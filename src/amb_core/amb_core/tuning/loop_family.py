@@ -20,7 +20,7 @@ from amb_core.parameters import flatten, part_of, validate
 from amb_core.plant.linearise import Linearization, close_loop
 
 FREQUENCIES = 400
-"""On the grid, from a thousandth of the sample rate's half to all of it, and below."""
+"""On the grid: 66 in a decade, the last at half the sample rate; at the first, 1e-6 of that, a soft loop is at rest."""
 _TOLERANCE = 1e-6
 
 
@@ -44,7 +44,7 @@ class LoopFamily:
         loops = [close_loop(model.discrete, self.controller(*gains))[1] for gains in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))]
         self._a = loops[0].A
         self._by_gain = loops[1].A - loops[0].A, loops[2].A - loops[0].A
-        angle = np.geomspace(1e-3 * np.pi, np.pi, FREQUENCIES)
+        angle = np.geomspace(1e-6 * np.pi, np.pi, FREQUENCIES)
         at = np.exp(1j * angle)
         self._plant = np.moveaxis(model.discrete(at, squeeze=False), -1, 0)
         difference = 1.0 - 1.0 / at
