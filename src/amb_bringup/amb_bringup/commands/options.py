@@ -9,7 +9,9 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from amb_core.errors import ParameterError
 from amb_core.parameters import Declaration, Parameters, declarations
+from amb_core.units import quantity_of
 
 ParamsOption = Annotated[Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.")]
 
@@ -23,6 +25,26 @@ ChangeOption = Annotated[
 ]
 
 Command = Callable[..., None]
+
+QUANTITY = "NUMBER[UNIT]"
+"""How the help shows what a `Quantity` takes."""
+
+
+class Quantity:
+    """The type of all options that take quantities: a number in the declared unit, or one with its unit, as 10um."""
+
+    __name__ = "quantity"
+
+    def __init__(self, unit: str) -> None:
+        self._unit = unit
+
+    def __call__(self, text: str | float) -> float:
+        """The value in the declared unit."""
+        try:
+            return quantity_of(str(text), self._unit)
+        except ParameterError as problem:
+            raise typer.BadParameter(str(problem)) from None
+
 
 
 def declared_options(
@@ -93,7 +115,8 @@ def _option(declared: Mapping[str, Declaration], panel: str, note: str) -> inspe
     """The option of a parameter as each kind of set declares it."""
     item = next(iter(declared.values()))
     kind: Any = item.type if item.type in (bool, int, float, str) else list[float]
-    option = typer.Option(help=_help(declared, note), rich_help_panel=panel, show_default=False)
+    parsing: Any = {} if item.type in (bool, int, str) else {"parser": Quantity(item.unit), "metavar": QUANTITY}
+    option = typer.Option(help=_help(declared, note), rich_help_panel=panel, show_default=False, **parsing)
     return inspect.Parameter(
         item.name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, option]
     )
