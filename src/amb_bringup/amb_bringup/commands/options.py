@@ -5,10 +5,13 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from amb_bringup.commands.inputs import parameter_file
+from amb_bringup.parameter_changes import changed_file
 from amb_core.errors import ParameterError
 from amb_core.parameters import Declaration, Parameters, declarations
 from amb_core.units import quantity_of
@@ -19,12 +22,14 @@ ChangeOption = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
-        help="Parameter with another value, as rotor.gravity=0 or controller.current_limit=10; may be repeated.",
+        help="Parameter with another value, as rotor.gravity=0, rotor.mass=8kg or controller.current_limit=10; may be "
+        "repeated.",
         metavar="NAME=VALUE",
     ),
 ]
 
 Command = Callable[..., None]
+CHANGES = "changes"  # the option --set among the parameters of a command
 
 QUANTITY = "NUMBER[UNIT]"
 """How the help shows what a `Quantity` takes."""
@@ -45,6 +50,56 @@ class Quantity:
         except ParameterError as problem:
             raise typer.BadParameter(str(problem)) from None
 
+
+
+def quantity_option(unit: str, help: str) -> Any:
+    """An option that takes a quantity of a declared unit."""
+    return typer.Option(help=help, parser=Quantity(unit), metavar=QUANTITY)
+
+
+def with_changes(command: Command) -> Command:
+    """Give a command that takes a parameter file, `params`, the option --set; it receives the path of a changed file.
+
+    That file exists while the command runs. A command without `params`, or with the option, is returned as it is.
+    """
+    signature = inspect.signature(command)
+    if "params" not in signature.parameters or CHANGES in signature.parameters:
+        return command
+    hints = get_type_hints(command, include_extras=True)
+    without = _default_in_words(hints["params"])
+
+    def run(**values: Any) -> None:
+        changes, params = values.pop(CHANGES), values["params"]
+        if not changes:
+            command(**values)
+            return
+        if params is None and without:
+            raise ParameterError(f"--set needs --params FILE here; without it there is {without}")
+        base = parameter_file(params)
+        with TemporaryDirectory(prefix="amb-") as folder:
+            path = Path(folder) / base.name
+            changed_file(base, changes, path)
+            command(**values | {"params": path})
+
+    own = [
+        item.replace(annotation=hints[item.name], kind=inspect.Parameter.KEYWORD_ONLY)
+        for item in signature.parameters.values()
+    ]
+    place = next(number for number, item in enumerate(own) if item.name == "params")
+    option = inspect.Parameter(CHANGES, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=ChangeOption)
+    own.insert(place + 1, option)
+    run.__name__, run.__doc__ = command.__name__, command.__doc__
+    run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
+    run.__annotations__ = {item.name: item.annotation for item in own}
+    return run
+
+
+def _default_in_words(annotation: Any) -> str:
+    """What a command uses without its parameter file, where that is no file."""
+    for item in getattr(annotation, "__metadata__", ()):
+        if isinstance(getattr(item, "show_default", None), str):
+            return str(item.show_default)
+    return ""
 
 
 def declared_options(
