@@ -29,6 +29,14 @@ COMMANDS = {
         "graph:run",
         "Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...).",
     ),
+    "new": (
+        "new:new",
+        "Write a parameter file of your own bearing, with PD gains that levitate it.",
+    ),
+    "tune": (
+        "tune:app",
+        "Suggest PD gains, or draw which are stable.",
+    ),
     "identify": (
         "identify:identify",
         "Identify the plant from the last experiment of each bag, and check the model in closed loop on the same data.",

@@ -19,7 +19,7 @@ SCALE = 1.0, 10.0
 """Ends of the colours; what is beyond has the last one."""
 
 
-def stability_chart_figure(chart: StabilityChart, title: str = "Gains that hold the rotor") -> Chart:
+def stability_figure(chart: StabilityChart, title: str = "Gains that hold the rotor") -> Chart:
     """The chart: colours where the loop is stable, lines of the peak sensitivities 2, 3 and 4.
 
     Parameters
