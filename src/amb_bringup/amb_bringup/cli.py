@@ -37,6 +37,10 @@ COMMANDS = {
         "tune:app",
         "Suggest PD gains, or draw which are stable.",
     ),
+    "experiment": (
+        "experiment:experiment",
+        "Levitate, excite, record, land and report: experiments from start to end.",
+    ),
     "identify": (
         "identify:identify",
         "Identify the plant from the last experiment of each bag, and check the model in closed loop on the same data.",

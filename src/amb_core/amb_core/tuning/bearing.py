@@ -27,7 +27,9 @@ _LOOP_SHARE = (
 )
 """Crossover of the paper's current loop 2 V K_P / L (rad/s) over its switching frequency (Hz)."""
 STEPS_PER_PERIOD = (20, 40, 80, 160)
-"""Internal steps in a switching period; more where eddy currents are fast."""
+"""Internal steps in a switching period; more where eddy currents are fast, or the period is long."""
+LONGEST_STEP = 5e-6  # s
+HIGHEST_GAIN = 1e3  # 1/A, of a current loop
 
 
 class Bearing(Parameters):
@@ -78,8 +80,10 @@ def plant_of(bearing: Bearing) -> PlantParameters:
     """
     problem: PlantError | None = None
     values = _values(bearing)
+    switching = values["amplifier.switching_frequency"]
+    longer = math.ceil(1.0 / (switching * STEPS_PER_PERIOD[0] * LONGEST_STEP))
     for steps in STEPS_PER_PERIOD:
-        values["integration.internal_step"] = 1.0 / (values["amplifier.switching_frequency"] * steps)
+        values["integration.internal_step"] = 1.0 / (switching * longer * steps)
         parameters = validate(PlantParameters, values)
         try:
             Plant(parameters)
@@ -99,7 +103,9 @@ def _values(bearing: Bearing) -> dict[str, Any]:
     return circuit | {
         "amplifier.supply_voltage": bearing.voltage,
         "amplifier.switching_frequency": switching,
-        "amplifier.proportional_gain": _rounded(_LOOP_SHARE * self_inductance * switching / (2.0 * bearing.voltage)),
+        "amplifier.proportional_gain": min(
+            _rounded(_LOOP_SHARE * self_inductance * switching / (2.0 * bearing.voltage)), HIGHEST_GAIN
+        ),
         "amplifier.bias_current": bearing.bias_current,
         "amplifier.current_limit": bearing.bias_current + bearing.control_current_limit,
         "rotor.mass": bearing.mass,
