@@ -45,6 +45,13 @@ def test_a_change_counts_whatever_wildcards_the_file_has(tmp_path: Path) -> None
     assert ParameterFile(changed(tmp_path, "rotor.mass=7", base=base)).values("simulator")["rotor.mass"] == 7.0
 
 
+def test_an_empty_list_is_left_out_since_ros_cannot_read_it(tmp_path: Path) -> None:
+    base = tmp_path / "held.yaml"
+    base.write_text("/amb/pd_controller: {ros__parameters: {nominal_reference: [0.0, 1.0e-5]}}\n")
+    file = changed(tmp_path, "controller.nominal_reference=[]", base=base)
+    assert "nominal_reference" not in ParameterFile(file).values("pd_controller")
+
+
 @pytest.mark.parametrize(
     ("change", "problem"),
     [

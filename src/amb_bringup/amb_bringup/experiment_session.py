@@ -84,7 +84,11 @@ def _graph(choice: GraphChoice, progress: Progress) -> Iterator[AmbClient]:
         Graph.from_launch_file(launch_file(name), arguments, {"ROS_DOMAIN_ID": str(domain)}) as graph,
         AmbClient(domain_id=domain, timeout=PATIENCE, nodes=nodes) as amb,
     ):
-        amb.wait_for_nodes()
+        amb.wait_for_nodes(graph.check)
         progress("graph", 1, 1)
-        yield amb
+        try:
+            yield amb
+        except ClientError:
+            graph.check()  # a node that has ended is the reason
+            raise
         graph.check()

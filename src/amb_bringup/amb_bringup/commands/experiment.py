@@ -99,10 +99,10 @@ def _report(console: Console, bag: Path, runs: list[ExperimentRun], order: Any, 
     recording = Recording.read(bag)
     numbers = sorted({item.run for item in runs})
     with Stages(console) as stages:
-        for number in numbers:
+        for place, number in enumerate(numbers, 1):
             axes = recording.telemetry(number).position.shape[1]
             made = recording_report(recording, number, order or order_for(axes), stages.update)
-            path = out / ("report.html" if len(numbers) == 1 else f"report-{number}.html")
+            path = out / ("report.html" if len(numbers) == 1 else f"report-{place}.html")
             write_report(made, path)
             console.print(f"{made.title}. {made.lead}", highlight=False)
             console.print(f"report: {path}", highlight=False)

@@ -97,9 +97,11 @@ class Tones(Excitation):
 
     kind: ClassVar[str] = "tones"
 
-    frequencies: tuple[float, ...] = Field(description="frequency of each tone (Hz)")
-    amplitudes: tuple[float, ...] = Field(description="peak amplitude of each tone (m)")
-    phases: tuple[float, ...] = Field((), description="phase of each tone at the first sample; empty: all zero (rad)")
+    frequencies: tuple[float, ...] = Field(description="frequency of each tone", json_schema_extra={"unit": "Hz"})
+    amplitudes: tuple[float, ...] = Field(description="peak amplitude of each tone", json_schema_extra={"unit": "m"})
+    phases: tuple[float, ...] = Field(
+        (), description="phase of each tone at the first sample; empty: all zero", json_schema_extra={"unit": "rad"}
+    )
 
     @model_validator(mode="after")
     def _tones_fit_together(self) -> Self:

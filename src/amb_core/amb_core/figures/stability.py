@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from contourpy import contour_generator
+from matplotlib.figure import Figure
 
 from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Curve, Heat, Item, Panel, Points, Table, Values
@@ -55,8 +55,9 @@ def stability_figure(chart: StabilityChart, title: str = "Gains that hold the ro
 def _line(chart: StabilityChart, level: float) -> tuple[Values, Values]:
     """Points of the lines of a level, with NaN between them; the boundary of the stable set is above every level."""
     peak = np.where(np.isfinite(chart.peak), np.minimum(chart.peak, 100.0), 100.0)
-    lines = contour_generator(1e-3 * chart.proportional, chart.derivative, np.log(peak)).lines(float(np.log(level)))
-    if not lines:
+    axes = Figure().subplots()
+    lines = axes.contour(1e-3 * chart.proportional, chart.derivative, np.log(peak), [np.log(level)]).allsegs[0]
+    if not len(lines):
         return np.empty(0), np.empty(0)
     joined = np.concatenate([np.vstack([line, [[np.nan, np.nan]]]) for line in lines])
     return joined[:-1, 0], joined[:-1, 1]

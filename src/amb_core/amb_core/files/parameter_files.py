@@ -106,7 +106,9 @@ class ParameterFile:
             name = full_name(node)
             given = self.values(name)
             kept = {key: value for key, value in sections.pop(name, {}).items() if of_rclpy(key)}
-            sections[name] = {**kept, **given, **changed}  # last: a later section counts
+            present = {**kept, **given, **changed}
+            # Last, since a later section counts. An empty list has no type in ROS; every list is empty by default.
+            sections[name] = {key: value for key, value in present.items() if value not in ([], ())}
         content = {name: {PARAMETERS: parameters} for name, parameters in sections.items()}
         return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
 
