@@ -25,7 +25,9 @@ AMB = str(find_executable("amb_bringup", "amb"))
 
 def test_one_command_starts_a_graph_and_leaves_bag_and_report(graph: Graph, tmp_path: Path) -> None:
     words = ["multisine", "--amplitude", "5um", "--duration", "0.3s", "--frequency-end", "1.5kHz"]
-    process = graph.start_command([AMB, "experiment", *words, "--set", "rotor.mass=5kg", "--out", str(tmp_path / "out")])
+    process = graph.start_command(
+        [AMB, "experiment", *words, "--set", "rotor.mass=5kg", "--out", str(tmp_path / "out")]
+    )
     process.wait_for_end(TIMEOUT)
     assert process.returncode == 0, process.said
     recording = Recording.read(tmp_path / "out" / "bag")
@@ -51,9 +53,7 @@ def test_ctrl_c_lands_and_closes_the_recording(graph: Graph, tmp_path: Path) -> 
     assert not Recording.read(bag).truncated
 
 
-def test_the_client_does_the_same_on_a_graph_that_runs(
-    tmp_path: Path, own_domain: Callable[[], Any]
-) -> None:
+def test_the_client_does_the_same_on_a_graph_that_runs(tmp_path: Path, own_domain: Callable[[], Any]) -> None:
     with own_domain() as domain:
         environment = {"ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(tmp_path)}
         with (

@@ -54,7 +54,8 @@ def test_amb_core_asks_pip_for_what_it_imports_at_versions_that_are_tested() -> 
     (listed,) = (
         node.value
         for node in script.body
-        if isinstance(node, ast.Assign) and [name.id for name in node.targets if isinstance(name, ast.Name)] == ["REQUIRED"]
+        if isinstance(node, ast.Assign)
+        and [name.id for name in node.targets if isinstance(name, ast.Name)] == ["REQUIRED"]
     )
     required = {item.name.lower(): item for item in map(Requirement, ast.literal_eval(listed))}
     assert set(required) == {DISTRIBUTIONS.get(name, name) for name in imported(ROOT / "src" / "amb_core")}

@@ -28,7 +28,11 @@ def changed(folder: Path, *changes: str, base: Path | None = None) -> Path:
 
 def test_values_reach_the_nodes_that_they_name(tmp_path: Path) -> None:
     file = changed(
-        tmp_path, "rotor.mass=800g", "controller.current_limit=2", "pd_controller.telemetry_block=50", "iron.saturation=on"
+        tmp_path,
+        "rotor.mass=800g",
+        "controller.current_limit=2",
+        "pd_controller.telemetry_block=50",
+        "iron.saturation=on",
     )
     check_parameter_file(file)
     simulator = load_parameters(SimulatorParameters, file, "simulator")
@@ -64,7 +68,10 @@ def test_an_empty_list_is_left_out_since_ros_cannot_read_it(tmp_path: Path) -> N
         ("magnetic_circuit.turns_per_pole=2.5", r"'2\.5' is not a whole number"),
         ("controller.nominal_reference=1e-5", r"is not a list; allowed: a list of numbers"),
         ("rotor.model=soft", r"'rotor\.model' = 'soft' is not allowed; allowed: one of point_mass, rigid, flexible"),
-        ("controller.sample_rate=5000", r"no parameter 'controller\.sample_rate'; did you mean integration\.sample_rate"),
+        (
+            "controller.sample_rate=5000",
+            r"no parameter 'controller\.sample_rate'; did you mean integration\.sample_rate",
+        ),
         ("rotor.mass", r"must be a name and its value"),
     ],
 )
@@ -91,5 +98,7 @@ def test_every_command_with_a_parameter_file_can_change_it() -> None:
 
 
 def test_a_command_runs_with_the_change() -> None:
-    result = CliRunner().invoke(app, ["plant", "describe", "--json", "--set", "rotor.gravity=0"], catch_exceptions=False)
+    result = CliRunner().invoke(
+        app, ["plant", "describe", "--json", "--set", "rotor.gravity=0"], catch_exceptions=False
+    )
     assert json.loads(result.output)["constants"]["sag"]["value"] == pytest.approx(0.0, abs=1e-12)

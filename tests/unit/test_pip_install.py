@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import venv
@@ -36,8 +37,10 @@ def run(folder: Path, *command: str | Path) -> subprocess.CompletedProcess[str]:
 @pytest.mark.slow
 @pytest.mark.timeout(3_600)  # downloads some 200 MB, and compiles all kernels
 def test_the_examples_run_where_pip_alone_has_installed_the_library(tmp_path: Path) -> None:
-    run(tmp_path, sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-w", tmp_path,
-        ROOT / "src" / "amb_core")  # fmt: skip
+    sources = tmp_path / "src" / "amb_core"  # pip builds in the folder of the sources
+    shutil.copytree(ROOT / "src" / "amb_core", sources, ignore=shutil.ignore_patterns("__pycache__", "build", "*.egg*"))
+    shutil.copytree(ROOT / "target", tmp_path / "target")
+    run(tmp_path, sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-w", tmp_path, sources)
     (wheel,) = tmp_path.glob("amb_core-*.whl")
     venv.create(tmp_path / "venv", with_pip=True)
     python = tmp_path / "venv" / "bin" / "python"
@@ -47,7 +50,9 @@ def test_the_examples_run_where_pip_alone_has_installed_the_library(tmp_path: Pa
     run(tmp_path, python, "-m", "pip", "install", "-q", "--no-input", "-c", pins, wheel)
     run(tmp_path, python, "-m", "pip", "check")
     # nothing of ROS, and nothing of this checkout
-    found = run(tmp_path, python, "-c", "import amb_core, importlib.util as u; print(amb_core.__file__, u.find_spec('rclpy'))")
+    found = run(
+        tmp_path, python, "-c", "import amb_core, importlib.util as u; print(amb_core.__file__, u.find_spec('rclpy'))"
+    )
     assert found.stdout.split()[0].startswith(str(tmp_path / "venv"))
     assert found.stdout.split()[1] == "None"
     examples = re.findall(r"^```python\n(.*?)^```$", README.read_text(), re.DOTALL | re.MULTILINE)

@@ -58,7 +58,9 @@ def _experiment(entry: Any, number: int) -> Experiment:
         raise ExcitationError(f"unknown kind of excitation {kind!r}; allowed: {', '.join(KINDS)}")
     declared = {item.name: item for item in declarations(KINDS[kind])}
     settings = {
-        str(name): _value(value, declared.get(str(name))) for name, value in entry.items() if name not in ("kind", "name")
+        str(name): _value(value, declared.get(str(name)))
+        for name, value in entry.items()
+        if name not in ("kind", "name")
     }
     return Experiment(str(entry.get("name", f"{number} {kind}")), excitation_from_request(kind, settings))
 

@@ -1,8 +1,8 @@
 """`--set NAME=VALUE`: a parameter file with other values of some parameters, checked as the nodes check them.
 
 A name is one of the simulator (rotor.mass), `controller.` and one of the controller, or a node and one of its own
-(region_monitor.drift_threshold). The values make a parameter file of their own, so that whatever reads a parameter file,
-nodes included, needs to know nothing of them.
+(region_monitor.drift_threshold). The values make a parameter file of their own, so that whatever reads a parameter
+file, nodes included, needs to know nothing of them.
 """
 
 from __future__ import annotations

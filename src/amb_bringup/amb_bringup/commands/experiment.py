@@ -33,25 +33,24 @@ def experiment(
     kind: Annotated[
         str | None, typer.Argument(help="sweep, square, multisine, prbs, white_noise or tones; or --file.")
     ] = None,
-    file: Annotated[
-        Path | None, typer.Option(help="YAML list of several experiments.", show_default=False)
-    ] = None,
-    record: Annotated[
-        Path | None, typer.Option(help="New folder for the bag.", show_default="bag in --out")
-    ] = None,
+    file: Annotated[Path | None, typer.Option(help="YAML list of several experiments.", show_default=False)] = None,
+    record: Annotated[Path | None, typer.Option(help="New folder for the bag.", show_default="bag in --out")] = None,
     params: ParamsOption = None,
     rig: Annotated[bool, typer.Option("--rig", help="Start the graph of a rig, if no graph runs.")] = False,
     emulator: Annotated[
         bool, typer.Option("--emulator", help="With --rig: start an emulated target on this machine.")
     ] = False,
     report: Annotated[bool, typer.Option(help="Also write the report on each run.")] = True,
-    order: Annotated[str | None, typer.Option(help="Order of the model in the report, or auto.", show_default="by axes")] = None,
+    order: Annotated[
+        str | None, typer.Option(help="Order of the model in the report, or auto.", show_default="by axes")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for bag and report.")] = Path("results/experiment"),
 ) -> None:
     """Levitate, excite, record, land and report: experiments from start to end.
 
-    Uses the graph that runs in this DDS domain, simulator or rig, or starts one for the time. Quantities may have units:
-    --amplitude 10um --frequency-end 1kHz. After Ctrl-C, and after an error, the rotor is landed and the bag closed.
+    Uses the graph that runs in this DDS domain, simulator or rig, or starts one for the time. Quantities may have
+    units: --amplitude 10um --frequency-end 1kHz. After Ctrl-C, and after an error, the rotor is landed and the bag
+    closed.
     """
     experiments = _experiments(kind, file, given)
     bag = record or out / "bag"

@@ -34,8 +34,8 @@ def new(
     """Write a parameter file of your own bearing, with PD gains that levitate it.
 
     Asks for what is needed, unless it is given or there is no terminal. The gains come from pole placement on the
-    linearised plant; they are checked with sampling, delay, amplifiers and sensors, and in a simulated lift-off. A bearing
-    that no PD gains hold with a peak sensitivity of at most 3 is refused, with the reason.
+    linearised plant; they are checked with sampling, delay, amplifiers and sensors, and in a simulated lift-off. A
+    bearing that no PD gains hold with a peak sensitivity of at most 3 is refused, with the reason.
     """
     make_place(out, (".yaml", ".yml"))
     if out.exists() and not overwrite:
@@ -95,7 +95,10 @@ def _show(console: Console, design: BearingDesign, out: Path) -> None:
     for command, does in (
         (f"amb plant describe --params {out}", "its constants"),
         (f"amb tune chart {out}", "which gains are stable"),
-        (f"amb experiment multisine --amplitude 5um --params {out}", "levitate, excite, record, report"),
+        (
+            f"amb experiment multisine --amplitude 2um --frequency-end 1.5kHz --params {out}",
+            "levitate, excite, record, report",
+        ),
         (f"amb map --params {out}", "where it stays in region A"),
     ):
-        console.print(f"  {command:<60} # {does}", highlight=False, soft_wrap=True)
+        console.print(f"  {command:<84} # {does}", highlight=False, soft_wrap=True)

@@ -51,7 +51,6 @@ class Quantity:
             raise typer.BadParameter(str(problem)) from None
 
 
-
 def quantity_option(unit: str, help: str) -> Any:
     """An option that takes a quantity of a declared unit."""
     return typer.Option(help=help, parser=Quantity(unit), metavar=QUANTITY)

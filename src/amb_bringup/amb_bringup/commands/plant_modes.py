@@ -105,7 +105,9 @@ def _critical(found: Campbell) -> Table:
 def shaft(
     length: Annotated[float, quantity_option("m", "Length of the shaft, in m.")],
     diameter: Annotated[float, quantity_option("m", "Its diameter, in m.")],
-    bearings: Annotated[float, quantity_option("m", "Distance of both bearings and their sensors from its middle, in m.")],
+    bearings: Annotated[
+        float, quantity_option("m", "Distance of both bearings and their sensors from its middle, in m.")
+    ],
     bending_modes: Annotated[int, typer.Option(help="Bending modes in each plane, 0 to 8.")] = 3,
     damping_ratio: Annotated[float, typer.Option(help="Damping ratio of the bending modes.")] = 0.005,
     out: Annotated[Path, typer.Option(help="File of modal data, .npz.")] = Path("results/shaft.npz"),

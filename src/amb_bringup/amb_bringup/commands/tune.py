@@ -73,7 +73,8 @@ def gains(
     console.print(gains_table(tuned, f"PD gains for {params}"))
     if tuned.peak_sensitivity > HIGHEST_PEAK:
         console.print(
-            f"[yellow]no PD gains have a peak sensitivity of at most {HIGHEST_PEAK:g}: {reason(plant, controller)}[/yellow]"
+            f"[yellow]no PD gains have a peak sensitivity of at most {HIGHEST_PEAK:g}: "
+            f"{reason(plant, controller)}[/yellow]"
         )
     if out is not None:
         changed_file(params, _changes(tuned), out)
@@ -107,12 +108,12 @@ def gains_table(tuned: Tuned, title: str) -> Table:
     table.add_row("damping k_i K_D", f"{tuned.damping:.3g} N s/m")
     mode = tuned.model.rigid_mode(tuned.model.closed_loop.output_labels[0])
     if mode is not None:
-        table.add_row(
-            "natural frequency, damping ratio", f"{mode.natural_hz:.1f} Hz, {mode.damping_ratio:.3f}"
-        )
+        table.add_row("natural frequency, damping ratio", f"{mode.natural_hz:.1f} Hz, {mode.damping_ratio:.3f}")
     table.add_row("peak sensitivity", f"{tuned.peak_sensitivity:.3g}")
     upper = f"{high:.3g}" if np.isfinite(high) else "more than 1000"
     table.add_row("stable with both gains times", f"{low:.3g} to {upper}")
     table.add_row("phase margin, guaranteed by the peak", f"{tuned.least_phase_margin:.0f} deg")
-    table.add_row("control current that carries the weight", f"{tuned.holding_current:.3g} A of {controller.current_limit:.3g} A")
+    table.add_row(
+        "control current that carries the weight", f"{tuned.holding_current:.3g} A of {controller.current_limit:.3g} A"
+    )
     return table

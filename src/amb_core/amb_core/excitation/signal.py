@@ -6,11 +6,10 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from amb_core.errors import ExcitationError
 from amb_core.excitation.axes import AXES_DESCRIPTION, ORTHOGONAL, Part, parts_of

@@ -47,8 +47,9 @@ def stability_figure(chart: StabilityChart, title: str = "Gains that hold the ro
         f"{100.0 * stable.mean():.0f} % of the gains shown are stable. Chosen are {gains[0][0]:.4g} A/mm and "
         f"{gains[1][0]:.4g} A s/m, {words}."
     )
-    sides = [Axis(label, log=True, limits=(side[0], side[-1])) for label, side in (("K_P (A/mm)", k_p), ("K_D (A s/m)", k_d))]
-    panel = Panel(*sides, tuple(items))
+    along = Axis("K_P (A/mm)", log=True, limits=(k_p[0], k_p[-1]))
+    up = Axis("K_D (A s/m)", log=True, limits=(k_d[0], k_d[-1]))
+    panel = Panel(along, up, tuple(items))
     return Chart(title, alt, (panel,), size=(8.0, 5.4), table=_table(chart))
 
 

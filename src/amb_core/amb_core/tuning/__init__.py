@@ -1,4 +1,4 @@
-"""From the few numbers of a bearing to a machine that levitates: plant, PD gains, margins, lift-off, stability chart."""
+"""From the few numbers of a bearing to one that levitates: plant, PD gains, margins, lift-off, stability chart."""
 
 from amb_core.tuning.bearing import Bearing, plant_of
 from amb_core.tuning.design import BearingDesign, design_bearing

@@ -118,7 +118,7 @@ def _values(bearing: Bearing) -> dict[str, Any]:
 
 
 def _circuit(bearing: Bearing) -> dict[str, float]:
-    """Radii and pole width in the proportions of the paper's bearing, those of the iron outside the poles to the gap."""
+    """Radii and pole width in the proportions of the paper's bearing."""
     journal = 0.5 * bearing.journal_diameter
     pole = journal + bearing.gap
     return {

@@ -163,9 +163,9 @@ def require_carrying(model: Linearization, controller: ControllerParameters) -> 
     needed = float(np.abs(model.point.current_reference).max())
     if needed >= controller.current_limit:
         raise PlantError(
-            f"static load beyond the force: carrying the rotor in the centre needs a control current of {needed:.3g} A; "
-            f"allowed: less than {controller.current_limit:g} A; more turns, a larger bias current or larger magnets "
-            "carry more"
+            f"static load beyond the force: carrying the rotor in the centre needs a control current of {needed:.3g} "
+            f"A; allowed: less than {controller.current_limit:g} A; more turns, a larger bias current or larger "
+            "magnets carry more"
         )
 
 

@@ -41,7 +41,9 @@ class LoopFamily:
         radial = np.array([not label.startswith("z") for label in model.discrete.output_labels], dtype=float)
         self._fixed = (1.0 - radial) * packed[:, 0], (1.0 - radial) * packed[:, 1]
         self._radial, self._given = radial, given
-        loops = [close_loop(model.discrete, self.controller(*gains))[1] for gains in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))]
+        loops = [
+            close_loop(model.discrete, self.controller(*gains))[1] for gains in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+        ]
         self._a = loops[0].A
         self._by_gain = loops[1].A - loops[0].A, loops[2].A - loops[0].A
         angle = np.geomspace(1e-6 * np.pi, np.pi, FREQUENCIES)

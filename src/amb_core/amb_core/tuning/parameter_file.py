@@ -33,8 +33,8 @@ def parameter_file_of(design: BearingDesign) -> str:
 def _head(design: BearingDesign) -> Iterable[str]:
     bearing, tuned = design.bearing, design.tuned
     yield (
-        f"A bearing with a gap of {1e3 * bearing.gap:g} mm, {bearing.turns} turns a pole, {bearing.bias_current:g} A bias, "
-        f"{bearing.mass:g} kg, {bearing.voltage:g} V."
+        f"A bearing with a gap of {1e3 * bearing.gap:g} mm, {bearing.turns} turns a pole, {bearing.bias_current:g} A "
+        f"bias, {bearing.mass:g} kg, {bearing.voltage:g} V."
     )
     yield "Units are SI; what is not given here takes its default. Gains: poles placed on the linearised plant, checked"
     yield (
@@ -42,10 +42,10 @@ def _head(design: BearingDesign) -> Iterable[str]:
         f"{1e-6 * tuned.stiffness:.3g} N/um,"
     )
     yield (
-        f"damping {tuned.damping:.3g} N s/m. In simulation the rotor lifts off within {1e3 * design.lift_off.time:.0f} ms "
-        f"and rests within {UM * design.lift_off.farthest:.2g} um of the centre."
+        f"damping {tuned.damping:.3g} N s/m. In simulation the rotor lifts off within {1e3 * design.lift_off.time:.0f} "
+        f"ms and rests within {UM * design.lift_off.farthest:.2g} um of the centre."
     )
-    yield "After a change of the plant, `amb tune gains` suggests new gains and `amb tune chart` draws which are stable."
+    yield "After a change of the plant, amb tune gains suggests new gains and amb tune chart draws which are stable."
 
 
 def _section(node: str, model: type[Parameters], values: Mapping[str, Any]) -> Iterable[str]:

@@ -15,9 +15,7 @@ from amb_core.tuning.levitation import lift_off_current
 FASTER = 10.0
 
 
-def reason(
-    parameters: PlantParameters, controller: ControllerParameters, highest_peak: float = HIGHEST_PEAK
-) -> str:
+def reason(parameters: PlantParameters, controller: ControllerParameters, highest_peak: float = HIGHEST_PEAK) -> str:
     """The part of the loop that keeps the peak sensitivity above the limit, in words.
 
     Parameters
@@ -62,7 +60,8 @@ def _better(
     step = min(sampling.internal_step, 0.5 / (factor * sampling.sample_rate))
     changes: list[tuple[str, dict[str, object]]] = [
         (
-            f"sampling too slow ({sampling.sample_rate:g} Hz, delay {parameters.converters.computation_delay:g} samples)",
+            f"sampling too slow ({sampling.sample_rate:g} Hz, delay of {parameters.converters.computation_delay:g} "
+            "samples)",
             {
                 "integration.sample_rate": factor * sampling.sample_rate,
                 "integration.internal_step": step,
