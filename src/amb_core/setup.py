@@ -34,7 +34,11 @@ setup(
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
-        NAME: ["py.typed", "figures/*.j2", "figures/page.css", "figures/touch.js", "report/*.j2", "report/page.css"]
+        NAME: [
+            "py.typed",
+            *("figures/*.j2", "figures/page.css", "figures/draw.js"),
+            *("report/*.j2", "report/page.css", "report/page.js"),
+        ]
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
