@@ -19,6 +19,7 @@ from amb_core.excitation import Square
 from amb_core.recording import Recording
 from tests.graph.conftest import Graph
 from tests.graph.limits import TIMEOUT
+from tests.graph.rig import UNHURRIED
 
 AMB = str(find_executable("amb_bringup", "amb"))
 
@@ -72,3 +73,19 @@ def test_the_client_does_the_same_on_a_graph_that_runs(tmp_path: Path, own_domai
             assert len(fallen.runs) == 2
             with pytest.raises(ClientError, match="there is no experiment to carry out"):
                 amb.experiment([])
+
+
+@pytest.mark.slow
+def test_a_rig_is_levitated_excited_and_landed(graph: Graph, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    words = ["multisine", "--amplitude", "2um", "--duration", "1s", "--record", str(bag), "--no-report"]
+    unhurried = {f"target_emulator.{name}": value for name, value in UNHURRIED.items() if name != "port"}
+    changes = [f"--set={name}={value}" for name, value in (unhurried | {"hardware_bridge.link.timeout": 30}).items()]
+    command = [AMB, "experiment", *words, "--rig", "--emulator", *changes]
+    process = graph.start_command(command, stdout=subprocess.PIPE)
+    shown, errors = process.communicate(timeout=2.0 * TIMEOUT)
+    assert process.returncode == 0, errors
+    assert all(f"{stage}: done" in shown for stage in ("connect", "levitate", "multisine", "land"))
+    recording = Recording.read(bag)
+    assert not recording.truncated
+    assert recording.telemetry(recording.runs[-1]).steps > 10_000

@@ -15,8 +15,11 @@ BEARINGS = 100
 RATES = (3e3, 5e3, 8e3, 10e3, 12.5e3, 16e3, 20e3, 25e3, 40e3)  # Hz, of common controllers
 FLUX_DENSITY = 0.2, 0.6  # T at bias current, below the saturation of electrical steel at twice the bias
 LOAD = 0.03, 0.3
-"""Weight over the force of the centred rotor at a control current as large as the bias. On the backup bearing, half a gap
-lower, 1 / 1.5^2 = 0.44 of that force are left in the ideal circuit: what weighs more than that cannot rise."""
+"""Weight over the force of the centred rotor at a control current as large as the bias.
+
+On the backup bearing, half a gap lower, 1 / 1.5^2 = 0.44 of that force are left in the ideal circuit: what weighs more
+cannot rise.
+"""
 
 
 def random_bearing(generator: np.random.Generator) -> Bearing:
