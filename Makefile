@@ -60,7 +60,7 @@ bench-ident: setup .venv-peers/.complete  ## identification next to other packag
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@
 
 .venv-docs/.complete: docs/requirements.txt  # an environment of its own that sees the packages of .venv
-	@$(RUN) python -m venv --clear .venv-docs && .venv-docs/bin/python -m pip install -q --disable-pip-version-check -r $<
+	@.venv/bin/python -m venv --clear .venv-docs && .venv-docs/bin/python -m pip install -q --disable-pip-version-check -r $<
 	@cd .venv-docs/lib/python3*/site-packages && ls -d ../../../../.venv/lib/python3*/site-packages > workbench.pth
 	@touch $@
 
