@@ -26,6 +26,8 @@ LEFT_OUT = ("commission-a-rig", "test-the-workbench")
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("page", [page for page in PAGES if page.stem not in LEFT_OUT], ids=lambda page: page.stem)
 def test_a_reader_gets_through(page: Path, page_reader: Reader) -> None:
+    if "amb new my_bearing.yaml" in page.read_text(encoding="utf-8"):
+        (page_reader.folder / "my_bearing.yaml").unlink()
     page_reader.follow(page)
 
 
