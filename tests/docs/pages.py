@@ -8,7 +8,8 @@ A comment before a block says what else a reader does with it:
     <!-- run: code ends N -->            the commands end with exit code N
     <!-- run: not, REASON -->            leaves it out
 
-A block of the language `output` has lines that the commands before it show; `...` in them stands for anything.
+A block of the language `output` has lines that the commands before it show; `...`, or two
+blanks or more, stand for anything.
 """
 
 from __future__ import annotations
@@ -169,9 +170,9 @@ def run_cell(text: str, names: dict[str, Any]) -> None:
 
 
 def assert_shows(shown: str, expected: str) -> None:
-    """Whether an output has the expected lines in their order, others between them; `...` stands for anything."""
+    """Whether an output has the expected lines in their order, others between them; `...` or a gap stands for anything."""
     lines = [line for line in expected.splitlines() if line.strip(" .")]
-    words = [".*?".join(map(_spaced, line.split("..."))) for line in lines]
+    words = [".*?".join(map(_spaced, re.split(r"\.{3}| {2,}", line))) for line in lines]
     pattern = ".*?".join(words)
     assert re.search(pattern, shown, re.DOTALL), f"expected:\n{expected}\nshown:\n{shown[-6000:]}"
 
