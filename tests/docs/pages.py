@@ -170,7 +170,7 @@ def run_cell(text: str, names: dict[str, Any]) -> None:
 
 
 def assert_shows(shown: str, expected: str) -> None:
-    """Whether an output has the expected lines in their order, others between them; `...` or a gap stands for anything."""
+    """Whether an output has the expected lines in their order, others between them; `...` or a gap is anything."""
     lines = [line for line in expected.splitlines() if line.strip(" .")]
     words = [".*?".join(map(_spaced, re.split(r"\.{3}| {2,}", line))) for line in lines]
     pattern = ".*?".join(words)
