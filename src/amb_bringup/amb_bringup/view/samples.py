@@ -20,6 +20,7 @@ SHORTEST_WINDOW = 0.1  # s
 FACTORS = (1, 5, 4, 5, 6)  # windows of 0.1 s, 0.5 s, 2 s, 10 s and 60 s, as far as the sample rate allows
 ORBIT_RATE = 5000.0  # points per second, at most
 ORBIT_POINTS = 1000
+LARGEST = 1e9  # m or A; beyond it a sample is shown as missing, as one that is not a number
 SIGNALS = ("position", "reference", "current")
 
 FRAME, SPECTRUM = 1, 2
@@ -185,15 +186,18 @@ class SampleDisplay:
         self._spectrum = RunningSpectrum(len(axes), sample_time)
 
     def _take(self, block: LoopRecord) -> None:
-        self._columns.add(np.concatenate([block.position, block.reference, block.current], axis=1))
-        self._orbit.add(block.position)
-        if np.isfinite(block.position).all():
-            self._spectrum.add(block.position)
+        values = np.concatenate([block.position, block.reference, block.current], axis=1)
+        usable = np.abs(values) < LARGEST
+        values = np.where(usable, values, np.nan)
+        position = values[:, : len(block.axes)]
+        self._columns.add(values)
+        self._orbit.add(position)
+        if usable[:, : len(block.axes)].all():
+            self._spectrum.add(position)
         else:
             self._spectrum.clear()
         self.step = block.first_step + block.steps
 
 
 def _floats(values: NDArray[np.float64]) -> bytes:
-    with np.errstate(over="ignore", invalid="ignore"):
-        return values.astype("<f4").tobytes()
+    return values.astype("<f4").tobytes()

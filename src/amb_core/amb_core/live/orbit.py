@@ -43,7 +43,7 @@ def planes_of(machine: Machine) -> tuple[Plane, ...]:
 class OrbitPath:
     """The last points of the path in several planes.
 
-    Of every few samples it keeps the one farthest from their common centre, the mean of the previous points.
+    Of every few samples it keeps the one farthest from the mean of the points before.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ class OrbitPath:
         groups = path[:whole].reshape(-1, self._stride, len(self.planes), 2)
         if not len(groups):
             return
-        known = self._points[: min(self.count, self._kept)]
-        centre = np.nanmean(known, axis=0) if len(known) and np.isfinite(known).any() else path.mean(axis=0)
+        known = np.isfinite(self._points)
+        centre = self._points.sum(axis=0, where=known) / np.maximum(known.sum(axis=0), 1)
         farthest = np.argmax(np.nan_to_num(((groups - centre) ** 2).sum(axis=3)), axis=1)
         points = np.take_along_axis(groups, farthest[:, None, :, None], axis=1)[:, 0][-self._kept :]
         self.count += len(groups)
