@@ -70,7 +70,7 @@ def test_no_name_of_a_file_reaches_the_file_system() -> None:
 
 @pytest.mark.parametrize("order", ["format", "__init__", None, 7, ["run"], {}])
 def test_an_unknown_order_is_refused_with_the_known_ones(order: object) -> None:
-    with pytest.raises(AmbError, match="unknown order .* allowed: start_excitation"):
+    with pytest.raises(AmbError, match=r"unknown order .* allowed: start_excitation"):
         Orders(lambda: 0).lane(order)
 
 
