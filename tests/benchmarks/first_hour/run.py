@@ -1,10 +1,10 @@
 """A user's first hour, in figures: writes results/first_hour.json; keys of parts that are not run stay as they were.
 
 view: the live page in headless Chromium on telemetry of four axes at 10 kHz in real time. latency_ms: from the
-publication of a sample until it is drawn, 95 of 100 frames (latency_median_ms: half of them); frames_per_s: frames drawn;
-core_share: of the server; lost: samples that the page did not get; load_average: of the machine meanwhile, and its cores.
-hostile_executed: scripts run, orders carried out and answers given to clients without the token or of other origins.
-bit_identical: whether a loop with the page open has the samples of the loop without ROS.
+publication of a sample until it is drawn, 95 of 100 frames (latency_median_ms: half of them). frames_per_s: frames that
+are drawn. core_share: of the server. lost: samples that the page did not get. load_average: of the machine meanwhile,
+and its cores. hostile_executed: scripts run, orders carried out and answers given to clients without the token or of
+other origins. bit_identical: whether a loop with the page open has the samples of the loop without ROS.
 pages: seconds until a report, and the page of the paper's figures, are drawn; null where there is no such page.
 """
 

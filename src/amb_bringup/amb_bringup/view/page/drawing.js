@@ -23,7 +23,7 @@ export function prepared(canvas) {
   context.setTransform(scale, 0, 0, scale, 0, 0);
   context.clearRect(0, 0, width, height);
   context.font = "12px system-ui, 'DejaVu Sans', sans-serif";
-  context.lineJoin = "round";
+  context.lineJoin = "bevel";
   return { context, width, height };
 }
 

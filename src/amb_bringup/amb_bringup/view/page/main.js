@@ -15,8 +15,9 @@ const SILENCE = 1000; // ms without frames after which the loop counts as standi
 const find = (id) => document.getElementById(id);
 const samples = new Samples();
 const state = { connected: false, closing: "", sections: {}, frozen: false, whole: false, waiting: false };
-// For programs that measure the page: frames drawn, and how old the newest drawn sample was (ms).
-const measured = { drawn: 0, step: 0, ages: [] };
+// For programs that measure the page: frames drawn, time that took, and how old the newest
+// drawn sample was (ms).
+const measured = { drawn: 0, drawing: 0, step: 0, ages: [] };
 globalThis.ambView = { measured, state, samples };
 
 let lastFrame = -Infinity, drawnBefore = 0, behind = 0;
@@ -122,10 +123,13 @@ function showExcitation() {
 
 function draw() {
   state.waiting = false;
+  const begin = performance.now();
   drawStrips(find("strips"), samples, find("signal").value);
   drawOrbits(find("orbit-grid"), samples, state.whole);
-  drawSpectrum(find("lines"), samples);
+  if (samples.spectrumIsNew) drawSpectrum(find("lines"), samples);
+  samples.spectrumIsNew = false;
   measured.drawn += 1;
+  measured.drawing += performance.now() - begin;
   measured.step = samples.step;
   measured.ages.push(performance.timeOrigin + performance.now() - 1000 * samples.published);
   if (measured.ages.length > 2000) measured.ages.splice(0, 1000);
@@ -146,6 +150,7 @@ function everySecond() {
 function redraw() {
   readColours();
   if (samples.layout.axes.length) draw();
+  drawSpectrum(find("lines"), samples);
   drawMap(find("plane"), state.sections.map, state.sections.region);
 }
 

@@ -118,7 +118,8 @@ function fieldElement(field) {
     if (field.default) input.value = field.default;
   } else if (field.type === "bool") input = element("input", { type: "checkbox", checked: field.default === true });
   else {
-    const shown = field.default === null ? "" : inMicro ? +(1e6 * field.default).toPrecision(6) : field.default;
+    const missing = field.type === "list" ? "" : "required";
+    const shown = field.default === null ? missing : inMicro ? +(1e6 * field.default).toPrecision(6) : field.default;
     input = element("input", { type: "text", placeholder: shown, inputMode: field.type === "str" ? "text" : "decimal" });
   }
   Object.assign(input.dataset, { name: field.name, type: field.type, scale: inMicro ? 1e-6 : 1 });

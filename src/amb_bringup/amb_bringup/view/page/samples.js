@@ -34,6 +34,7 @@ export class Samples {
     if (word(1) !== this.layout.epoch) return false;
     if (word(0) === SPECTRUM) {
       this.spectrum = new Float32Array(view.buffer, SPECTRUM_HEADER);
+      this.spectrumIsNew = true;
       return true;
     }
     if (word(0) !== FRAME) return false;

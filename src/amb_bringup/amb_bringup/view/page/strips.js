@@ -3,6 +3,7 @@
 import { axisColour, colour, line, micro, prepared, seconds, short, ticks } from "./drawing.js";
 
 const LEFT = 58, RIGHT = 10, TOP = 6, BOTTOM = 24, GAP = 8; // px
+const THICKNESS = 1.3; // px
 const SHRINK = 0.97; // of a range per frame, so that the scale does not jump
 const ranges = new Map(); // by signal and axis
 
@@ -35,7 +36,7 @@ function drawStrip(context, box, samples, signal, axis, name) {
   context.beginPath();
   context.rect(box.left, box.top, box.right - box.left, box.height);
   context.clip();
-  if (signal === "position") band(context, box, samples, samples.index("reference", axis), y, colour("soft"), 0.6);
+  if (signal === "position") band(context, box, samples, samples.index("reference", axis), y, colour("soft"), 0.3);
   band(context, box, samples, samples.index(signal, axis), y, axisColour(axis), 1);
   context.restore();
   const [least, most] = samples.column(0, samples.index(signal, axis));
@@ -43,26 +44,24 @@ function drawStrip(context, box, samples, signal, axis, name) {
   label(context, text, box.left + 6, box.top + 4, axisColour(axis));
 }
 
-function band(context, box, samples, signal, y, stroke, alpha) {
+// Bars on whole pixels, each reaching to the one before it: a browser without a graphics card draws them ten times faster
+// than a line of as many points.
+function band(context, box, samples, signal, y, fill, alpha) {
   const columns = samples.layout.columns, step = (box.right - box.left) / (columns - 1);
-  context.strokeStyle = stroke;
+  context.fillStyle = fill;
   context.globalAlpha = alpha;
-  context.lineWidth = 1.3;
-  context.beginPath();
-  let started = false;
+  let lowBefore = NaN, highBefore = NaN, right = NaN;
   for (let back = columns - 1; back >= 0; back--) {
     const [low, high] = samples.column(back, signal);
-    if (!Number.isFinite(low) || !Number.isFinite(high)) {
-      started = false;
-      continue;
+    const x = Math.round(box.right - back * step);
+    if (Number.isFinite(low) && Number.isFinite(high)) {
+      // Math.max and Math.min give NaN after a gap
+      const top = y(highBefore < low ? highBefore : high), bottom = y(lowBefore > high ? lowBefore : low);
+      const left = right === x ? x - 1 : Number.isNaN(right) ? x - 1 : right;
+      context.fillRect(left, Math.min(top, bottom) - THICKNESS / 2, Math.max(1, x - left), Math.abs(bottom - top) + THICKNESS);
     }
-    const x = box.right - back * step;
-    if (started) context.lineTo(x, y(high));
-    else context.moveTo(x, y(high));
-    context.lineTo(x, y(low) + 0.01);
-    started = true;
+    [lowBefore, highBefore, right] = [low, high, x];
   }
-  context.stroke();
   context.globalAlpha = 1;
 }
 
