@@ -54,19 +54,20 @@ function rangeOf(map) {
   return { from, to, low, high };
 }
 
+// From each boundary to the right edge: what lies behind a further boundary is tinted by both.
 function drawAreas(context, map, x, y, width) {
-  map.amplitude.forEach((amplitude, sweep) => {
-    const edge = (other) => (other === undefined ? null : y(Math.sqrt(amplitude * other)));
-    const bottom = edge(map.amplitude[sweep - 1]) ?? y(amplitude / 1.2), top = edge(map.amplitude[sweep + 1]) ?? y(amplitude * 1.2);
-    const starts = Object.keys(REGIONS).filter((name) => map.boundaries[name][sweep] !== null)
-      .map((name) => [map.boundaries[name][sweep], name]).sort((one, other) => one[0] - other[0]);
-    starts.forEach(([frequency, name], place) => {
-      const end = place + 1 < starts.length ? x(starts[place + 1][0]) : width - RIGHT;
-      context.fillStyle = colour(name.toLowerCase());
-      context.globalAlpha = 0.2;
-      context.fillRect(x(frequency), top, end - x(frequency), bottom - top);
-    });
-  });
+  context.globalAlpha = 0.16;
+  for (const name of Object.keys(REGIONS)) {
+    const points = map.amplitude.map((amplitude, sweep) => [map.boundaries[name][sweep], y(amplitude)])
+      .filter(([frequency]) => frequency !== null).map(([frequency, height]) => [x(frequency), height]);
+    if (points.length < 2) continue;
+    context.fillStyle = colour(name.toLowerCase());
+    context.beginPath();
+    for (const point of points) context.lineTo(...point);
+    context.lineTo(width - RIGHT, points.at(-1)[1]);
+    context.lineTo(width - RIGHT, points[0][1]);
+    context.fill();
+  }
   context.globalAlpha = 1;
 }
 

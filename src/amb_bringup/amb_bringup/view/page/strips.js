@@ -55,10 +55,10 @@ function band(context, box, samples, signal, y, fill, alpha) {
     const [low, high] = samples.column(back, signal);
     const x = Math.round(box.right - back * step);
     if (Number.isFinite(low) && Number.isFinite(high)) {
-      // Math.max and Math.min give NaN after a gap
-      const top = y(highBefore < low ? highBefore : high), bottom = y(lowBefore > high ? lowBefore : low);
+      // after a gap both comparisons are false
+      const top = y(lowBefore > high ? lowBefore : high), bottom = y(highBefore < low ? highBefore : low);
       const left = right === x ? x - 1 : Number.isNaN(right) ? x - 1 : right;
-      context.fillRect(left, Math.min(top, bottom) - THICKNESS / 2, Math.max(1, x - left), Math.abs(bottom - top) + THICKNESS);
+      context.fillRect(left, top - THICKNESS / 2, Math.max(1, x - left), bottom - top + THICKNESS);
     }
     [lowBefore, highBefore, right] = [low, high, x];
   }
