@@ -144,20 +144,34 @@ HOSTILE_MESSAGES = (
 
 
 def attack(visit: Visit, address: str) -> int:
-    """Send the hostile messages, each over a websocket of its own; how many were answered as an order would be."""
+    """Send the hostile messages, each over a websocket of its own; how many were answered as an order would be.
+
+    Raises
+    ------
+    AssertionError
+        If not every one was answered with a refusal or the end of the connection.
+    """
     script = """async ([address, messages]) => {
-        let carriedOut = 0;
+        let carriedOut = 0, refused = 0;
         for (const message of messages) {
             await new Promise((finish) => {
                 const socket = new WebSocket(address.replace("http", "ws") + "live");
-                socket.onopen = () => { socket.send(message); setTimeout(() => socket.close(), 150); };
+                let given = false;
+                const give = setTimeout(() => { given = true; socket.close(); }, 5000);
+                socket.onopen = () => socket.send(message);
                 socket.onmessage = ({ data }) => {
                     const type = typeof data === "string" ? JSON.parse(data).type : "frame";
                     if (type === "answer" || type === "unlocked") carriedOut++;
+                    if (type !== "problem" && type !== "pong") return;
+                    refused++;
+                    socket.onclose = finish;
+                    socket.close();
                 };
-                socket.onclose = socket.onerror = finish;
+                socket.onclose = () => { refused += given ? 0 : 1; clearTimeout(give); finish(); };
             });
         }
-        return carriedOut;
+        return [carriedOut, refused];
     }"""
-    return int(visit.page.evaluate(script, [address, list(HOSTILE_MESSAGES)]))
+    carried_out, refused = visit.page.evaluate(script, [address, list(HOSTILE_MESSAGES)])
+    assert refused == len(HOSTILE_MESSAGES), f"{refused} of {len(HOSTILE_MESSAGES)} hostile messages were refused"
+    return int(carried_out)

@@ -18,6 +18,7 @@ from amb_core.simulation import simulate
 from tests.graph.bearing import Bearing
 from tests.graph.conftest import Graph
 from tests.graph.live_page import CHROMIUM, LivePage, Visit, attack, open_browser, publish_markup
+from tests.graph.rig import Rig
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytestmark = [pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium"), pytest.mark.timeout(300)]
@@ -225,3 +226,21 @@ def test_a_server_that_goes_away_is_shown_and_its_end_is_clean(watched: Watched)
     visit.page.locator("#banner", has_text="No connection to the server").wait_for()
     visit.close()
     assert (code, said.strip()) == (0, "amb: stopped")
+
+
+@pytest.mark.slow
+def test_a_rig_is_levitated_and_landed_from_the_page_and_its_trips_are_shown(watched: Watched, graph: Graph) -> None:
+    rig = Rig(graph)
+    server = LivePage(graph)
+    visit = Visit(watched.browser, server.address_with_token)
+    visit.wait("!document.getElementById('controls').disabled && ambView.state.sections.plant")
+    visit.order("Levitate", "activate is allowed while it is inactive")
+    assert rig.change("configure"), rig.state.problem
+    visit.order("Levitate", "levitated")
+    visit.wait("ambView.samples.step > 1000")
+    visit.order("Land", "landed")
+    visit.order("Levitate", "levitated")
+    graph.stop(rig.emulator, signal.SIGKILL)
+    visit.page.locator("#trip-list li", has_text="does not answer").wait_for()
+    visit.page.locator("#banner").wait_for()
+    visit.close()
