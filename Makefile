@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident docs lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident bench-view docs lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -55,6 +55,9 @@ bench-regions: setup  ## regions, excitation design and identification on random
 
 bench-ident: setup .venv-peers/.complete  ## identification next to other packages (hours); writes results/bench_ident.json
 	@$(RUN) python tests/benchmarks/ident/run.py
+
+bench-view: setup  ## a user's first hour: live page, pages, files, new bearings; writes results/first_hour.json
+	@$(RUN) python -m tests.benchmarks.first_hour.run
 
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@

@@ -205,7 +205,8 @@ def _own_domain() -> Iterator[int]:
 
 
 @contextlib.contextmanager
-def _open_graph(folder: Path) -> Iterator[Graph]:
+def opened_graph(folder: Path) -> Iterator[Graph]:
+    """A graph whose processes run in a folder, for programs; tests use the fixtures."""
     with _own_domain() as domain:
         graph = Graph(domain, folder)
         try:
@@ -230,13 +231,13 @@ def own_domain() -> Callable[[], contextlib.AbstractContextManager[int]]:
 @pytest.fixture(scope="session")
 def open_graph() -> Callable[[Path], contextlib.AbstractContextManager[Graph]]:
     """Opens a graph whose processes run in a folder, for fixtures that share one among tests."""
-    return _open_graph
+    return opened_graph
 
 
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[Graph]:
     """A graph of its own for one test; its processes run in `tmp_path`."""
-    with _open_graph(tmp_path) as graph:
+    with opened_graph(tmp_path) as graph:
         yield graph
 
 
@@ -291,7 +292,7 @@ def share(keep: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) ->
     def take(make: Callable[[Graph], T], works: Callable[[T], bool] = lambda _: True) -> T:
         @contextlib.contextmanager
         def opened() -> Iterator[tuple[Graph, T]]:
-            with _open_graph(tmp_path_factory.mktemp("shared")) as graph:
+            with opened_graph(tmp_path_factory.mktemp("shared")) as graph:
                 yield graph, make(graph)
 
         _, made = keep(make, opened, lambda kept: kept[0].is_whole() and works(kept[1]))

@@ -21,6 +21,7 @@ ROSDEP_KEYS = {
     "rich": "python3-rich",
     "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
+    "tornado": "python3-tornado",
     "typer": "python3-typer",
     "yaml": "python3-yaml",
 }

@@ -25,6 +25,10 @@ COMMANDS = {
         "graph:up",
         "Start all nodes and show their output, until Ctrl-C.",
     ),
+    "view": (
+        "view:view",
+        "Show a running graph live in the browser: motion, spectrum, regions, trips and log, until Ctrl-C.",
+    ),
     "run": (
         "graph:run",
         "Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...).",

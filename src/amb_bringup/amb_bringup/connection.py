@@ -60,7 +60,14 @@ class GraphConnection:
         self._context = Context()
         with interruptions.held_back():
             rclpy.init(context=self._context, domain_id=domain_id)
-            self.node = Node("amb_client", namespace=namespace, context=self._context, start_parameter_services=False)
+            # It logs nothing, and several connections of one process would share one publisher of the log.
+            self.node = Node(
+                "amb_client",
+                namespace=namespace,
+                context=self._context,
+                start_parameter_services=False,
+                enable_rosout=False,
+            )
             self._executor = EventsExecutor(context=self._context)
             self._executor.add_node(self.node)
         # Also for a client that is never closed: an open connection can crash the interpreter while it ends.

@@ -13,7 +13,7 @@ from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 
@@ -64,6 +64,31 @@ def create_subscription(
 
     events = SubscriptionEventCallbacks(incompatible_qos=open_second)
     return node.create_subscription(message_type, topic, once, qos, raw=raw, event_callbacks=events)
+
+
+def create_display_subscription(
+    node: Node, message_type: Any, topic: str, callback: Callable[[Any, int], None], depth: int
+) -> Subscription:
+    """Subscribe to a stream for a display: without history, and without repetition of what gets lost.
+
+    The publisher neither waits for such a listener nor answers it, so that a slow display cannot slow the loop down.
+
+    Parameters
+    ----------
+    node, message_type, topic
+        As for `Node.create_subscription`.
+    callback : callable
+        Called with every message and the time at which it was published, as in `create_subscription`.
+    depth : int
+        Messages that wait at most.
+    """
+    qos = QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.VOLATILE,
+    )
+    return node.create_subscription(message_type, topic, _Once(callback, with_source_time=True, remembered=0), qos)
 
 
 class _Once:

@@ -1,0 +1,144 @@
+// Orders to the graph, for pages that were opened with the token.
+
+import { element } from "./regions.js";
+
+const MAIN = ["amplitude", "frequency", "frequency_start", "frequency_end", "duration", "axes", "frequencies", "amplitudes"];
+const PLANT = {
+  simulator: [["run", "Run"], ["pause", "Pause"], ["reset", "Reset"]],
+  rig: [["levitate", "Levitate"], ["land", "Land"]],
+};
+const MICRO = "m"; // fields in metres are shown in micrometres
+
+const find = (id) => document.getElementById(id);
+
+export class Orders {
+  constructor(send) {
+    this.send = send;
+    this.number = 0;
+    this.plant = "";
+    this.unlocked = false;
+    this.token = takeToken();
+    find("kind").addEventListener("change", () => this.showSettings());
+    find("excite").addEventListener("submit", (event) => this.submit(event, () => this.order("start_excitation", this.settings())));
+    find("identify").addEventListener("submit", (event) => this.submit(event, () => this.order("identify", identification())));
+    find("orders").addEventListener("click", (event) => {
+      const order = event.target.closest("button")?.dataset.order;
+      if (order) this.order(order, {});
+    });
+  }
+
+  // The server has been reached: what it offers, and whether it takes orders.
+  greet(hello) {
+    this.unlocked = false;
+    this.forms = hello.forms;
+    const kind = find("kind"), chosen = kind.value;
+    kind.replaceChildren(...Object.keys(hello.forms.excitations).map((name) => element("option", { textContent: name })));
+    if (chosen) kind.value = chosen;
+    else this.showSettings();
+    const methods = hello.forms.methods.map((name) => element("option", { textContent: name }));
+    find("method").replaceChildren(element("option", { value: "", textContent: "default" }), ...methods);
+    this.lock(hello.readOnly ? "Read-only: the server takes no orders."
+      : "Read-only: open the address with the token, which the terminal of amb view shows.");
+    if (this.token && !hello.readOnly) this.send({ do: "unlock", token: this.token });
+  }
+
+  lock(text) {
+    find("lock").textContent = text;
+    find("lock").hidden = !text;
+    find("controls").disabled = Boolean(text);
+  }
+
+  unlock() {
+    this.unlocked = true;
+    this.lock("");
+  }
+
+  usePlant(what) {
+    if (what === this.plant) return;
+    this.plant = what;
+    find("plant-orders").replaceChildren(...(PLANT[what] || []).map(([order, textContent]) => {
+      const button = element("button", { type: "button", textContent });
+      button.dataset.order = order;
+      return button;
+    }));
+  }
+
+  submit(event, act) {
+    event.preventDefault();
+    act();
+  }
+
+  order(order, settings) {
+    if (!this.unlocked) return;
+    this.number += 1;
+    this.send({ do: "order", order, settings, number: this.number });
+    this.answer({ ok: true, text: `${order.replace("_", " ")} …`, number: this.number });
+  }
+
+  answer({ ok, text, number }) {
+    if (number < this.number) return;
+    const shown = find("answer");
+    shown.textContent = text;
+    shown.dataset.ok = ok;
+  }
+
+  showSettings() {
+    const fields = this.forms.excitations[find("kind").value] || [];
+    const shown = (chosen) => fields.filter((field) => MAIN.includes(field.name) === chosen).map(fieldElement);
+    find("settings").replaceChildren(...shown(true));
+    find("more-settings").replaceChildren(...shown(false));
+  }
+
+  settings() {
+    const settings = { kind: find("kind").value };
+    for (const input of find("excite").querySelectorAll("[data-name]")) {
+      const value = valueOf(input);
+      if (value !== undefined) settings[input.dataset.name] = value;
+    }
+    return settings;
+  }
+}
+
+// The token in the address, which is then removed from what the address bar and the history show.
+function takeToken() {
+  const given = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (given) {
+    sessionStorage.setItem("token", given);
+    history.replaceState(null, "", location.pathname);
+  }
+  return sessionStorage.getItem("token");
+}
+
+function fieldElement(field) {
+  const inMicro = field.unit === MICRO, unit = inMicro ? "µm" : field.unit === "-" ? "" : field.unit;
+  const title = `${field.description}; allowed: ${field.allowed}`;
+  let input;
+  if (field.choices.length) {
+    input = element("select", {}, ...field.choices.map((name) => element("option", { textContent: name })));
+    if (field.default) input.value = field.default;
+  } else if (field.type === "bool") input = element("input", { type: "checkbox", checked: field.default === true });
+  else {
+    const missing = field.type === "list" ? "" : "required";
+    const shown = field.default === null ? missing : inMicro ? +(1e6 * field.default).toPrecision(6) : field.default;
+    input = element("input", { type: "text", placeholder: shown, inputMode: field.type === "str" ? "text" : "decimal" });
+  }
+  Object.assign(input.dataset, { name: field.name, type: field.type, scale: inMicro ? 1e-6 : 1 });
+  input.title = title;
+  const text = field.name.replaceAll("_", " ") + (unit ? ` (${unit})` : "");
+  return element("label", {}, text, input);
+}
+
+// What a field sets; undefined for the default. What is no number goes to the server, which refuses it by name.
+function valueOf(input) {
+  if (input.type === "checkbox") return input.checked || undefined;
+  const text = input.value.trim();
+  if (!text) return undefined;
+  const number = (part) => (Number.isFinite(Number(part)) && part.trim() ? Number(part) * Number(input.dataset.scale) : part);
+  if (input.dataset.type === "list") return text.split(",").map(number);
+  return input.dataset.type === "str" ? text : number(text);
+}
+
+function identification() {
+  const order = find("order").value.trim();
+  return { order: order === "" ? 0 : /^[0-9]+$/.test(order) ? Number(order) : order, method: find("method").value };
+}

@@ -1,0 +1,48 @@
+// The lamp of each axis: its region, and the evidence for it.
+
+import { hertz, micro, percent, short } from "./drawing.js";
+
+const MEANINGS = { A: "steady bias", B: "drifting bias", C: "slow oscillation", D: "delevitated" };
+
+export function element(tag, properties = {}, ...children) {
+  const made = Object.assign(document.createElement(tag), properties);
+  made.append(...children);
+  return made;
+}
+
+export function showRegions(list, region) {
+  list.previousElementSibling.hidden = Boolean(region);
+  if (!region) return;
+  while (list.children.length > region.axes.length) list.lastElementChild.remove();
+  region.axes.forEach((axis, number) => {
+    const item = list.children[number] || list.appendChild(newLamp());
+    const [lamp, name, evidence] = item.children;
+    lamp.textContent = lamp.dataset.region = axis.region;
+    lamp.dataset.settled = region.settled;
+    name.firstChild.textContent = axis.name;
+    name.lastChild.textContent = ` ${MEANINGS[axis.region]}${region.settled ? "" : ", still settling"}`;
+    const text = evidenceOf(axis).join(" · ");
+    if (evidence.textContent !== text) evidence.textContent = text;
+  });
+}
+
+function newLamp() {
+  const name = element("span", { className: "axis" }, document.createTextNode(""), element("span"));
+  return element("li", {}, element("span", { className: "lamp" }), name, element("span", { className: "evidence" }));
+}
+
+function evidenceOf(axis) {
+  const evidence = [`bias ${micro(axis.bias)}`];
+  if (axis.drifting) evidence.push(`drifts by ${short(axis.trend * 1e6)} µm/s`);
+  const [slow, slowFrequency] = axis.oscillation;
+  if (axis.oscillating || slow > 1e-7) evidence.push(`slow line ${micro(slow)} at ${hertz(slowFrequency)}`);
+  const [amplitude, frequency] = axis.input;
+  if (amplitude > 0) evidence.push(`input ${micro(amplitude)} at ${hertz(frequency)}`);
+  if (axis.response > 0) evidence.push(`response ${micro(axis.response)}`);
+  if (axis.even !== null) evidence.push(`distortion even ${percent(axis.even)}, odd ${percent(axis.odd)}`);
+  if (axis.steady[0] > 0) evidence.push(`steady line ${micro(axis.steady[0])} at ${hertz(axis.steady[1])}`);
+  if (axis.resonance) evidence.push("at its resonance");
+  if (axis.beat) evidence.push("beats with the sample rate");
+  if (axis.frozen) evidence.push("SENSOR STANDS STILL");
+  return evidence;
+}

@@ -1,0 +1,141 @@
+"""The live page without a graph: who may read it and give orders, and what messages become."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import Log
+
+from amb_bringup.view.guard import Guard, is_loopback
+from amb_bringup.view.orders import Orders, forms
+from amb_bringup.view.picture import KEPT_LINES, KEPT_NODES, SILENCE, Picture
+from amb_bringup.view.server import ViewError, ViewServer
+from amb_core.errors import AmbError
+from amb_core.excitation import KINDS
+from amb_msgs.msg import AxisSamples, LoopSamples, RegionState
+
+
+@pytest.mark.parametrize(
+    ("host", "known"),
+    [("127.0.0.1:8642", True), ("localhost", True), ("[::1]:1", True), ("evil.example:8642", False), ("", False),
+     ("127.0.0.1.evil.example", False), ("10.0.0.7:8642", False)],
+)  # fmt: skip
+def test_a_server_on_the_loopback_interface_answers_to_its_own_names_only(host: str, known: bool) -> None:
+    assert Guard("127.0.0.1").knows_host(host) is known
+
+
+def test_a_server_open_to_the_network_answers_to_addresses_but_not_to_names_of_others() -> None:
+    guard = Guard("0.0.0.0")
+    assert guard.knows_host("10.0.0.7:8642")
+    assert not guard.knows_host("evil.example:8642")
+
+
+@pytest.mark.parametrize(
+    "origin", [None, "", "null", "http://evil.example", "https://localhost:8642", "http://localhost:8643"]
+)
+def test_a_page_of_another_origin_is_refused(origin: str | None) -> None:
+    assert not Guard("127.0.0.1").knows_origin(origin, "localhost:8642")
+    assert Guard("127.0.0.1").knows_origin("http://localhost:8642", "localhost:8642")
+
+
+def test_only_the_token_opens_the_orders_and_none_does_on_a_read_only_server() -> None:
+    guard = Guard("127.0.0.1")
+    assert guard.opens(guard.token)
+    for token in ("", None, 7, [guard.token], guard.token[:-1], "\udcff"):
+        assert not guard.opens(token)
+    assert not Guard("127.0.0.1", read_only=True).opens("")
+    assert Guard("127.0.0.1").token != guard.token
+
+
+def test_loopback_addresses_are_known() -> None:
+    assert is_loopback("127.0.0.1") and is_loopback("::1") and is_loopback("localhost")
+    assert not is_loopback("0.0.0.0") and not is_loopback("example.org")
+
+
+def test_a_port_in_use_is_named_with_what_to_do() -> None:
+    first = ViewServer("127.0.0.1", 0, True, Picture())
+    with pytest.raises(ViewError, match=rf"port {first.port} of 127.0.0.1 is in use; .* --port"):
+        ViewServer("127.0.0.1", first.port, True, Picture())
+
+
+def test_no_name_of_a_file_reaches_the_file_system() -> None:
+    from amb_bringup.view.server import PageFile
+
+    assert {"index.html", "main.js", "style.css"} <= set(PageFile.FILES)
+    assert all("/" not in name for name in PageFile.FILES)
+
+
+@pytest.mark.parametrize("order", ["format", "__init__", None, 7, ["run"], {}])
+def test_an_unknown_order_is_refused_with_the_known_ones(order: object) -> None:
+    with pytest.raises(AmbError, match=r"unknown order .* allowed: start_excitation"):
+        Orders(lambda: 0).lane(order)
+
+
+def test_the_form_of_every_excitation_has_its_declared_settings() -> None:
+    shown = json.loads(json.dumps(forms()))["excitations"]
+    assert set(shown) == set(KINDS)
+    for name, kind in KINDS.items():
+        assert [field["name"] for field in shown[name]] == list(kind.model_fields)
+
+
+def telemetry(*axes: tuple[str, list[float]]) -> LoopSamples:
+    parts = [AxisSamples(name=name, reference=values, position=values, current=values) for name, values in axes]
+    return LoopSamples(run=1, first_step=0, sample_time=1e-4, axes=parts)
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (telemetry(), "at least one axis"),
+        (telemetry(("x", [0.0]), ("x", [0.0])), "names"),
+        (telemetry(*((f"axis_{number}", [0.0]) for number in range(40))), "40 axes; allowed: 1 to 16"),
+        (telemetry(("x", [0.0]), ("y", [0.0, 1.0])), "same length"),
+    ],
+)
+def test_telemetry_that_is_not_in_order_is_refused_once(message: LoopSamples, reason: str) -> None:
+    picture = Picture()
+    for _ in range(3):
+        picture.take("telemetry", message, 0)
+    assert len(picture.log) == 1
+    assert reason in picture.log[0]["text"]
+
+
+def test_a_picture_of_any_region_is_json() -> None:
+    picture = Picture()
+    picture.take("region", RegionState(region=1, radius=math.nan), 0)
+    picture.take("region", RegionState(region=99), 0)  # refused
+    picture.update()
+    assert json.loads(json.dumps(picture.sections, allow_nan=False))["region"]["region"] == "B"
+
+
+def test_log_and_nodes_are_bounded_and_long_texts_cut() -> None:
+    picture = Picture()
+    for number in range(2 * KEPT_LINES):
+        picture.take("/rosout", Log(level=20, name=f"node {number}", msg=100_000 * "a"), 0)
+        status = DiagnosticStatus(name=f"node {number}", level=b"\x09")
+        picture.take("/diagnostics", DiagnosticArray(status=[status]), 0)
+    picture.update()
+    assert len(picture.log) == KEPT_LINES
+    assert len(picture.sections["nodes"]) == KEPT_NODES
+    assert max(len(line["text"]) for line in picture.log) < 1000
+
+
+def test_a_graph_whose_nodes_are_silent_counts_as_away_until_one_reports() -> None:
+    now = 0.0
+    picture = Picture(lambda: now)
+    report = DiagnosticArray(status=[DiagnosticStatus(name="amb/simulator", message="running")])
+
+    def state() -> tuple[bool, bool]:
+        picture.update()
+        return picture.sections["graph"]["known"], picture.sections["graph"]["alive"]
+
+    assert state() == (False, False)
+    picture.take("/diagnostics", report, 0)
+    assert state() == (True, True)
+    now = 2.0 * SILENCE
+    assert state() == (True, False)
+    picture.take("/diagnostics", report, 0)
+    assert state() == (True, True)
