@@ -2,7 +2,7 @@
 
     1/mu(M) = the smallest max |delta_i| for which I - M diag(delta) is singular.
 
-The upper bound is SLICOT's AB13MD (D and G scalings). The lower bound is a perturbation: a power iteration with several
+The upper bound uses D and G scalings (`mu_upper`). The lower bound is a perturbation: a power iteration with several
 starts gives a direction, and a scale and a common phase are then solved for, so that I - M Delta is singular to
 rounding. So every lower bound is attained, and the perturbation can be replayed.
 
@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import ctrlsys
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
@@ -25,6 +24,7 @@ from scipy.optimize import minimize_scalar
 from amb_core.errors import RobustnessError
 from amb_core.robustness.lti import Arrays, Complexes, Lti
 from amb_core.robustness.mu_lower import lower_bound
+from amb_core.robustness.mu_upper import upper_bound, upper_curve
 
 _PEAKS = 4  # local peaks of the upper bound that are refined
 _FEW = 6  # frequencies per refined peak at which the lower bound is sought
@@ -73,11 +73,6 @@ class MuPeak:
     upper_curve: Arrays
 
 
-def mu_upper(matrix: Complexes, blocks: Sequence[Block]) -> float:
-    """Upper bound of mu of a matrix; RobustnessError if SLICOT fails."""
-    return _upper(matrix, np.array([1 if block.real else 2 for block in blocks], dtype=np.int32))
-
-
 def mu_peak(system: Lti, blocks: Sequence[Block], frequency: Arrays) -> MuPeak:
     """Bounds of the largest mu of a system over frequency.
 
@@ -97,45 +92,15 @@ def mu_peak(system: Lti, blocks: Sequence[Block], frequency: Arrays) -> MuPeak:
     """
     if system.d.shape != (len(blocks), len(blocks)):
         raise RobustnessError(f"{len(blocks)} perturbations need as many inputs and outputs, not {system.d.shape}")
-    kinds = np.array([1 if block.real else 2 for block in blocks], dtype=np.int32)
-    real = kinds == 1
-    # SLICOT works on matrices with its own thresholds: balance them first, which changes no mu.
-    curve = np.array([_upper(matrix, kinds) for matrix in system.response(frequency)])
-    found = [_refine(system, kinds, frequency, curve, place) for place in _summits(curve)]
+    real = np.array([block.real for block in blocks])
+    curve = upper_curve(system.response(frequency), real)
+    found = [_refine(system, real, frequency, curve, place) for place in _summits(curve)]
     upper, at = max(found)
     best = (0.0, at, np.zeros(0, dtype=np.complex128))
     tried = sorted({at for _, at in sorted(found, reverse=True)[:_FEW]}, key=lambda f: abs(f - at))
     for one in tried:
         best = max(best, lower_bound(system, real, one), key=lambda item: item[0])
     return MuPeak(max(upper, best[0]), best[0], at, best[1], best[2], np.asarray(frequency), curve)
-
-
-def _upper(matrix: Complexes, kinds: NDArray[np.int32]) -> float:
-    """Upper bound of mu by AB13MD, after Osborne's balancing, and never above the largest singular value."""
-    n = len(matrix)
-    if n == 1:
-        value = complex(matrix[0, 0])
-        return abs(value) if kinds[0] == 2 else (abs(value.real) if abs(value.imag) < 1e-14 * abs(value) else 0.0)
-    balanced = balance(matrix)
-    largest = float(np.linalg.norm(balanced, 2))
-    if largest == 0.0:
-        return 0.0
-    scaled = np.asfortranarray(balanced / largest)
-    bound, *_, info = ctrlsys.ab13md(scaled, np.ones(n, dtype=np.int32), kinds, "N")
-    return min(largest, float(bound) * largest) if info == 0 else largest
-
-
-def balance(matrix: Complexes, sweeps: int = 8) -> Complexes:
-    """D M D^-1 with rows and columns of equal norm (Osborne)."""
-    scaled = np.array(matrix)
-    tiny = 1e-12 * float(np.abs(scaled).max(initial=0.0)) + np.finfo(float).tiny
-    for _ in range(sweeps):
-        for place in range(len(scaled)):
-            row, column = np.delete(scaled[place], place), np.delete(scaled[:, place], place)
-            ratio = np.sqrt((np.linalg.norm(column) + tiny) / (np.linalg.norm(row) + tiny))
-            scaled[place] *= ratio
-            scaled[:, place] /= ratio
-    return scaled
 
 
 def _summits(curve: Arrays) -> list[int]:
@@ -146,14 +111,15 @@ def _summits(curve: Arrays) -> list[int]:
 
 
 def _refine(
-    system: Lti, kinds: NDArray[np.int32], frequency: Arrays, curve: Arrays, place: int
+    system: Lti, real: NDArray[np.bool_], frequency: Arrays, curve: Arrays, place: int
 ) -> tuple[float, float]:
     """The largest upper bound between the neighbours of a frequency, and where it is."""
     low, high = frequency[max(place - 1, 0)], frequency[min(place + 1, len(frequency) - 1)]
     found = minimize_scalar(
-        lambda at: -_upper(system.response(np.array([at]))[0], kinds),
+        lambda at: -upper_bound(system.response(np.array([at]))[0], real),
         bounds=(float(low), float(high)),
         method="bounded",
-        options={"xatol": 1e-5 * (high - low), "maxiter": 40},
+        options={"xatol": 1e-4 * (high - low), "maxiter": 25},
     )
-    return max((float(-found.fun), float(found.x)), (float(curve[place]), float(frequency[place])))
+    again = upper_bound(system.response(frequency[place : place + 1])[0], real)  # the curve is coarser
+    return max((float(-found.fun), float(found.x)), (min(again, float(curve[place])), float(frequency[place])))
