@@ -25,6 +25,7 @@ SHARPNESS = (20.0, 200.0, 2_000.0)
 """Of the smooth stand-in for the largest eigenvalue, one after the other; relative to it."""
 _FINE = 60  # steps of each search
 _COARSE = 12
+_NEARLY = 0.98  # of the largest bound: lower values of a curve are left coarse
 
 
 def upper_bound(matrix: Complexes, real: NDArray[np.bool_]) -> float:
@@ -49,9 +50,13 @@ def upper_bound(matrix: Complexes, real: NDArray[np.bool_]) -> float:
 
 
 def upper_curve(matrices: Complexes, real: NDArray[np.bool_]) -> Arrays:
-    """Upper bounds for the matrices of neighbouring frequencies, shape (f,): scalings start from the neighbour's."""
+    """Upper bounds for the matrices of neighbouring frequencies, shape (f,): scalings start from the neighbour's.
+
+    Where all perturbations are complex, only values that may be the largest are found by AB13MD; the others keep the
+    bound of balanced scalings.
+    """
     if not np.any(real) or matrices.shape[1] == 1:
-        return np.array([upper_bound(matrix, real) for matrix in matrices])
+        return _complex_curve(matrices, real)
     bounds, start = np.empty(len(matrices)), np.zeros(2 * matrices.shape[1])
     for place, matrix in enumerate(matrices):
         balanced = balance(matrix)
@@ -64,8 +69,27 @@ def upper_curve(matrices: Complexes, real: NDArray[np.bool_]) -> Arrays:
     return bounds
 
 
-def balance(matrix: Complexes, sweeps: int = 6) -> Complexes:
-    """D M D^-1 with rows and columns of equal norm (Osborne); a perturbation of diagonal form does not see D."""
+def _complex_curve(matrices: Complexes, real: NDArray[np.bool_]) -> Arrays:
+    if matrices.shape[1] == 1:
+        return np.array([upper_bound(matrix, real) for matrix in matrices])
+    bounds = np.linalg.norm(np.array([balance(matrix) for matrix in matrices]), 2, axis=(1, 2))
+    largest = 0.0
+    for place in np.argsort(-bounds):
+        if bounds[place] < _NEARLY * largest:
+            break
+        bounds[place] = upper_bound(matrices[place], real)
+        largest = max(largest, bounds[place])
+    return bounds
+
+
+def balance(matrix: Complexes) -> Complexes:
+    """D M D^-1 with rows and columns of equal norm; a perturbation of diagonal form does not see D."""
+    scale = balancing(matrix)
+    return np.asarray(matrix * scale[:, np.newaxis] / scale)
+
+
+def balancing(matrix: Complexes, sweeps: int = 6) -> Arrays:
+    """The diagonal of D for which D M D^-1 has rows and columns of equal norm (Osborne), shape (n,)."""
     size = np.abs(matrix) ** 2
     np.fill_diagonal(size, 0.0)
     size += 1e-24 * float(size.max(initial=0.0)) + np.finfo(float).tiny
@@ -77,8 +101,7 @@ def balance(matrix: Complexes, sweeps: int = 6) -> Complexes:
             size[place] *= ratio
             size[:, place] /= ratio
             squared[place] *= ratio
-    scale = np.sqrt(squared)
-    return np.asarray(matrix * scale[:, np.newaxis] / scale)
+    return np.asarray(np.sqrt(squared))
 
 
 def _scalar(value: complex, real: bool) -> float:

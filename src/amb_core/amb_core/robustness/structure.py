@@ -39,11 +39,16 @@ class UncertainLoop:
     system : Lti
         From w to z with w = diag(delta) z, |delta| <= 1 for the sizes of the settings.
     blocks : tuple of Block
-        The perturbations.
+        The perturbations, those of bending modes last.
+    into, out, direct : ndarray, shapes (m + p, s), (s, m + p), (s, s)
+        For the s perturbations at signals: with H the closed loop of `feedback`, they see out H into + direct.
     """
 
     system: Lti
     blocks: tuple[Block, ...]
+    into: Arrays
+    out: Arrays
+    direct: Arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +123,15 @@ def uncertain_loop(feedback: Feedback, settings: RobustnessSettings) -> Uncertai
         scale * (out @ opened.d @ into + direct)[np.ix_(kept, kept)],
         opened.sample_time,
     )
-    return UncertainLoop(system, tuple(blocks[place] for place in kept))
+    at_signals = kept[kept < 3 * m + p]
+    size = radius[at_signals, np.newaxis]
+    return UncertainLoop(
+        system,
+        tuple(blocks[place] for place in kept),
+        into[: m + p, at_signals],
+        size * out[at_signals, : m + p],
+        size * direct[np.ix_(at_signals, at_signals)],
+    )
 
 
 def bending_modes(plant: Lti) -> list[Mode]:
@@ -148,7 +161,7 @@ def _modes(
     modes: list[Mode], sample_time: float, settings: RobustnessSettings
 ) -> tuple[list[Arrays], list[Arrays], list[str], Arrays]:
     rows, columns, names, sizes = [], [], [], []
-    for mode in modes:
+    for number, mode in enumerate(modes, 1):
         rate = np.log(mode.pole)
         hertz = rate.imag / (2.0 * np.pi * sample_time)
         for what, size, change in (
@@ -157,7 +170,7 @@ def _modes(
         ):
             rows.append(mode.row(complex(change)))
             columns.append(mode.into_states)
-            names.append(f"{what} of the mode at {hertz:.1f} Hz")
+            names.append(f"{what} of bending mode {number} ({hertz:.1f} Hz)")
             sizes.append(size)
     return rows, columns, names, np.array(sizes)
 
