@@ -300,8 +300,9 @@ class _Search:
 
         rough = search(self.plants)
         place = int(np.searchsorted(self.plants.frequency, rough.frequency))
-        ends = self.plants.frequency[[max(place - 1, 0), min(place + 1, len(self.plants.frequency) - 1)]]
-        fine = search(PlantSet.of(self.uncertainty, np.linspace(*ends, _NEAR)))
+        low, high = max(place - 1, 0), min(place + 1, len(self.plants.frequency) - 1)
+        near = np.linspace(float(self.plants.frequency[low]), float(self.plants.frequency[high]), _NEAR)
+        fine = search(PlantSet.of(self.uncertainty, near))
         if fine.value <= rough.value:
             return rough
         return Worst(fine.value, fine.frequency, rough.curve, fine.factors)

@@ -95,7 +95,7 @@ class PlantSet:
         return cls(frequency, np.concatenate(nominal), u * size[:, np.newaxis, :], into)
 
     def change(self, place: Arrays) -> Complexes:
-        """dP of places within the ellipsoid, shapes (f, k) to (f, p, m)."""
+        """DP of places within the ellipsoid, shapes (f, k) to (f, p, m)."""
         parts = np.einsum("fik,fk->fi", self.axes, place)
         half = parts.shape[1] // 2
         return np.asarray((parts[:, :half] + 1j * parts[:, half:]).reshape(self.nominal.shape))
@@ -132,7 +132,9 @@ def radius_of_all(confidence: float, count: int) -> float:
     return float(np.sqrt(chi2.ppf(confidence, count)))
 
 
-def closed_loop_objective(feedback: Feedback, frequency: Arrays, left: Arrays, right: Arrays, plus: Arrays) -> Objective:
+def closed_loop_objective(
+    feedback: Feedback, frequency: Arrays, left: Arrays, right: Arrays, plus: Arrays
+) -> Objective:
     """The gain of left H right + plus, with H the closed loop from (w_u, w_y) to (u, y) of `feedback`.
 
     Parameters
@@ -187,4 +189,3 @@ def _inverse_root(matrices: Complexes) -> Complexes:
 
 def _unit(vectors: Arrays) -> Arrays:
     return vectors / (np.linalg.norm(vectors, axis=1, keepdims=True) + np.finfo(float).tiny)
-

@@ -92,10 +92,7 @@ def gain_of(alpha: float, skew: float = 0.0) -> tuple[float, float]:
 def phase_of(alpha: float, skew: float = 0.0) -> float:
     """Phase (rad) at gain 1 in the disk alpha: arccos((1 + low high)/(low + high))."""
     low, high = gain_of(alpha, skew)
-    if math.isinf(high):
-        cosine = low
-    else:
-        cosine = (1.0 + low * high) / (low + high)
+    cosine = low if math.isinf(high) else (1.0 + low * high) / (low + high)
     return math.pi if abs(cosine) > 1.0 else math.acos(cosine)
 
 

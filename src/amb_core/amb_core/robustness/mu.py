@@ -110,9 +110,7 @@ def _summits(curve: Arrays) -> list[int]:
     return [int(place) for place in places[np.argsort(-curve[places])][:_PEAKS]]
 
 
-def _refine(
-    system: Lti, real: NDArray[np.bool_], frequency: Arrays, curve: Arrays, place: int
-) -> tuple[float, float]:
+def _refine(system: Lti, real: NDArray[np.bool_], frequency: Arrays, curve: Arrays, place: int) -> tuple[float, float]:
     """The largest upper bound between the neighbours of a frequency, and where it is."""
     low, high = frequency[max(place - 1, 0)], frequency[min(place + 1, len(frequency) - 1)]
     found = minimize_scalar(

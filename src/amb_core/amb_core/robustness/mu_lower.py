@@ -104,7 +104,7 @@ def _turned(matrix: Complexes, real: NDArray[np.bool_], q: Complexes) -> tuple[f
     for step in range(_TURNS):
         for start in values[step]:
             follower = values[step + 1][np.argmin(np.abs(values[step + 1] - start))]
-            if start.real <= best and follower.real <= best or start.imag * follower.imag > 0.0:
+            if (start.real <= best and follower.real <= best) or start.imag * follower.imag > 0.0:
                 continue
             solved = _real_eigenvalue(matrix, turned, angles[step], angles[step + 1], complex(start), complex(follower))
             if solved is not None and solved[0] > best:
@@ -145,9 +145,7 @@ def _improved(
     return value, q
 
 
-def _along_frequency(
-    system: Lti, candidates: list[Complexes], frequency: float, random: np.random.Generator
-) -> Found:
+def _along_frequency(system: Lti, candidates: list[Complexes], frequency: float, random: np.random.Generator) -> Found:
     """The largest real eigenvalue of M Q for real Q, over frequencies about one."""
     half = 0.5 / system.sample_time
     grid = np.clip(frequency * np.linspace(1.0 - _SPAN, 1.0 + _SPAN, _POINTS), 0.0, half)

@@ -4,9 +4,9 @@ Where each is applied, with the signals of `feedback`, u the currents and y the 
 
 - actuators (complex): u becomes (1 + r delta) u. Gain and phase of amplifier and magnet.
 - current gain (real): the same with a real delta, after the actuator.
-- negative stiffness (real): adds r delta K y to the currents at the magnets, with K = -P(1)^-1, the current per position
-  that holds the rotor at rest: a force k_s y is a current (k_s/k_i) y. Exact at rest; at high frequencies it includes
-  the lag of the amplifier, which the identified model does not separate from the magnet.
+- negative stiffness (real): adds r delta K y to the currents at the magnets, with K = -P(1)^-1, the current per
+  position that holds the rotor at rest: a force k_s y is a current (k_s/k_i) y. Exact at rest; at high frequencies it
+  includes the lag of the amplifier, which the identified model does not separate from the magnet.
 - sensors (complex): y becomes (1 + r delta) y.
 - bending modes (real): natural frequency at constant decay, and decay at constant frequency, of every lightly damped
   stable pair of poles; to first order in r.
