@@ -251,7 +251,7 @@ def _bounds(
     uncertain: UncertainLoop,
 ) -> Bounds:
     plants = PlantSet.of(uncertainty, frequency)
-    search = _Search(feedback, uncertainty, plants, settings)
+    search = WorstCases(feedback, uncertainty, plants, settings)
     found = tuple(search.axis(axis, result.name) for axis, result in enumerate(axes))
     m, size = feedback.inputs, feedback.outputs
     outputs = np.eye(size, m + size, m)
@@ -263,7 +263,7 @@ def _bounds(
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class WorstCases:
     """Worst cases over the models of an estimate."""
 
     feedback: Feedback

@@ -80,7 +80,7 @@ def measured_sensitivity(
     if by_errors:
         errors = [replace(item, inputs=_less(item.reference, item.outputs)) for item in data.experiments]
         found = estimate_response(replace(data, experiments=tuple(errors)))
-        right = np.broadcast_to(np.eye(len(data.output_names)), found.response.response.shape)
+        right: Complexes = np.broadcast_to(np.eye(len(data.output_names), dtype=complex), found.response.response.shape)
     else:
         found = estimate_response(data)
         right = feedback.controller.response(found.response.frequency)
