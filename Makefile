@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident bench-robust lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -55,6 +55,9 @@ bench-regions: setup  ## regions, excitation design and identification on random
 
 bench-ident: setup .venv-peers/.complete  ## identification next to other packages (hours); writes results/bench_ident.json
 	@$(RUN) python tests/benchmarks/ident/run.py
+
+bench-robust: setup  ## the robustness certificate on random loops and known plants (hours); writes results/bench_robust.json
+	@$(RUN) python tests/benchmarks/robust/run.py
 
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@

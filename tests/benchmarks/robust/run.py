@@ -18,8 +18,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from monte_carlo import Bearing, Rotor, coverage, rotor_controller
 from loops import random_loop
+from monte_carlo import Bearing, Rotor, coverage, rotor_controller
 from scipy.linalg import block_diag
 from swept import swept
 
