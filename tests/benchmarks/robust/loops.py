@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from amb_core.errors import ParameterError
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
 from amb_core.model import StateSpaceModel
@@ -22,7 +23,10 @@ def random_loop(seed: int, stable: bool) -> tuple[StateSpaceModel, LinearControl
         if not stable:
             spoilt = float(random.choice([-1.0, 0.0, 0.2, 0.5, 3.0, 10.0, 30.0]))
             controller = _model(controller.a, controller.b, spoilt * controller.c, True)
-        control = LinearControl(controller, LinearControllerParameters())
+        try:
+            control = LinearControl(controller, LinearControllerParameters())
+        except ParameterError:  # an unstable law without anti-windup gain cannot be run
+            continue
         radius = feedback_of(plant, control).closed.radius
         if (stable and radius < 0.9999) or (not stable and radius > 1.0 + 1e-6):
             return plant, control

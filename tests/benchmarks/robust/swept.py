@@ -36,7 +36,13 @@ def _worst(change: dict[str, float]) -> dict[str, float]:
     for_model = {"amplitude": 4e-6, "duration": 4.0, "frequency_start": 2.0, "frequency_end": 2_000.0, "seed": 5}
     model = identify(_run(plant, controller, "multisine", for_model), 10, controller=controller).model
     feedback = feedback_of(model, controller)
-    sweep = {"amplitude": 4e-6, "frequency_start": 5.0, "frequency_end": 1_200.0, "duration": 8.0}
+    sweep = {
+        "amplitude": 4e-6,
+        "frequency_start": 5.0,
+        "frequency_end": 1_200.0,
+        "duration": 8.0,
+        "spacing": "logarithmic",
+    }
     experiments = []
     for axis in ("x", "y"):
         data = _run(plant, controller, "sweep", sweep | {"axes": axis})
