@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident bench-view docs lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident bench-view bench-robust docs lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -58,6 +58,9 @@ bench-ident: setup .venv-peers/.complete  ## identification next to other packag
 
 bench-view: setup  ## a user's first hour: live page, pages, files, new bearings; writes results/first_hour.json
 	@$(RUN) python -m tests.benchmarks.first_hour.run
+
+bench-robust: setup  ## the robustness certificate on random loops and known plants (hours); writes results/bench_robust.json
+	@$(RUN) python tests/benchmarks/robust/run.py
 
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@

@@ -53,6 +53,10 @@ COMMANDS = {
         "validate:validate",
         "Validate a model: closed loop, distortion, predictions, residuals and frequency response, on one page.",
     ),
+    "certify": (
+        "certify:certify",
+        "Certify the robustness of a model with a controller: one page with the verdict first, and certificate.json.",
+    ),
     "compare": (
         "compare:compare",
         "Compare models on the same data, the best closed loop first.",

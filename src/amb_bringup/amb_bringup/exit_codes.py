@@ -3,5 +3,8 @@
 NOT_VALIDATED = 3
 """The model does not pass the validation."""
 
+NOT_CERTIFIED = 4
+"""A check of the robustness certificate fails."""
+
 INTERRUPTED = 130
 """After Ctrl-C, as usual in shells: 128 plus the number of SIGINT."""

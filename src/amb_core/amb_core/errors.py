@@ -29,6 +29,10 @@ class IdentificationError(AmbError):
     """The data do not determine the model asked for."""
 
 
+class RobustnessError(AmbError):
+    """A robustness analysis that its loop, model or settings do not allow."""
+
+
 class RegionError(AmbError):
     """Telemetry cannot be classified into regions of operation, or a region map cannot be made, read or used."""
 

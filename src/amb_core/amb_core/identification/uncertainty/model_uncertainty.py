@@ -185,6 +185,16 @@ class ModelUncertainty:
         random, sampler = np.random.default_rng(seed), Sampler.of(self.model, self.deviations)
         return [sampler.draw(random) for _ in range(count)]
 
+    def moved(self, factors: NDArray[np.float64]) -> StateSpaceModel:
+        """The model at a place of the distribution, as `samples` forms it.
+
+        Parameters
+        ----------
+        factors : ndarray, shape (q,)
+            Standard deviations along each column of the root.
+        """
+        return Sampler.of(self.model, self.deviations).moved(np.asarray(factors, dtype=np.float64))
+
     def _pole_changes(self) -> NDArray[np.complex128]:
         """Change of each pole, in the order of `model.poles()`, by each column of the root, shape (n, q)."""
         values, right = np.linalg.eig(self.model.a)

@@ -65,7 +65,7 @@ class Sampler:
             If nearly no nearby model has one.
         """
         for _ in range(_MOST_DRAWS):
-            model = self._moved(random.normal(size=self.deviations.count))
+            model = self.moved(random.normal(size=self.deviations.count))
             if np.max(np.abs(np.linalg.eigvals(model.a - model.k @ model.c))) < _LARGEST_RADIUS:
                 return model
         raise IdentificationError(
@@ -73,7 +73,8 @@ class Sampler:
             f"{self.model.order} too uncertain; lower the order or take more data"
         )
 
-    def _moved(self, factors: NDArray[np.float64]) -> StateSpaceModel:
+    def moved(self, factors: NDArray[np.float64]) -> StateSpaceModel:
+        """The model at some independent standard deviations from the estimate, shape (q,)."""
         moved = replace(
             self.model,
             a=self.model.a + np.tensordot(factors, self.deviations.a, axes=1),

@@ -1,0 +1,73 @@
+"""Sensitivity over frequency with its bound and its measurement, and the structured singular value."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from amb_core.figures.chart import Chart
+from amb_core.figures.drawing import Axis, Band, Curve, Item, Panel, Points, Rule, Table
+from amb_core.figures.style import BLUE, GREY, ORANGE, VERMILION, Stroke
+from amb_core.robustness.assessment import Assessment
+from amb_core.robustness.measured import MeasuredSensitivity
+
+FREQUENCY = Axis("frequency (Hz)", log=True)
+
+
+def sensitivity_chart(
+    assessment: Assessment, measured: MeasuredSensitivity | None = None, title: str = "Sensitivity"
+) -> Chart:
+    """|S| of each axis, its largest value over the ellipsoid of the model, limits of zones, and the measured one."""
+    settings, frequency = assessment.settings, assessment.frequency
+    response = assessment.feedback.output_sensitivity.response(frequency)
+    panels = []
+    for number, axis in enumerate(assessment.axes):
+        size = np.abs(response[:, number, number])
+        items: list[Item] = []
+        if assessment.bounds is not None:
+            bound = np.maximum(assessment.bounds.axes[number].sensitivity.curve, size)
+            items.append(Band(frequency, size, bound, f"up to {100.0 * settings.confidence:g} %", BLUE))
+        items.append(Curve(frequency, size, "model", Stroke(BLUE)))
+        if measured is not None:
+            values = np.abs(measured.response[:, number, number])
+            items.append(Points(measured.frequency, values, "measured", VERMILION, "circle"))
+        items += [
+            Curve(frequency[[0, -1]], np.full(2, limit), f"end of zone {zone}", Stroke(GREY, "dot", 0.9))
+            for zone, limit in zip("ABC", settings.sensitivity_limits, strict=True)
+        ]
+        panels.append(Panel(FREQUENCY, Axis("|S| (-)", log=True), tuple(items), f"axis {axis.name}"))
+    rows = tuple(
+        (axis.name, f"{axis.sensitivity.value:.4f}", f"{axis.sensitivity.frequency:.4g}", axis.zone)
+        for axis in assessment.axes
+    )
+    alt = "Sensitivity over frequency. " + " ".join(
+        f"Axis {name}: peak {value} at {at} Hz, zone {zone}." for name, value, at, zone in rows
+    )
+    table = Table(("axis", "peak of |S|", "frequency (Hz)", "zone after ISO 14839-3"), rows)
+    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 1.0 + 2.4 * len(panels)), table=table)
+
+
+def mu_chart(assessment: Assessment, title: str = "Structured singular value") -> Chart:
+    """Upper bound of mu over frequency, and the worst case that was replayed."""
+    mu = assessment.mu
+    items: list[Item] = [
+        Curve(mu.grid, mu.upper_curve, "upper bound", Stroke(BLUE)),
+        Curve(mu.grid[[0, -1]], np.ones(2), "1: the assumed perturbations", Stroke(GREY, "dot", 0.9)),
+        Rule(mu.frequency, "largest", Stroke(ORANGE, "dash", 0.9)),
+    ]
+    if len(mu.perturbation):
+        at, value = np.array([mu.lower_frequency]), np.array([mu.lower])
+        items.append(Points(at, value, "worst case, replayed", VERMILION, "circle"))
+    rows = tuple(
+        (block.name, "real" if block.real else "complex", f"{abs(value):.4f}", f"{np.degrees(np.angle(value)):.1f}")
+        for block, value in zip(assessment.uncertain.blocks, mu.perturbation, strict=False)
+    )
+    alt = (
+        f"Upper bound of the structured singular value over frequency: at most {mu.upper:.4f} at "
+        f"{mu.frequency:.4g} Hz. "
+        f"A perturbation of {1.0 / mu.lower:.3g} times the assumed size makes the loop oscillate at "
+        f"{mu.lower_frequency:.4g} Hz."
+        if mu.lower
+        else f"Upper bound of the structured singular value: at most {mu.upper:.4f}; no worst case was found."
+    )
+    table = Table(("perturbation", "kind", "share of 1", "angle (degree)"), rows)
+    return Chart(title, alt, (Panel(FREQUENCY, Axis("mu (-)", log=True), tuple(items)),), size=(8.0, 4.5), table=table)

@@ -1,0 +1,143 @@
+"""A certificate as a page: the verdict first, then what it rests on."""
+
+from __future__ import annotations
+
+import math
+
+from amb_core.figures.robustness import mu_chart, sensitivity_chart
+from amb_core.report.document import Block, FigureBlock, Prose, Report, Section, TableBlock
+from amb_core.robustness.assessment import Assessment
+from amb_core.robustness.certificate import Certificate
+from amb_core.robustness.margins import DiskMargin
+
+
+def certificate_report(certificate: Certificate, title: str = "Robustness certificate") -> Report:
+    """The page of a certificate."""
+    rows = [(one.name, "passed" if one.passed else "failed", one.finding) for one in certificate.checks]
+    opening: list[Block] = [TableBlock(("check", "result", "finding"), rows, "Checks")]
+    opening += [Prose(f"Warning: {text}.") for text in certificate.warnings]
+    sections = []
+    if certificate.assessment is not None:
+        sections = robustness_sections(certificate)
+    sections.append(_inputs(certificate))
+    return Report(title, certificate.verdict, opening, sections, "The same inputs give the same certificate.")
+
+
+def robustness_sections(certificate: Certificate) -> list[Section]:
+    """The sections on sensitivity, margins and structured singular value."""
+    found = certificate.assessment
+    assert found is not None
+    return [_sensitivity(certificate, found), _margins(found), _structured(found)]
+
+
+def _sensitivity(certificate: Certificate, found: Assessment) -> Section:
+    bounds = {item.name: item for item in found.bounds.axes} if found.bounds is not None else {}
+    rows = []
+    for axis in found.axes:
+        one = bounds.get(axis.name)
+        rows.append(
+            (
+                axis.name,
+                f"{axis.sensitivity.value:.4f} at {axis.sensitivity.frequency:.4g} Hz",
+                axis.zone,
+                "" if one is None else f"{one.sensitivity.value:.4f}",
+                "" if one is None else one.zone,
+                "" if one is None else f"{one.sensitivity_of_all.value:.4f}",
+                f"{axis.complementary.value:.4f} at {axis.complementary.frequency:.4g} Hz",
+            )
+        )
+    percent = f"{100.0 * found.settings.confidence:g} %"
+    header = (
+        "axis", "peak of |S|", "zone", f"bound with {percent}", f"zone with {percent}", "bound with all parameters",
+        "peak of |T|",
+    )  # fmt: skip
+    limits = ", ".join(f"{limit:g}" for limit in found.settings.sensitivity_limits)
+    blocks: list[Block] = [
+        TableBlock(header, rows, "Peaks and zones after ISO 14839-3"),
+        Prose(
+            f"Limits of the zones: {limits}; check them against the standard. All axes together: largest singular "
+            f"value of S {found.sensitivity.value:.4f} at {found.sensitivity.frequency:.4g} Hz, of T "
+            f"{found.complementary.value:.4f} at {found.complementary.frequency:.4g} Hz."
+        ),
+        FigureBlock(sensitivity_chart(found, certificate.measured).page()),
+    ]
+    if certificate.measured is not None:
+        difference = certificate.measured.difference_db(found.feedback)
+        worst = max((float(abs(difference).max()) if difference.size else math.nan), 0.0)
+        blocks.append(
+            Prose(
+                f"Measured: {certificate.measured.method}. Largest difference from the model up to 1 kHz, where the "
+                f"coherence is 0.9 or more: {worst:.2f} dB."
+            )
+        )
+    if certificate.displacement:
+        blocks.append(TableBlock(("axis", "zone"), list(certificate.displacement.items()), "Zones after ISO 14839-2"))
+    return Section("Sensitivity", blocks)
+
+
+def _margins(found: Assessment) -> Section:
+    rows = [
+        (
+            axis.name,
+            f"{_db(axis.margins.gain_up.value)} at {axis.margins.gain_up.frequency:.4g} Hz",
+            f"{_db(axis.margins.gain_down.value)} at {axis.margins.gain_down.frequency:.4g} Hz",
+            f"{math.degrees(axis.margins.phase.value):.1f}° at {axis.margins.phase.frequency:.4g} Hz",
+            f"{1e6 * axis.margins.delay.value:.4g} us at {axis.margins.delay.frequency:.4g} Hz",
+        )
+        for axis in found.axes
+    ]
+    disks = [_disk(item) for item in (*(axis.disk for axis in found.axes), *found.disks)]
+    header = ("axis", "gain up", "gain down", "phase", "delay")
+    blocks: list[Block] = [
+        TableBlock(header, rows, "Classical margins of each axis, all others closed"),
+        TableBlock(("where", "alpha", "broken at", "gain", "phase", "frequency"), disks, "Disk margins"),
+    ]
+    if found.bounds is not None:
+        gap, percent = found.bounds.gap, f"{100.0 * found.settings.confidence:g} %"
+        worst = ", ".join(f"{item.name} {1.0 / item.disk.value:.4f}" for item in found.bounds.axes)
+        blocks.append(
+            Prose(
+                f"With {percent} of the models: disk margins {worst}, of all outputs "
+                f"{1.0 / found.bounds.outputs.value:.4f}; nu-gap at most {gap.worst.value:.4f}, of which the loop "
+                f"bears {gap.margin:.4f}."
+            )
+        )
+    return Section("Margins", blocks)
+
+
+def _structured(found: Assessment) -> Section:
+    mu = found.mu
+    text = (
+        f"The loop bears {1.0 / mu.upper:.3f} times the assumed perturbations together. One of "
+        f"{1.0 / mu.lower if mu.lower else math.inf:.3f} times their size puts a pole within {found.on_circle:.1g} of "
+        f"the unit circle, at {mu.lower_frequency:.4g} Hz."
+    )
+    return Section("Structured singular value", [Prose(text), FigureBlock(mu_chart(found).page())])
+
+
+def _inputs(certificate: Certificate) -> Section:
+    rows = [(name, value) for name, value in certificate.inputs.items()]
+    settings = [(name, f"{value}") for name, value in certificate.settings.model_dump().items()]
+    return Section(
+        "Inputs",
+        [
+            TableBlock(("input", "SHA-256"), rows, "What was read"),
+            TableBlock(("setting", "value"), settings, "What was assumed and demanded"),
+        ],
+    )
+
+
+def _disk(item: DiskMargin) -> tuple[str, str, str, str, str, str]:
+    low, high = item.gain
+    return (
+        item.where,
+        f"{item.guaranteed:.4f}",
+        f"{item.broken:.4f}",
+        f"{_db(low)} to {_db(high)}",
+        f"±{math.degrees(item.phase):.1f}°",
+        f"{item.frequency:.4g} Hz",
+    )
+
+
+def _db(value: float) -> str:
+    return "any" if value <= 0.0 or math.isinf(value) else f"{20.0 * math.log10(value):.2f} dB"

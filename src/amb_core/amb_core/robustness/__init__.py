@@ -1,0 +1,39 @@
+"""Robustness of the closed loop of an identified model: margins, structured singular value, certificate.
+
+>>> found = certify(model, controller, validation=validation, uncertainty=uncertainty)  # doctest: +SKIP
+>>> found.certified, found.verdict  # doctest: +SKIP
+"""
+
+from amb_core.robustness.assessment import Assessment, assess, assess_loop
+from amb_core.robustness.certificate import Certificate, Check, certificate_values, certify, sha256_of
+from amb_core.robustness.feedback import Feedback, feedback_of
+from amb_core.robustness.lti import Lti, Peak, peak_gain
+from amb_core.robustness.margins import classical_margins, disk_margin_of_axis, disk_margins
+from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
+from amb_core.robustness.mu import Block, mu_peak
+from amb_core.robustness.settings import RobustnessSettings, zone_of
+
+__all__ = [
+    "Assessment",
+    "Block",
+    "Certificate",
+    "Check",
+    "Feedback",
+    "Lti",
+    "MeasuredSensitivity",
+    "Peak",
+    "RobustnessSettings",
+    "assess",
+    "assess_loop",
+    "certificate_values",
+    "certify",
+    "classical_margins",
+    "disk_margin_of_axis",
+    "disk_margins",
+    "feedback_of",
+    "measured_sensitivity",
+    "mu_peak",
+    "peak_gain",
+    "sha256_of",
+    "zone_of",
+]

@@ -1,0 +1,351 @@
+"""All numbers of the robustness of a loop: peaks, zones, margins, structured singular value, and their 99 % bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from threadpoolctl import threadpool_limits
+
+from amb_core.identification.uncertainty import ModelUncertainty
+from amb_core.loop.known_controller import KnownController
+from amb_core.model import StateSpaceModel
+from amb_core.robustness.ellipsoid import (
+    PlantSet,
+    Worst,
+    closed_loop_objective,
+    gap_objective,
+    radius_of_all,
+    radius_of_one,
+)
+from amb_core.robustness.feedback import Feedback, feedback_of
+from amb_core.robustness.lti import Arrays, Complexes, Lti, Peak, peak_gain
+from amb_core.robustness.margins import (
+    ClassicalMargins,
+    DiskMargin,
+    classical_margins,
+    disk_margin_of_axis,
+    disk_margins,
+)
+from amb_core.robustness.mu import MuPeak, mu_peak
+from amb_core.robustness.mu_upper import balancing
+from amb_core.robustness.replay import distance_from_circle
+from amb_core.robustness.settings import RobustnessSettings, Zone, zone_of
+from amb_core.robustness.structure import UncertainLoop, uncertain_loop
+
+LOWEST = 1e-4  # of half the sample rate, where the curves start
+_NEAR = 21  # further frequencies around each peak
+
+
+@dataclass(frozen=True)
+class AxisResult:
+    """Sensitivity of one axis, all other loops closed.
+
+    Attributes
+    ----------
+    name : str
+        The axis.
+    sensitivity, complementary : Peak
+        Peaks of |S| and |T|.
+    margins : ClassicalMargins
+        Gain, phase and delay.
+    disk : DiskMargin
+        Of this axis alone.
+    zone : str
+        Zone after ISO 14839-3 of the model's peak.
+    """
+
+    name: str
+    sensitivity: Peak
+    complementary: Peak
+    margins: ClassicalMargins
+    disk: DiskMargin
+    zone: Zone
+
+
+@dataclass(frozen=True, eq=False)
+class AxisBounds:
+    """Bounds of the sensitivity of an axis by the covariance of the model.
+
+    Attributes
+    ----------
+    name : str
+        The axis.
+    sensitivity, complementary, disk : Worst
+        Largest |S|, |T| and |S + (sigma - 1)/2|, each bound for this number alone.
+    sensitivity_of_all : Worst
+        Largest |S| over the ellipsoid that holds all parameters at once.
+    zone : str
+        Zone after ISO 14839-3 of the bound of |S|.
+    replayed : float
+        Peak of |S| of the worst model, as a model; infinite if its loop is not stable.
+    """
+
+    name: str
+    sensitivity: Worst
+    complementary: Worst
+    disk: Worst
+    sensitivity_of_all: Worst
+    zone: Zone
+    replayed: float
+
+
+@dataclass(frozen=True, eq=False)
+class Gap:
+    """Distance of the models of the ellipsoid, and the distance that the loop bears.
+
+    Attributes
+    ----------
+    worst : Worst
+        Worst-case nu-gap between the model and those of the ellipsoid of the response.
+    margin : float
+        b(P, C), in the scale that makes it largest: every plant with a smaller nu-gap is stabilised.
+    scale : float
+        Positions are multiplied by it (A/m).
+    """
+
+    worst: Worst
+    margin: float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """What the covariance of the model leaves open.
+
+    Attributes
+    ----------
+    axes : tuple of AxisBounds
+        By axis.
+    outputs, all_signals : Worst
+        Bound of mu of the disk margin of all outputs, and of the perturbations at all signals of the settings.
+    gap : Gap
+        nu-gap.
+    """
+
+    axes: tuple[AxisBounds, ...]
+    outputs: Worst
+    all_signals: Worst | None
+    gap: Gap
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """The robustness of a stable loop.
+
+    Attributes
+    ----------
+    feedback : Feedback
+        The loop.
+    settings : RobustnessSettings
+        What was assumed.
+    frequency : ndarray, shape (f,)
+        Frequencies of the curves (Hz).
+    axes : tuple of AxisResult
+        By axis.
+    sensitivity, complementary : Peak
+        Largest singular values of S and T over all axes together.
+    disks : tuple of DiskMargin
+        At all outputs, all inputs, both.
+    uncertain : UncertainLoop
+        Perturbations of the settings.
+    mu : MuPeak
+        Structured singular value for them; the loop bears all of them together if it is below 1.
+    on_circle : float
+        Distance from the unit circle of the pole of the replayed worst case.
+    bounds : Bounds or None
+        By the covariance of the model, if it is known.
+    """
+
+    feedback: Feedback
+    settings: RobustnessSettings
+    frequency: Arrays
+    axes: tuple[AxisResult, ...]
+    sensitivity: Peak
+    complementary: Peak
+    disks: tuple[DiskMargin, ...]
+    uncertain: UncertainLoop
+    mu: MuPeak
+    on_circle: float
+    bounds: Bounds | None
+
+
+def assess(
+    model: StateSpaceModel,
+    controller: KnownController,
+    settings: RobustnessSettings | None = None,
+    uncertainty: ModelUncertainty | None = None,
+) -> Assessment:
+    """The robustness of the loop of a model and a controller.
+
+    Raises
+    ------
+    RobustnessError
+        If the loop is not stable (the message names the pole), or something else makes margins meaningless.
+    IdentificationError, ParameterError
+        If model and controller do not fit together.
+    """
+    settings = settings or RobustnessSettings()
+    return assess_loop(feedback_of(model, controller, round(settings.extra_delay)), settings, uncertainty)
+
+
+def assess_loop(
+    feedback: Feedback, settings: RobustnessSettings, uncertainty: ModelUncertainty | None = None
+) -> Assessment:
+    """The same for a loop that is formed already."""
+    feedback.require_stable()
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small
+        margins = classical_margins(feedback)
+        axes = tuple(_axis(feedback, axis, item, settings) for axis, item in enumerate(margins))
+        frequency = _grid(feedback, axes, round(settings.frequencies))
+        uncertain = uncertain_loop(feedback, settings)
+        mu = mu_peak(uncertain.system, uncertain.blocks, frequency)
+        replayed = len(mu.perturbation) > 0
+        return Assessment(
+            feedback,
+            settings,
+            frequency,
+            axes,
+            peak_gain(feedback.output_sensitivity),
+            peak_gain(feedback.complementary),
+            disk_margins(feedback, frequency, settings.skew),
+            uncertain,
+            mu,
+            distance_from_circle(uncertain.system, mu.perturbation, mu.lower_frequency) if replayed else math.nan,
+            None if uncertainty is None else _bounds(feedback, settings, uncertainty, frequency, axes, uncertain),
+        )
+
+
+def _axis(feedback: Feedback, axis: int, margins: ClassicalMargins, settings: RobustnessSettings) -> AxisResult:
+    one = [feedback.inputs + axis]
+    sensitivity = peak_gain(feedback.closed.part(one, one))
+    return AxisResult(
+        feedback.axes[axis],
+        sensitivity,
+        peak_gain(feedback.complementary.part([axis], [axis])),
+        margins,
+        disk_margin_of_axis(feedback, axis, settings.skew),
+        zone_of(sensitivity.value, settings.sensitivity_limits),
+    )
+
+
+def _grid(feedback: Feedback, axes: Sequence[AxisResult], count: int) -> Arrays:
+    """Even in the logarithm, with further frequencies at the peaks and at the poles of the loop."""
+    half = 0.5 / feedback.plant.sample_time
+    angles = np.angle(feedback.closed.poles())
+    special = [*(angles[angles > 0.0] / np.pi * half), *(axis.sensitivity.frequency for axis in axes)]
+    near = [at * np.linspace(0.97, 1.03, 5) for at in special if at > LOWEST * half]
+    grid = np.concatenate([np.geomspace(LOWEST * half, half * (1.0 - 1e-9), count - 5 * len(near)), *near])
+    return np.unique(np.clip(grid, LOWEST * half, half * (1.0 - 1e-9)))
+
+
+def _bounds(
+    feedback: Feedback,
+    settings: RobustnessSettings,
+    uncertainty: ModelUncertainty,
+    frequency: Arrays,
+    axes: Sequence[AxisResult],
+    uncertain: UncertainLoop,
+) -> Bounds:
+    plants = PlantSet.of(uncertainty, frequency)
+    search = WorstCases(feedback, uncertainty, plants, settings)
+    found = tuple(search.axis(axis, result.name) for axis, result in enumerate(axes))
+    m, size = feedback.inputs, feedback.outputs
+    outputs = np.eye(size, m + size, m)
+    shift = 0.5 * (settings.skew - 1.0) * np.eye(size)
+    signals = None
+    if len(uncertain.direct):
+        signals = search.scaled(uncertain.out, uncertain.into, uncertain.direct)
+    return Bounds(found, search.scaled(outputs, outputs.T, shift), signals, search.gap())
+
+
+@dataclass(frozen=True, eq=False)
+class WorstCases:
+    """Worst cases over the models of an estimate."""
+
+    feedback: Feedback
+    uncertainty: ModelUncertainty
+    plants: PlantSet
+    settings: RobustnessSettings
+
+    def axis(self, axis: int, name: str) -> AxisBounds:
+        """Bounds of one axis."""
+        one, count = radius_of_one(self.settings.confidence), self.uncertainty.root.shape[1]
+        whole = radius_of_all(self.settings.confidence, count)
+        half = 0.5 * (self.settings.skew - 1.0)
+        sensitivity = self._of_axis(axis, 0.0, one)
+        moved = self.feedback.with_plant(self.uncertainty.moved(sensitivity.factors))
+        part = [self.feedback.inputs + axis]
+        return AxisBounds(
+            name,
+            sensitivity,
+            self._of_axis(axis, -1.0, one),
+            self._of_axis(axis, half, one),
+            self._of_axis(axis, 0.0, whole),
+            zone_of(sensitivity.value, self.settings.sensitivity_limits),
+            peak_gain(moved.closed.part(part, part)).value if moved.stable else math.inf,
+        )
+
+    def _of_axis(self, axis: int, plus: float, radius: float) -> Worst:
+        """Worst |S + plus| of an axis, with the frequencies around the largest once more and closer."""
+        row = np.zeros((1, self.feedback.inputs + self.feedback.outputs))
+        row[0, self.feedback.inputs + axis] = 1.0
+
+        def search(plants: PlantSet) -> Worst:
+            shift = np.array([[plus]])
+            return plants.worst(closed_loop_objective(self.feedback, plants.frequency, row, row.T, shift), radius)
+
+        rough = search(self.plants)
+        place = int(np.searchsorted(self.plants.frequency, rough.frequency))
+        low, high = max(place - 1, 0), min(place + 1, len(self.plants.frequency) - 1)
+        near = np.linspace(float(self.plants.frequency[low]), float(self.plants.frequency[high]), _NEAR)
+        fine = search(PlantSet.of(self.uncertainty, near))
+        if fine.value <= rough.value:
+            return rough
+        return Worst(fine.value, fine.frequency, rough.curve, fine.factors)
+
+    def scaled(self, out: Arrays, into: Arrays, plus: Arrays) -> Worst:
+        """Worst bound of mu of out H into + plus over independent complex perturbations, with the estimate's D."""
+        nominal = out @ self.feedback.closed.response(self.plants.frequency) @ into + plus
+        scale = np.array([balancing(matrix) for matrix in nominal])
+        left, right = scale[:, :, np.newaxis] * out, into / scale[:, np.newaxis, :]
+        shift = scale[:, :, np.newaxis] * plus / scale[:, np.newaxis, :]
+        objective = closed_loop_objective(self.feedback, self.plants.frequency, left, right, shift)
+        return self.plants.worst(objective, radius_of_one(self.settings.confidence))
+
+    def gap(self) -> Gap:
+        """Worst nu-gap to the estimate, and what the loop bears."""
+        margin, scale = stability_margin(self.feedback, self.plants.frequency)
+        parts = 2 * self.plants.nominal[0].size
+        radius = radius_of_all(self.settings.confidence, parts)
+        return Gap(self.plants.worst(gap_objective(self.plants.nominal, scale), radius), margin, scale)
+
+
+def stability_margin(feedback: Feedback, frequency: Arrays) -> tuple[float, float]:
+    """b(P, C) in the scale of positions that makes it largest, and this scale (A/m).
+
+    b = 1/||[1; P] S_i [1, -C]||_inf with k P and C/k for P and C.
+    """
+    m, p = feedback.inputs, feedback.outputs
+    four_block = feedback.closed.plus(-np.diag(np.r_[np.zeros(m), np.ones(p)]))
+    responses: Complexes = four_block.response(frequency)
+
+    def weights(power: float) -> Arrays:
+        return np.r_[np.ones(m), np.full(p, math.exp(power))]
+
+    def size(power: float) -> float:
+        weight = weights(power)
+        return float(np.linalg.norm(responses * weight[:, np.newaxis] / weight, 2, axis=(1, 2)).max())
+
+    typical = math.log(np.linalg.norm(feedback.controller.response(frequency), 2, axis=(1, 2)).mean() + 1e-300)
+    found = minimize_scalar(size, bounds=(typical - 8.0, typical + 8.0), method="bounded")
+    weight = weights(float(found.x))
+    system = four_block
+    scaled = Lti(
+        system.a, system.b / weight, weight[:, np.newaxis] * system.c, weight[:, np.newaxis] * system.d / weight,
+        system.sample_time,
+    )  # fmt: skip
+    return 1.0 / peak_gain(scaled).value, math.exp(float(found.x))

@@ -1,0 +1,329 @@
+"""The certificate: what was checked, what was found, and whether every check passed.
+
+The word certified stands only where every check passed. A loop that is not stable ends at that check.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from amb_core.errors import RobustnessError
+from amb_core.identification.uncertainty import ModelUncertainty
+from amb_core.identification.validation import Validation
+from amb_core.loop.known_controller import KnownController
+from amb_core.model import StateSpaceModel
+from amb_core.robustness.assessment import Assessment, assess
+from amb_core.robustness.measured import MeasuredSensitivity
+from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
+
+ON_CIRCLE = 1e-6  # distance of the replayed pole from the unit circle at most
+FAR = 2.0  # of a model from the best one of its data, in standard deviations
+
+
+@dataclass(frozen=True)
+class Check:
+    """One condition of a certificate.
+
+    Attributes
+    ----------
+    name : str
+        What is asked.
+    passed : bool
+        Whether it holds.
+    finding : str
+        What was found, with numbers.
+    """
+
+    name: str
+    passed: bool
+    finding: str
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """The result for a model and a controller.
+
+    Attributes
+    ----------
+    checks : tuple of Check
+        In order; the first that fails is the reason of a refusal.
+    assessment : Assessment or None
+        All numbers; None for an unstable loop.
+    settings : RobustnessSettings
+        What was assumed and demanded.
+    warnings : tuple of str
+        What does not refuse the certificate but must be known.
+    inputs : mapping
+        Name and SHA-256 of everything that was read.
+    measured : MeasuredSensitivity or None
+        Measured sensitivity, for comparison.
+    displacement : mapping
+        Zone after ISO 14839-2 of each axis, if displacement and clearance are known.
+    """
+
+    checks: tuple[Check, ...]
+    assessment: Assessment | None
+    settings: RobustnessSettings
+    warnings: tuple[str, ...]
+    inputs: Mapping[str, str]
+    measured: MeasuredSensitivity | None = None
+    displacement: Mapping[str, Zone] | None = None
+
+    @property
+    def certified(self) -> bool:
+        """Whether every check passed."""
+        return bool(self.checks) and all(check.passed for check in self.checks)
+
+    @property
+    def verdict(self) -> str:
+        """One sentence."""
+        failed = [check for check in self.checks if not check.passed]
+        if failed:
+            return f"Not certified: {'; '.join(check.finding for check in failed)}."
+        assert self.assessment is not None
+        assert self.assessment.bounds is not None
+        zone = max((item.zone for item in self.assessment.bounds.axes), key=ZONES.index)
+        percent = f"{100.0 * self.settings.confidence:g} %"
+        return (
+            f"Certified: stable, zone {zone} after ISO 14839-3 with {percent}, and stable under all assumed "
+            "perturbations together."
+        )
+
+
+def certify(
+    model: StateSpaceModel,
+    controller: KnownController,
+    *,
+    settings: RobustnessSettings | None = None,
+    validation: Validation | None = None,
+    uncertainty: ModelUncertainty | None = None,
+    inputs: Mapping[str, str] | None = None,
+    measured: MeasuredSensitivity | None = None,
+    displacement: Mapping[str, float] | None = None,
+) -> Certificate:
+    """Check a model and a controller.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The identified model.
+    controller : KnownController
+        The controller that is to run; it may differ from that of the experiment.
+    settings : RobustnessSettings, optional
+        What is assumed and demanded.
+    validation : Validation, optional
+        Of the model; without it there is no certificate.
+    uncertainty : ModelUncertainty, optional
+        Of the model; without it there is no certificate.
+    inputs : mapping, optional
+        Name and SHA-256 of what was read.
+    measured : MeasuredSensitivity, optional
+        For comparison.
+    displacement : mapping, optional
+        Largest displacement over clearance of each axis.
+
+    Raises
+    ------
+    IdentificationError, ParameterError
+        If model and controller do not fit together.
+    """
+    settings = settings or RobustnessSettings()
+    checks = [_validated(validation)]
+    try:
+        assessment: Assessment | None = assess(model, controller, settings, uncertainty)
+        checks.append(Check("the loop is stable", True, "all poles lie inside the unit circle"))
+    except RobustnessError as problem:
+        assessment = None
+        checks.append(Check("the loop is stable", False, str(problem)))
+    if assessment is not None:
+        checks += _checks(assessment, uncertainty)
+    zones = {name: zone_of(value, settings.displacement_limits) for name, value in (displacement or {}).items()}
+    return Certificate(
+        tuple(checks), assessment, settings, _warnings(validation, uncertainty), dict(inputs or {}), measured, zones
+    )
+
+
+def _validated(validation: Validation | None) -> Check:
+    name = "the model is validated"
+    if validation is None:
+        return Check(name, False, "the model was not validated; give the bag of its data with --bag")
+    return Check(name, validation.validated, validation.summary)
+
+
+def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None) -> list[Check]:
+    settings, bounds, mu = assessment.settings, assessment.bounds, assessment.mu
+    percent = f"{100.0 * settings.confidence:g} %"
+    checks = [
+        Check(
+            "all assumed perturbations together leave the loop stable",
+            mu.upper < 1.0,
+            f"structured singular value between {mu.lower:.3f} and {mu.upper:.3f} at {mu.frequency:.4g} Hz: stable up "
+            f"to {1.0 / mu.upper:.2f} times the assumed perturbations",
+        ),
+        Check(
+            "the replayed worst case puts a pole on the unit circle",
+            assessment.on_circle < ON_CIRCLE,
+            f"distance {assessment.on_circle:.1g} at {mu.lower_frequency:.4g} Hz",
+        ),
+    ]
+    if bounds is None or uncertainty is None:
+        return [*checks, Check("the uncertainty of the model is known", False, "no data of the model are given")]
+    worst = max(bounds.axes, key=lambda item: item.sensitivity.value)
+    zone = max((item.zone for item in bounds.axes), key=ZONES.index)
+    undecided = uncertainty.at_one
+    checks += [
+        Check("the data decide which poles of the plant are stable", not undecided, undecided or "they do"),
+        Check(
+            "the model is the one that explains its data best",
+            uncertainty.distance <= FAR,
+            f"{uncertainty.distance:.2g} standard deviations away; allowed: {FAR:g}",
+        ),
+        Check(
+            f"zone {settings.needed_zone} or better after ISO 14839-3 with {percent}",
+            ZONES.index(zone) <= ZONES.index(settings.needed_zone),
+            f"peak sensitivity of axis {worst.name} at most {worst.sensitivity.value:.3f} with {percent}: zone {zone}",
+        ),
+        Check(
+            "the worst models of the ellipsoid make stable loops",
+            all(math.isfinite(item.replayed) for item in bounds.axes),
+            ", ".join(f"{item.name}: peak {item.replayed:.3f}" for item in bounds.axes),
+        ),
+        Check(
+            "the worst nu-gap of the ellipsoid is below the stability margin b",
+            bounds.gap.worst.value < bounds.gap.margin,
+            f"{bounds.gap.worst.value:.4f} with {percent}, b = {bounds.gap.margin:.3f}",
+        ),
+    ]
+    if bounds.all_signals is not None:
+        value = bounds.all_signals.value
+        text = f"bound of mu {value:.3f} with {percent}, real perturbations taken as complex, without bending modes"
+        checks.append(Check("perturbations at the signals and models of the ellipsoid together", value < 1.0, text))
+    return checks
+
+
+def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | None) -> tuple[str, ...]:
+    found = []
+    if uncertainty is not None and not uncertainty.white:
+        found.append(
+            f"the innovations scatter {uncertainty.inflation:.3g} times as much as white ones would: the order is too "
+            "low or the data were not those of a linear plant; "
+            + ("bounds use the measured scatter" if uncertainty.robust else "bounds are too narrow")
+        )
+    if validation is not None:
+        if not validation.unreserved:
+            found.append("residuals depend on past inputs: the bounds hold no systematic error of the model")
+        found.append(f"linearity of the data: {validation.evidence.brief}")
+    return tuple(found)
+
+
+def sha256_of(path: str | Path) -> str:
+    """SHA-256 of a file, or of names and contents of all files of a folder.
+
+    Raises
+    ------
+    RobustnessError
+        If it cannot be read.
+    """
+    place, found = Path(path), hashlib.sha256()
+    try:
+        files = sorted(item for item in place.rglob("*") if item.is_file()) if place.is_dir() else [place]
+        for file in files:
+            if place.is_dir():
+                found.update(str(file.relative_to(place)).encode())
+            with file.open("rb") as content:
+                found.update(hashlib.file_digest(content, "sha256").digest())
+    except OSError as problem:
+        raise RobustnessError(f"{place}: cannot be read: {problem.strerror}") from None
+    return found.hexdigest()
+
+
+def certificate_values(certificate: Certificate) -> dict[str, Any]:
+    """All numbers as plain values for strict JSON; values that are not finite are None."""
+    return dict(_strict(_values(certificate)))
+
+
+def _values(certificate: Certificate) -> dict[str, Any]:
+    values: dict[str, Any] = {
+        "certified": certificate.certified,
+        "verdict": certificate.verdict,
+        "checks": [{"name": one.name, "passed": one.passed, "finding": one.finding} for one in certificate.checks],
+        "warnings": list(certificate.warnings),
+        "settings": certificate.settings.model_dump(),
+        "inputs": {name: {"sha256": value} for name, value in certificate.inputs.items()},
+        "zones_iso_14839_2": dict(certificate.displacement or {}),
+    }
+    found = certificate.assessment
+    if found is None:
+        return values
+    values["axes"] = {
+        axis.name: {
+            "peak_sensitivity": _peak(axis.sensitivity),
+            "peak_complementary": _peak(axis.complementary),
+            "gain_margin_up": _peak(axis.margins.gain_up),
+            "gain_margin_down": _peak(axis.margins.gain_down),
+            "phase_margin_degrees": _peak(axis.margins.phase, 180.0 / math.pi),
+            "delay_margin_seconds": _peak(axis.margins.delay),
+            "disk_margin": axis.disk.guaranteed,
+            "zone_iso_14839_3": axis.zone,
+        }
+        for axis in found.axes
+    }
+    values["peak_sensitivity"], values["peak_complementary"] = _peak(found.sensitivity), _peak(found.complementary)
+    values["disk_margins"] = [
+        {"where": one.where, "guaranteed": one.guaranteed, "broken": one.broken, "frequency": one.frequency}
+        for one in found.disks
+    ]
+    values["mu"] = {
+        "upper": found.mu.upper,
+        "lower": found.mu.lower,
+        "frequency": found.mu.frequency,
+        "worst_case": {
+            "frequency": found.mu.lower_frequency,
+            "distance_from_unit_circle": found.on_circle,
+            "perturbation": {
+                block.name: [value.real, value.imag]
+                for block, value in zip(found.uncertain.blocks, found.mu.perturbation.tolist(), strict=False)
+            },
+        },
+    }
+    if found.bounds is not None:
+        values["bounds"] = {
+            "confidence": found.settings.confidence,
+            "axes": {
+                one.name: {
+                    "peak_sensitivity": one.sensitivity.value,
+                    "peak_complementary": one.complementary.value,
+                    "disk_margin": 1.0 / one.disk.value,
+                    "peak_sensitivity_all_parameters": one.sensitivity_of_all.value,
+                    "zone_iso_14839_3": one.zone,
+                }
+                for one in found.bounds.axes
+            },
+            "disk_margin_outputs": 1.0 / found.bounds.outputs.value,
+            "nu_gap": found.bounds.gap.worst.value,
+            "stability_margin_b": found.bounds.gap.margin,
+        }
+    return values
+
+
+def _peak(peak: Any, factor: float = 1.0) -> dict[str, float]:
+    return {"value": peak.value * factor, "frequency": peak.frequency}
+
+
+def _strict(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _strict(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(item) for item in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

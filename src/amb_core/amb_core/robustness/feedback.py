@@ -1,0 +1,193 @@
+"""The closed loop of an identified model with a linear controller, opened for perturbations.
+
+With the plant P from control currents u to positions y and the controller u = -C y + w_u, y = P u + w_y, all transfers
+of robustness are parts of one system from the perturbations (w_u, w_y) to the signals behind them (u, y):
+
+    u = S_i w_u - C S_o w_y,    y = P S_i w_u + S_o w_y,    S_o = (I + P C)^-1,    S_i = (I + C P)^-1.
+
+The computation delay is part of the model, which is identified from the currents of step k to the positions of step k;
+a longer one is added by `extra_delay`.
+
+Source: S. Skogestad and I. Postlethwaite, Multivariable Feedback Control, 2nd ed., Wiley, 2005, section 4.7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from amb_core.errors import RobustnessError
+from amb_core.identification.closed_loop import loop_axes
+from amb_core.identification.control_law import LinearLaw, law_of
+from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.loop.linear_control import LinearControllerParameters, pd_as_linear
+from amb_core.model import StateSpaceModel
+from amb_core.robustness.lti import Arrays, Lti
+
+MARGIN = 1e-9
+"""A loop whose largest pole has a magnitude of 1 - this or more is not taken as stable: rounding could hide it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Feedback:
+    """A plant and a controller in negative feedback.
+
+    Attributes
+    ----------
+    plant : Lti
+        From control currents (A) to positions (m), strictly proper.
+    controller : Lti
+        C of u = -C y, from positions (m) to control currents (A).
+    axes : tuple of str
+        Names of the outputs.
+
+    Raises
+    ------
+    RobustnessError
+        If the two do not fit together.
+    """
+
+    plant: Lti
+    controller: Lti
+    axes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        (p, m), law = self.plant.d.shape, self.controller.d.shape
+        if law != (m, p) or np.any(self.plant.d):
+            raise RobustnessError(
+                f"a plant of {m} inputs and {p} outputs without feedthrough needs a controller of {p} inputs and {m} "
+                f"outputs; this one has {law[1]} and {law[0]}, and the plant's largest feedthrough is "
+                f"{np.abs(self.plant.d).max(initial=0.0):g}"
+            )
+        if not self.axes:
+            object.__setattr__(self, "axes", tuple(f"y_{number + 1}" for number in range(p)))
+
+    @property
+    def inputs(self) -> int:
+        """Number of control currents m."""
+        return self.plant.b.shape[1]
+
+    @property
+    def outputs(self) -> int:
+        """Number of positions p."""
+        return len(self.plant.c)
+
+    @cached_property
+    def closed(self) -> Lti:
+        """From (w_u, w_y) to (u, y), shape (m + p, m + p); its states are those of plant and controller."""
+        return self.opened(np.zeros((self.plant.order, 0)), np.zeros((0, self.plant.order)))
+
+    def opened(self, into_states: Arrays, from_states: Arrays) -> Lti:
+        """The closed loop with further perturbations of the plant's states.
+
+        Parameters
+        ----------
+        into_states, from_states : ndarray, shapes (n, e), (s, n)
+            How e further inputs act on the next state of the plant, and s further outputs as seen from its state.
+
+        Returns
+        -------
+        Lti
+            From (w_u, w_y, w_x) to (u, y, z_x).
+        """
+        (a, b, c), k = (self.plant.a, self.plant.b, self.plant.c), self.controller
+        n, m, p, e = len(a), self.inputs, self.outputs, into_states.shape[1]
+        seen = np.hstack([c, np.zeros((p, k.order))])  # y without w_y
+        current = np.hstack([-k.d @ c, -k.c])  # u without w_u and w_y
+        whole_a = np.block([[a, np.zeros((n, k.order))], [k.b @ c, k.a]])
+        whole_a[:n] += b @ current
+        by_u, by_y = np.eye(m, m + p + e), np.eye(p, m + p + e, m)
+        into_u = by_u - k.d @ by_y
+        into_a = np.vstack([b @ into_u, k.b @ by_y])
+        into_a[:n, m + p :] += into_states
+        out = np.vstack([current, seen, np.hstack([from_states, np.zeros((len(from_states), k.order))])])
+        direct = np.vstack([into_u, by_y, np.zeros((len(from_states), m + p + e))])
+        return Lti(whole_a, into_a, out, direct, self.plant.sample_time)
+
+    @property
+    def stable(self) -> bool:
+        """Whether all poles of the loop lie inside the unit circle, by more than rounding could hide."""
+        return self.closed.radius < 1.0 - MARGIN
+
+    def require_stable(self) -> None:
+        """Raise RobustnessError if the loop is not stable; the message names the pole."""
+        if not self.stable:
+            pole = self.closed.poles()[0]
+            rate = np.log(complex(pole)) / self.plant.sample_time
+            raise RobustnessError(
+                f"the closed loop of model and controller is not stable: pole z = {pole:.6g} of magnitude "
+                f"{abs(pole):.9g}, {abs(rate.imag) / (2.0 * np.pi):.4g} Hz; a stable loop has no margins without it. "
+                "Change the controller, or the model if the bearing runs with this controller"
+            )
+
+    @property
+    def output_sensitivity(self) -> Lti:
+        """S_o = (I + P C)^-1."""
+        return self.closed.part(slice(self.inputs, None), slice(self.inputs, None))
+
+    @property
+    def input_sensitivity(self) -> Lti:
+        """S_i = (I + C P)^-1."""
+        return self.closed.part(slice(self.inputs), slice(self.inputs))
+
+    @property
+    def complementary(self) -> Lti:
+        """T_o = I - S_o."""
+        s = self.output_sensitivity
+        return Lti(s.a, s.b, -s.c, np.eye(self.outputs) - s.d, s.sample_time)
+
+    def at_axis(self, axis: int) -> Lti:
+        """The loop opened at one output, all others closed: L = 1/S_axis - 1, from -(input of the controller) to y."""
+        one = [self.inputs + axis]
+        s = self.closed.part(one, one)
+        # y = S w; as a loop y = w - L y, so L = S^-1 - 1: the inverse of S, whose D is 1.
+        inverse_d = 1.0 / s.d
+        return Lti(s.a - s.b @ inverse_d @ s.c, s.b @ inverse_d, -inverse_d @ s.c, inverse_d - 1.0, s.sample_time)
+
+    def with_plant(self, model: StateSpaceModel) -> Feedback:
+        """The same controller with another model."""
+        return replace(self, plant=plant_of(model))
+
+
+def plant_of(model: StateSpaceModel) -> Lti:
+    """The deterministic part of a model."""
+    return Lti(model.a, model.b, model.c, model.d, model.sample_time)
+
+
+def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay: int = 0) -> Feedback:
+    """The loop of a model and a controller, as `closed_loop_poles` forms it.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Identified model without feedthrough.
+    controller : KnownController
+        The PD controller or any linear one; limits are left out.
+    extra_delay : int
+        Steps by which the currents come later than in the data of the model.
+
+    Raises
+    ------
+    IdentificationError, ParameterError
+        If model and controller do not fit together.
+    """
+    axes = loop_axes(model, controller)
+    if not isinstance(controller, LinearControl):
+        controller = LinearControl(pd_as_linear(controller, axes), LinearControllerParameters())
+    law = law_of(controller, axes)
+    assert isinstance(law, LinearLaw)
+    from_output, direct = law.from_output
+    control = Lti(law.a, from_output, -law.c, -direct, model.sample_time)
+    for _ in range(extra_delay):
+        control = _delayed(control)
+    return Feedback(plant_of(model), control, tuple(model.output_names))
+
+
+def _delayed(system: Lti) -> Lti:
+    """The system with its outputs one step later."""
+    (n, m), p = system.b.shape, len(system.c)
+    a = np.block([[system.a, np.zeros((n, p))], [system.c, np.zeros((p, p))]])
+    c = np.hstack([np.zeros((p, n)), np.eye(p)])
+    return Lti(a, np.vstack([system.b, system.d]), c, np.zeros((p, m)), system.sample_time)

@@ -1,0 +1,60 @@
+"""What a certificate assumes and demands: sizes of the uncertainties, confidence, limits of the zones.
+
+Sources: ISO 14839-3 (zones by the peak of the sensitivity) and ISO 14839-2 (zones by displacement over clearance); the
+default limits are to be checked against the standards themselves before a certificate is signed.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from amb_core.errors import RobustnessError
+from amb_core.parameters import Parameters, choice, quantity
+
+Zone = Literal["A", "B", "C", "D"]
+ZONES: tuple[Zone, ...] = ("A", "B", "C", "D")
+
+
+class RobustnessSettings(Parameters):
+    """Settings of a certificate."""
+
+    actuator: float = quantity(0.05, "-", "complex uncertainty of each actuator: gain and phase", 0.0, 0.9)
+    sensor: float = quantity(0.05, "-", "complex uncertainty of each sensor: gain and phase", 0.0, 0.9)
+    current_gain: float = quantity(0.05, "-", "relative uncertainty of the current gain k_i, real", 0.0, 0.9)
+    negative_stiffness: float = quantity(0.1, "-", "relative uncertainty of the negative stiffness k_s, real", 0.0, 0.9)
+    bending_frequency: float = quantity(0.02, "-", "relative uncertainty of bending frequencies, real", 0.0, 0.2)
+    bending_damping: float = quantity(0.2, "-", "relative uncertainty of the damping of bending modes, real", 0.0, 0.9)
+    extra_delay: float = quantity(0.0, "steps", "computation delay in addition to that of the data, whole", 0.0, 100.0)
+    confidence: float = quantity(0.99, "-", "confidence of the bounds", 0.5, 0.9999)
+    frequencies: float = quantity(500.0, "-", "number of frequencies of the curves", 50.0, 5_000.0)
+    skew: float = quantity(0.0, "-", "skew sigma of the disk margins", -1.0, 1.0)
+    zone_a: float = quantity(3.0, "-", "peak sensitivity at the end of zone A (ISO 14839-3)", 1.0, 100.0)
+    zone_b: float = quantity(4.0, "-", "peak sensitivity at the end of zone B (ISO 14839-3)", 1.0, 100.0)
+    zone_c: float = quantity(5.0, "-", "peak sensitivity at the end of zone C (ISO 14839-3)", 1.0, 100.0)
+    displacement_a: float = quantity(0.3, "-", "displacement over clearance at the end of zone A (ISO 14839-2)", 0, 1)
+    displacement_b: float = quantity(0.4, "-", "displacement over clearance at the end of zone B (ISO 14839-2)", 0, 1)
+    displacement_c: float = quantity(0.5, "-", "displacement over clearance at the end of zone C (ISO 14839-2)", 0, 1)
+    needed_zone: Literal["A", "B", "C"] = choice("A", "worst zone after ISO 14839-3 with which a loop is certified")
+
+    @property
+    def sensitivity_limits(self) -> tuple[float, float, float]:
+        """Ends of the zones A, B and C by peak sensitivity."""
+        return self.zone_a, self.zone_b, self.zone_c
+
+    @property
+    def displacement_limits(self) -> tuple[float, float, float]:
+        """Ends of the zones A, B and C by displacement over clearance."""
+        return self.displacement_a, self.displacement_b, self.displacement_c
+
+
+def zone_of(value: float, limits: tuple[float, float, float]) -> Zone:
+    """The zone of a value, of which a limit belongs to the better zone.
+
+    Raises
+    ------
+    RobustnessError
+        If the limits do not rise.
+    """
+    if not limits[0] <= limits[1] <= limits[2]:
+        raise RobustnessError(f"limits of zones {limits} are not allowed; they must rise")
+    return ZONES[sum(not value <= limit for limit in limits)]
