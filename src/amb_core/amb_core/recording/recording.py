@@ -325,3 +325,7 @@ class Recording:
             If there is no such topic, or a message cannot be decoded.
         """
         return self._content.messages_of(topic)
+
+    def timed_messages_of(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """As `messages_of`, each with the time at which it was recorded (ns since 1970)."""
+        return self._content.timed_messages_of(topic)
