@@ -39,7 +39,9 @@ def table_of_bag(recording: Recording, topics: Sequence[str] = (), columns: Sequ
     chosen = list(topics) or [name for name in there if any(c.startswith(f"{name}.") or c == name for c in columns)]
     parts = {name: part for name in chosen or there if (part := _topic(recording, name)) is not None}
     if not parts:
-        raise BagError(f"bag {recording.path}: no topic has numbers; its topics: {_list(there)}; name some with --topics")
+        raise BagError(
+            f"bag {recording.path}: no topic has numbers; its topics: {_list(there)}; name some with --topics"
+        )
     if len(parts) > 1 and not chosen:
         names = ", ".join(name for _, signals, _ in parts.values() for name in signals)
         raise IdentificationError(
@@ -81,7 +83,9 @@ def _topic(recording: Recording, topic: str) -> _Part | None:
 
 def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
     """Every number of a message, with its place."""
-    labels = [str(name) for name in getattr(value, "name", ())] if isinstance(getattr(value, "name", None), list) else []
+    labels = (
+        [str(name) for name in getattr(value, "name", ())] if isinstance(getattr(value, "name", None), list) else []
+    )
     for field in getattr(value, "__dataclass_fields__", {}):
         if field in _SKIPPED or field.startswith("__"):
             continue
@@ -113,7 +117,9 @@ def _joined(path: str, parts: dict[str, _Part]) -> Table:
     half = 0.5 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     for name, (other, values, also) in others:
         if also != stamped:
-            raise IdentificationError(f"{path}: of {first} and {name} only one has stamps; give one of them to --topics")
+            raise IdentificationError(
+                f"{path}: of {first} and {name} only one has stamps; give one of them to --topics"
+            )
         if len(other) < 2:
             raise IdentificationError(f"{path}: {name} has {len(other)} messages; leave it out with --topics")
         nearest = np.clip(np.searchsorted(other, time), 1, len(other) - 1)

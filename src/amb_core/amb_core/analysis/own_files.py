@@ -22,7 +22,7 @@ from amb_core.files.file_errors import reading
 from amb_core.files.matlab import load_variables
 from amb_core.files.regular_files import is_folder, open_regular
 from amb_core.identification.controller_choice import NO_CONTROLLER, named_controller
-from amb_core.identification.data import READERS
+from amb_core.identification.data import READERS, IdentificationData
 from amb_core.identification.data.described import DataDescription, DescribedData, describe_table
 from amb_core.recording import Recording
 from amb_core.tables import ENDINGS, read_table
@@ -48,6 +48,11 @@ class OwnFile:
     described: DescribedData | None
     recording: Recording
 
+    @property
+    def is_bag_of_ours(self) -> bool:
+        """Whether it is a bag with what this workbench records."""
+        return not isinstance(self.recording.content, FileContent)
+
 
 def read_own(path: str | Path, description: DataDescription | None = None, **chosen: Any) -> OwnFile:
     """Read a file or bag.
@@ -67,36 +72,61 @@ def read_own(path: str | Path, description: DataDescription | None = None, **cho
         If the data cannot be read, or leave a question; the message names the option that answers it.
     """
     path, known = Path(path), description or DataDescription()
-    bag = is_folder(path) or path.suffix.lower() not in ENDINGS
-    recording = Recording.read(path) if bag else None
-    described: DescribedData | None = None
-    if recording is not None and not any(getattr(known, name) for name in _ROLES) and is_ours(recording):
+    recording = _recording_of(path)
+    if recording is not None and _as_it_is(recording, known):
         data = recorded_data(recording, **chosen)
-    elif chosen:
+        return OwnFile(_loop(recording, data, known), None, recording)
+    if chosen:
         raise IdentificationError(
             f"data {path}: option {next(iter(chosen))} is not allowed; it is for bags with telemetry of this workbench"
         )
-    elif recording is None and _is_written_here(path, known):
-        data = read_data(path, **_for_reader(known))
-    else:
-        described = _described(path, recording, known)
-        data = described.data
-    named = "" if known.controller == NO_CONTROLLER else known.controller
-    if known.controller == NO_CONTROLLER:
-        data, controller = replace(data, foreign=True), None
-    elif recording is not None and described is None:
-        controller = recorded_controller(recording, data.sample_rate, named)
-    else:
-        controller = named_controller(named, sample_rate=data.sample_rate) if named else None
-    ours = recording is not None and described is None
-    loop = RecordedLoop(
-        data,
-        controller,
-        recording.plant_parameters() if recording is not None and ours else None,
-        recording.truncated if recording is not None else "",
-    )
-    shown = recording if recording is not None and ours else Recording(FileContent(path, data))
-    return OwnFile(loop, described, shown)
+    data, described = _data(path, recording, known)
+    damage = "" if recording is None else recording.truncated
+    loop = replace(_loop(None, data, known), damage=damage)
+    return OwnFile(loop, described, Recording(FileContent(path, data)))
+
+
+def read_own_recording(
+    path: str | Path, description: DataDescription | None = None
+) -> tuple[Recording, DescribedData | None]:
+    """A bag with telemetry as it is, or any other file as a recording of one run; errors as for `read_own`."""
+    path, known = Path(path), description or DataDescription()
+    recording = _recording_of(path)
+    if recording is not None and _as_it_is(recording, known):
+        return recording, None
+    data, described = _data(path, recording, known)
+    return Recording(FileContent(path, data)), described
+
+
+def _recording_of(path: Path) -> Recording | None:
+    """The bag at a path; None for a file of one of `ENDINGS`."""
+    return Recording.read(path) if is_folder(path) or path.suffix.lower() not in ENDINGS else None
+
+
+def _as_it_is(recording: Recording, known: DataDescription) -> bool:
+    """Whether a bag is one of this workbench, and nothing else in it is asked for."""
+    return not any(getattr(known, name) for name in _ROLES) and is_ours(recording)
+
+
+def _data(
+    path: Path, recording: Recording | None, known: DataDescription
+) -> tuple[IdentificationData, DescribedData | None]:
+    if recording is None and _is_written_here(path, known):
+        return read_data(path, **_for_reader(known)), None
+    described = _described(path, recording, known)
+    return described.data, described
+
+
+def _loop(recording: Recording | None, data: IdentificationData, known: DataDescription) -> RecordedLoop:
+    """Data with their controller: the named one, or that of the bag."""
+    named, plant, damage = known.controller, None, ""
+    if recording is not None:
+        plant, damage = recording.plant_parameters(), recording.truncated
+    if named == NO_CONTROLLER:
+        return RecordedLoop(replace(data, foreign=True), None, plant, damage)
+    if recording is not None:
+        return RecordedLoop(data, recorded_controller(recording, data.sample_rate, named), plant, damage)
+    return RecordedLoop(data, named_controller(named, sample_rate=data.sample_rate) if named else None, None)
 
 
 def _described(path: Path, recording: Recording | None, known: DataDescription) -> DescribedData:
@@ -126,4 +156,3 @@ def _is_written_here(path: Path, known: DataDescription) -> bool:
 
 def _for_reader(known: DataDescription) -> dict[str, Any]:
     return {} if known.given_sample_time is None else {"sample_time": known.given_sample_time}
-

@@ -86,7 +86,9 @@ class Identification:
         elif len(self.model.fit):
             fit = f"closed-loop fit {', '.join(f'{name} {value:.2f} %' for name, value in fits)}"
         elif self.closed_loop_poles is None:
-            fit = "closed loop not simulated: no controller is known, or the data are not in the units A and m of a loop"
+            fit = (
+                "closed loop not simulated: no controller is known, or the data are not in the units A and m of a loop"
+            )
         else:
             fit = "no reference to simulate the closed loop with"
         parts = [

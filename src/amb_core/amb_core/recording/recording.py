@@ -78,6 +78,11 @@ class Recording:
         return cls(BagContent(Path(path), open_storage(Path(path))))
 
     @property
+    def content(self) -> BagContent:
+        """Where the data come from."""
+        return self._content
+
+    @property
     def messages(self) -> int:
         """Number of messages."""
         return sum(topic.messages for topic in self.topics)

@@ -38,7 +38,9 @@ def table_of_variables(path: str, content: Mapping[str, Any], variable: str = ""
         raise IdentificationError("has no matrix or vector of numbers; save the signals as such")
     lengths = {max(value.shape) for value in arrays.values()}
     if len(lengths) > 1:
-        raise IdentificationError(f"needs the name of one matrix (--variable): the lengths differ; its matrices: {there}")
+        raise IdentificationError(
+            f"needs the name of one matrix (--variable): the lengths differ; its matrices: {there}"
+        )
     rows = lengths.pop()
     texts = {name.casefold(): value for name, value in flat.items() if _is_texts(value)}
     names, units = (_texts_of(texts, known) for known in (_NAMES, _UNITS))

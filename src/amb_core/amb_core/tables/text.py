@@ -190,9 +190,7 @@ def _headings(rows: Cells, count: int) -> list[tuple[str, str]]:
         return []
     units = [_bare(cell) for cell in rows[-1]]
     if len(rows) > 1 and all(not unit or is_known(unit) or unit == "-" for unit in units) and any(units):
-        return [
-            (split_unit(name)[0], "" if unit == "-" else unit) for name, unit in zip(rows[-2], units, strict=False)
-        ]
+        return [(split_unit(name)[0], "" if unit == "-" else unit) for name, unit in zip(rows[-2], units, strict=False)]
     return [split_unit(cell) for cell in rows[-1]]
 
 

@@ -96,10 +96,14 @@ def resampled(
             "to be interpolated; cut the file there and give the parts as separate files"
         )
     if not np.isfinite(signals).all():
-        raise IdentificationError("samples that are missing are not interpolated; leave their rows out of the file first")
+        raise IdentificationError(
+            "samples that are missing are not interpolated; leave their rows out of the file first"
+        )
     step = given or typical
     if step < 0.5 * typical:
-        raise IdentificationError(f"--rate {1.0 / step:g} Hz is above twice the rate of the samples, {1.0 / typical:g} Hz")
+        raise IdentificationError(
+            f"--rate {1.0 / step:g} Hz is above twice the rate of the samples, {1.0 / typical:g} Hz"
+        )
     grid = time[0] + step * np.arange(int((time[-1] - time[0]) / step + 1e-9) + 1)
     return grid, np.asarray(PchipInterpolator(time, signals, axis=0)(np.minimum(grid, time[-1])))
 

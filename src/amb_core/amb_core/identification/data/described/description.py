@@ -36,7 +36,9 @@ class DataDescription(BaseModel):
         None, gt=0.0, le=1e6, description="Sample time of a data file that does not contain it, in s."
     )
     variable: str = Field("", description="Matrix or struct of a .mat or .npz file whose columns are signals.")
-    topics: tuple[str, ...] = Field((), description="Topics of a bag whose numbers are the columns, the first one timed.")
+    topics: tuple[str, ...] = Field(
+        (), description="Topics of a bag whose numbers are the columns, the first one timed."
+    )
     controller: str = Field(
         "",
         description="Controller of the experiment: pd:K_P,K_D in A/m and A s/m, a parameter file (.yaml), the file of a "

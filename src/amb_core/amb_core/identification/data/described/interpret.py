@@ -128,9 +128,9 @@ def describe_table(table: Table, description: DataDescription) -> DescribedData:
         for row in rows
         if max(abs(row.low), abs(row.high)) > _FAR.get(row.si_unit, np.inf)
     ]
-    notes += [
-        f"unit of {', '.join(r.signal for r in rows if not r.unit)} unknown, taken as it is (--units)"
-    ] * any(not row.unit for row in rows)
+    notes += [f"unit of {', '.join(r.signal for r in rows if not r.unit)} unknown, taken as it is (--units)"] * any(
+        not row.unit for row in rows
+    )
     return DescribedData(data, rows, tuple(notes), _completed(description, roles))
 
 
@@ -157,9 +157,15 @@ def _units_of(description: DataDescription, columns: Sequence[Column]) -> dict[s
         if not is_known(unit):
             raise IdentificationError(f"--units {item}: the unit {unit!r} is not known; known: {KNOWN}, V, N")
         if sign:
-            match = [column.name for column in columns if column.name == name or column.name.endswith((f".{name}", f"/{name}"))]
+            match = [
+                column.name
+                for column in columns
+                if column.name == name or column.name.endswith((f".{name}", f"/{name}"))
+            ]
             if not match:
-                raise IdentificationError(f"--units {item}: there is no such signal; there are {', '.join(c.name for c in columns)}")
+                raise IdentificationError(
+                    f"--units {item}: there is no such signal; there are {', '.join(c.name for c in columns)}"
+                )
             given |= dict.fromkeys(match, spelled(unit))
     return given
 
@@ -180,7 +186,12 @@ def _seconds(column: Column | None, description: DataDescription) -> tuple[NDArr
     unit = unit or spelled(column.unit) or bare
     values = column.values
     if not unit:
-        if len(values) > 2 and np.isfinite(values).all() and np.all(values == np.round(values)) and np.ptp(values) > 1.0:
+        if (
+            len(values) > 2
+            and np.isfinite(values).all()
+            and np.all(values == np.round(values))
+            and np.ptp(values) > 1.0
+        ):
             raise IdentificationError(
                 f"column {column.name} has whole numbers without a unit: give --units {column.name}=us (s, ms, us, ns), "
                 "or, if it counts the samples, --time none --rate HZ"
@@ -206,7 +217,11 @@ def _clock(time: NDArray[np.float64] | None, given: float | None, rows: int) -> 
 
 
 def _complete(
-    values: NDArray[np.float64], signals: Sequence[_Signal], clock: Clock, description: DataDescription, notes: list[str]
+    values: NDArray[np.float64],
+    signals: Sequence[_Signal],
+    clock: Clock,
+    description: DataDescription,
+    notes: list[str],
 ) -> list[tuple[int, int, int]]:
     """The spans of the clock without rows that are not finite, where the description allows to leave them out."""
     valid = np.isfinite(values).all(axis=1)
