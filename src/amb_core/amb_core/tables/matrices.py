@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,15 @@ def table_of_variables(path: str, content: Mapping[str, Any], variable: str = ""
             Column(name, column.values, unit, column.source)
             for column, (name, unit) in zip(columns, labels, strict=True)
         ]
-    return Table(path, tuple(columns), _sample_time(flat))
+    return Table(path, tuple(_without_struct(columns)), _sample_time(flat))
+
+
+def _without_struct(columns: list[Column]) -> list[Column]:
+    """The columns of one struct by the names of its fields."""
+    structs = {column.name.rpartition(".")[0] for column in columns}
+    if len(structs) > 1 or structs == {""}:
+        return columns
+    return [replace(column, name=column.name.rpartition(".")[2]) for column in columns]
 
 
 def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -37,20 +37,23 @@ def read_text_table(path: Path, separator: str = "", decimal: str = "") -> Table
     IdentificationError
         If it has no rows of numbers, or rows of different lengths.
     """
-    lines = _lines(path)
+    lines, cut = _lines(path)
     mark, point = _format(lines, separator, decimal)
     rows = _cells(lines, mark)
-    first = next((index for index, row in enumerate(rows) if _is_data(row, point)), None)
-    if first is None:
+    data = [index for index, row in enumerate(rows) if _is_data(row, point)]
+    if not data:
         raise IdentificationError(
             "there are no samples: no row is of numbers; name what separates them with --separator, --decimal"
         )
-    count = Counter(len(row) for row in rows[first : first + _LOOKED_AT]).most_common(1)[0][0]
+    count = Counter(len(rows[index]) for index in data[-_LOOKED_AT:]).most_common(1)[0][0]
+    first = next(index for index in data if len(rows[index]) == count)  # lines such as Points,700 may stand above
     numbers = _numbers(rows[first:], count, point)
     headings = _headings(rows[:first], count)
     notes = [f"columns separated by {_name(SEPARATORS, mark)}"]
     if point == ",":
         notes.append("decimal commas")
+    if cut:
+        notes.append("the last row is cut off and was left out")
     columns = []
     for index in range(count):
         if index < len(headings):
@@ -61,14 +64,11 @@ def read_text_table(path: Path, separator: str = "", decimal: str = "") -> Table
     return Table(str(path), tuple(columns), notes=tuple(notes))
 
 
-def _lines(path: Path) -> list[str]:
+def _lines(path: Path) -> tuple[list[str], bool]:
+    """The lines without comments, and whether the last one was cut off and is left out."""
     with open_regular(path) as file:
         content = file.read()
-    for mark, encoding in ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig")):
-        if content.startswith(mark):
-            break
-    else:
-        encoding = "utf-8"
+    encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
         text = content.decode(encoding)
     except UnicodeDecodeError:
@@ -78,7 +78,9 @@ def _lines(path: Path) -> list[str]:
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(_COMMENTS)]
     if not lines:
         raise IdentificationError("is empty: there must be rows of numbers, below the names of the columns")
-    return lines
+    before = lines[-_LOOKED_AT:-1]
+    cut = bool(before) and not text.endswith(("\n", "\r")) and len(lines[-1]) < min(map(len, before)) - 1
+    return (lines[:-1] if cut else lines), cut
 
 
 def _format(lines: Sequence[str], separator: str, decimal: str) -> tuple[str, str]:

@@ -12,6 +12,8 @@ from amb_core.errors import IdentificationError
 
 TOLERANCE = 0.1
 """Part of a sample time by which a time may miss its sample."""
+ROUGHEST = 0.1
+"""Part of a signal by which a cubic through every other sample may miss the others."""
 WIDEST = 4.0
 """Longest interval that is interpolated, in median intervals: beyond it samples are missing."""
 
@@ -77,14 +79,15 @@ def clock_of(time: NDArray[np.float64], given: float | None) -> Clock:
 def resampled(
     time: NDArray[np.float64], signals: NDArray[np.float64], given: float | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times of one rate (by default the median one) and signals (rows, columns) interpolated by monotone cubics at them.
+    """Times of one rate (by default the median one) and signals (rows, columns) interpolated by cubic splines at them.
 
     Raises
     ------
     IdentificationError
-        If an interval is so long that samples are missing, or the signals have values that are not finite.
+        If an interval is so long that samples are missing, the signals have values that are not finite, or they change
+        too much between samples.
     """
-    from scipy.interpolate import PchipInterpolator
+    from scipy.interpolate import CubicSpline
 
     require_rising(time)
     intervals = np.diff(time)
@@ -104,8 +107,26 @@ def resampled(
         raise IdentificationError(
             f"--rate {1.0 / step:g} Hz is above twice the rate of the samples, {1.0 / typical:g} Hz"
         )
+    rough = _roughness(time, signals)
+    if rough > ROUGHEST:
+        raise IdentificationError(
+            f"the signals change too much between samples to be interpolated: every other sample is missed by "
+            f"{100.0 * rough:.0f} % (allowed {100.0 * ROUGHEST:.0f} %); if the samples are equidistant and only their "
+            "stamps jitter, count them: --time none --rate HZ"
+        )
     grid = time[0] + step * np.arange(int((time[-1] - time[0]) / step + 1e-9) + 1)
-    return grid, np.asarray(PchipInterpolator(time, signals, axis=0)(np.minimum(grid, time[-1])))
+    return grid, np.asarray(CubicSpline(time, signals)(np.minimum(grid, time[-1])))
+
+
+def _roughness(time: NDArray[np.float64], signals: NDArray[np.float64]) -> float:
+    """How far a cubic through every other sample misses the others: the worst signal, rms over its deviation."""
+    from scipy.interpolate import CubicSpline
+
+    if len(time) < 8:
+        return 0.0
+    missed = CubicSpline(time[::2], signals[::2])(time[1:-1:2]) - signals[1:-1:2]
+    spread = signals.std(axis=0)
+    return float(np.max(np.sqrt((missed**2).mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)))
 
 
 def require_rising(time: NDArray[np.float64]) -> None:
