@@ -54,13 +54,26 @@ def test_magnitudes_are_in_um_over_a_with_their_band(responses) -> None:
     assert isinstance(panel.items[0], Band)  # under the curves
 
 
-def test_phases_start_at_minus_180_degrees_and_stay_near_the_model(responses) -> None:
+def test_phases_of_minus_180_degrees_are_not_split_by_noise(responses) -> None:
     noisy = np.array(responses[0].response)
     noisy[::3] *= np.exp(3.0j)
     chart = bode_chart([replace(responses[0], response=noisy), responses[1]])
     measured, model = of_kind(chart.panels[2], Curve)
     assert model.y == pytest.approx(-180.0)
     assert np.all(np.abs(measured.y - model.y) <= 180.0)
+
+
+def test_phases_are_wrapped_without_a_line_across_the_diagram(responses) -> None:
+    turned = np.array(responses[1].response) * np.exp(-1j * np.linspace(0.0, 20.0, SHAPE[0]))[:, None, None]
+    deviation = np.full(SHAPE, 0.01)
+    chart = bode_chart([replace(responses[1], response=turned, phase_deviation=deviation)])
+    panel = chart.panels[2]
+    (curve,) = of_kind(panel, Curve)
+    assert panel.y.limits == (-270.0, 90.0)
+    assert np.nanmin(curve.y) >= -270.0 and np.nanmax(curve.y) <= 90.0
+    steps = np.diff(curve.y)
+    assert np.nanmax(np.abs(steps)) < 180.0 and np.isnan(steps).any()
+    assert all(band.low.min() >= -270.0 and band.high.max() <= 90.0 for band in of_kind(panel, Band))
 
 
 def test_what_cannot_be_drawn_together_is_refused(responses) -> None:

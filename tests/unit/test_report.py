@@ -12,7 +12,18 @@ import pytest
 from amb_core.errors import AmbError
 from amb_core.figures import response_chart
 from amb_core.loop.records import LoopRecord
-from amb_core.report import FigureBlock, Listing, Picture, Prose, Report, Section, TableBlock, Verdict, write_report
+from amb_core.report import (
+    Badge,
+    FigureBlock,
+    Listing,
+    Picture,
+    Prose,
+    Report,
+    Section,
+    TableBlock,
+    Verdict,
+    write_report,
+)
 
 
 class Page(HTMLParser):
@@ -84,7 +95,7 @@ def test_texts_are_shown_as_they_are(page: Page) -> None:
 
 
 def test_structure_is_there_for_screen_readers_and_keyboards(page: Page) -> None:
-    assert [tag for tag, _ in page.tags if re.fullmatch("h[1-6]", tag)] == ["h1", "h2", "h2", "h3", "h2"]
+    assert [tag for tag, _ in page.tags if re.fullmatch("h[1-6]", tag)] == ["h1", "h2", "h3", "h2"]
     assert page.attributes("html")[0]["lang"] == "en"
     assert [image["alt"] for image in page.attributes("img")] == ["Two curves"]
     assert any(tag.get("role") == "img" and "Reference" in (tag["aria-label"] or "") for tag in page.attributes("div"))
@@ -98,6 +109,12 @@ def test_headings_that_do_not_differ_are_refused(tmp_path: Path) -> None:
     sections = [Section("Fig. 2", []), Section("Fig 2!", [])]
     with pytest.raises(AmbError, match="headings must differ"):
         write_report(Report("Two", "", [], sections), tmp_path / "index.html")
+
+
+def test_a_badge_that_links_to_no_section_is_refused(tmp_path: Path) -> None:
+    table = TableBlock(("what", "found"), [("fit", Badge("99 %", "good", "Validation"))], "Numbers")
+    with pytest.raises(AmbError, match="badge '99 %' links to no section 'Validation'"):
+        write_report(Report("A page", "", [], [Section("One", [table])]), tmp_path / "index.html")
 
 
 def test_missing_image_and_unwritable_file_are_told(tmp_path: Path) -> None:

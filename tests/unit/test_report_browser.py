@@ -16,7 +16,17 @@ from amb_core.figures import map_chart, response_chart
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
-from amb_core.report import FigureBlock, Prose, Report, Section, TableBlock, Verdict, write_report
+from amb_core.report import (
+    Badge,
+    FigureBlock,
+    Prose,
+    Report,
+    Section,
+    TableBlock,
+    Verdict,
+    VerdictStrip,
+    write_report,
+)
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -24,8 +34,17 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
 
 TABLE = TableBlock(
     ("claim", "paper", "verdict"),
-    [("At low frequencies the bearing behaves as the identified linear model does.", "Section 2.2", "does not agree")],
+    [
+        (
+            "At low frequencies the bearing behaves as the identified linear model.",
+            "Section 2.2",
+            "does not agree",
+        ),
+        ("The rotor falls.", "Fig. 5", "agrees"),
+        ("It drifts before.", "Fig. 5", "agrees"),
+    ],
     "44 claims; agrees: 26, agrees in part: 14, does not agree: 4",
+    filters=("paper", "verdict"),
 )
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 
@@ -51,6 +70,9 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> Path:
             Section("Fig. 14: response", [Prose("A sine."), FigureBlock(response_chart(record).page(), "Response")]),
             Section("Claims", [Verdict("It moves.", "It does.", "agrees"), TABLE]),
         ],
+        strip=VerdictStrip(
+            Badge("not validated", "bad", "Claims"), "It fell.", [("order", Badge("10", section="Claims"))]
+        ),
     )
     path = tmp_path_factory.mktemp("report") / "index.html"
     write_report(report, path)
@@ -76,7 +98,12 @@ class Visit:
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(document.as_uri())
-        self.page.wait_for_function("document.querySelectorAll('.plotly-graph-div .main-svg').length >= 4")
+        self.wait_until("document.querySelectorAll('.plotly-graph-div .main-svg').length >= 4")
+
+    def wait_until(self, condition: str) -> None:
+        """Until a condition in the page holds; the page's policy forbids playwright's own way of asking again."""
+        while not self.page.evaluate(condition):
+            self.page.wait_for_timeout(20)
 
 
 @pytest.fixture(scope="module", params=[{}, {"color_scheme": "dark"}, PHONE], ids=["light", "dark", "phone"])
@@ -119,7 +146,9 @@ def test_pointing_at_the_map_tells_amplitude_frequency_and_region(browser, docum
 
 def test_lines_on_the_map_do_not_hide_what_it_tells(browser, document: Path) -> None:
     visit = Visit(browser, document)
-    box = visit.page.locator(".plotly-graph-div").first.locator(".nsewdrag").first.bounding_box()
+    plot = visit.page.locator(".plotly-graph-div").first.locator(".nsewdrag").first
+    visit.page.evaluate("document.querySelector('.plotly-graph-div').scrollIntoView({block: 'end'})")
+    box = plot.bounding_box()
     hover = visit.page.locator(".hoverlayer .hovertext").first
     told = []
     for share in np.linspace(0.1, 0.9, 15):  # down across the boundaries
@@ -151,4 +180,36 @@ def test_the_keyboard_reaches_content_links_and_tables(browser, document: Path) 
             visit.page.evaluate("document.activeElement.getAttribute('href') || document.activeElement.tagName")
         )
     assert {"#fig-14-response", "#claims", "DIV", "SUMMARY"} <= reached
+    visit.page.close()
+
+
+def test_a_badge_of_the_verdict_leads_to_what_shows_it(browser, document: Path) -> None:
+    visit = Visit(browser, document)
+    strip = visit.page.locator(".strip")
+    assert "not validated" in strip.inner_text() and "It fell." in strip.inner_text()
+    strip.locator("a", has_text="not validated").click()
+    assert visit.page.evaluate("location.hash") == "#claims"
+    assert visit.page.locator("#claims").is_visible()
+    visit.page.close()
+
+
+def test_a_table_shows_the_rows_that_a_reader_chooses(browser, document: Path) -> None:
+    visit = Visit(browser, document)
+    rows, count = visit.page.locator("#claims ~ .numbers tbody tr:visible"), visit.page.locator("form.filters output")
+    assert (rows.count(), count.inner_text()) == (3, "3 rows")
+    visit.page.get_by_role("combobox", name="verdict").select_option("agrees")
+    assert (rows.count(), count.inner_text()) == (2, "2 of 3 rows")
+    visit.page.get_by_role("combobox", name="paper").select_option("Section 2.2")
+    assert rows.count() == 0
+    visit.page.get_by_role("combobox", name="verdict").select_option("")
+    assert rows.count() == 1
+    visit.page.close()
+
+
+def test_the_contents_stay_in_sight_and_mark_what_is_read(browser, document: Path) -> None:
+    visit = Visit(browser, document, viewport={"width": 1400, "height": 700})
+    visit.page.locator("#claims").scroll_into_view_if_needed()
+    visit.page.evaluate("document.querySelector('#claims').scrollIntoView()")
+    visit.wait_until("document.querySelector('nav a[aria-current]') !== null")
+    assert visit.page.locator("nav").bounding_box()["y"] >= 0.0
     visit.page.close()

@@ -6,7 +6,21 @@ from collections.abc import Mapping, Sequence
 
 from amb_bringup.paper.study import DrawnFigure, Study, StudyResult
 from amb_core.figures.saving import page_from_json
-from amb_core.report import ANSWERS, Block, FigureBlock, Prose, Report, Section, TableBlock, Verdict
+from amb_core.report import (
+    ANSWERS,
+    Answer,
+    Badge,
+    Block,
+    FigureBlock,
+    Prose,
+    Report,
+    Section,
+    State,
+    TableBlock,
+    Verdict,
+)
+
+_STATES: dict[Answer, State] = {"agrees": "good", "agrees in part": "limited", "does not agree": "bad"}
 
 
 def paper_report(
@@ -26,10 +40,21 @@ def paper_report(
     figures = {figure.name: figure for result in results.values() for figure in result.figures}
     claims = [claim for study in studies for claim in results[study.name].claims]
     counts = ", ".join(f"{answer}: {sum(claim.verdict == answer for claim in claims)}" for answer in ANSWERS)
+    rows = [
+        (
+            claim.statement,
+            claim.finding,
+            claim.paper_figure,
+            Badge(claim.verdict, _STATES[claim.verdict], study.heading),
+        )
+        for study in studies
+        for claim in results[study.name].claims
+    ]
     table = TableBlock(
-        ("claim", "paper", "verdict"),
-        [(claim.statement, claim.paper_figure, claim.verdict) for claim in claims],
+        ("the paper states", "found here", "place", "verdict"),
+        rows,
         f"{len(claims)} claims; {counts}",
+        filters=("place", "verdict"),
     )
     return Report(
         "What magnetic bearings do when they are shaken too fast",

@@ -37,6 +37,7 @@ class FileContent(BagContent):
         self._data = data
         self._stored: dict[str, list[bytes]] = {}
         self.topics = [TopicInfo("telemetry", LOOP_SAMPLES, len(data.experiments))]
+        self.start = 0
         self.duration = data.samples * data.sample_time
         self.truncated = ""
 

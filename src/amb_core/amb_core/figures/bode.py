@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,7 +27,8 @@ HEADROOM = 1.5  # factor above and below the curves that is free
 REACH = 5.0  # likewise, as far as bands may extend the panel
 MOST_COLUMNS = 4  # of chosen entries
 FLOOR = 1e-9  # of the largest magnitude; what is less, as couplings that are zero but for rounding, is left out
-HIGHEST_START = 90.0  # degree; phases start between this and a turn less, so that -180 is not drawn as 180
+HIGHEST_PHASE = 90.0  # degree; phases are drawn between this and a turn less, so that noise does not split -180
+PHASES = (HIGHEST_PHASE - 360.0, HIGHEST_PHASE)
 
 
 def bode_chart(
@@ -39,8 +41,7 @@ def bode_chart(
 
     Cross terms that are no more than noise or rounding are faded, see `faint_entries`; the legend says so.
 
-    Measured phases, those with a coherence, are drawn within half a turn of the first response of a model; others are
-    continuous.
+    Phases are wrapped, see `PHASES`.
 
     Parameters
     ----------
@@ -172,29 +173,27 @@ class _Diagram:
         items: list[Item] = []
         for response, stroke, entry, band in zip(self.responses, self.strokes, entries, bands, strict=True):
             if band is not None:
-                ends = [np.clip(factor * end[:, output, place], lowest / REACH, highest * REACH) for end in band]
-                items.append(self._band(response, stroke, *ends))
+                ends = (np.clip(factor * end[:, output, place], lowest / REACH, highest * REACH) for end in band)
+                items.append(self._band(response, stroke, ends))
             items.append(_curve(response, stroke, np.where(entry > factor * self.floor, entry, np.nan)))
         axis = Axis(f"magnitude ({unit})", log=True, limits=(lowest, highest))
         title = f"{first.input_names[place]} to {first.output_names[output]}"
         return Panel(self.over, axis, self._shown(items, output, place), title)
 
     def phases(self, output: int, place: int) -> Panel:
-        centre = next((response for response in self.responses if response.coherence is None), self.responses[0])
-        middle = np.degrees(centre.phase[:, output, place])
-        middle -= 360.0 * math.ceil((middle[0] - HIGHEST_START) / 360.0)
         items: list[Item] = []
         for response, stroke in zip(self.responses, self.strokes, strict=True):
             phase = np.degrees(response.phase[:, output, place])
-            away = phase - np.interp(response.frequency, centre.frequency, middle)
-            shift = -360.0 * np.round((away[:1] if response.coherence is None else away) / 360.0)
+            turns = 360.0 * np.ceil((phase - HIGHEST_PHASE) / 360.0)
+            wrapped = phase - turns
             band = response.phase_band(self.level)
             if band is not None:
-                low, high = (np.degrees(end[:, output, place]) + shift for end in band)
-                items.append(self._band(response, stroke, low, high))
+                ends = [np.clip(np.degrees(end[:, output, place]) - turns, *PHASES) for end in band]
+                items += [self._band(response, stroke, ends, part) for part in _stretches(turns)]
             shown = response.magnitude[:, output, place] > self.floor
-            items.append(_curve(response, stroke, np.where(shown, phase + shift, np.nan)))
-        return Panel(self.over, Axis("phase (°)"), self._shown(items, output, place))
+            wrapped[np.flatnonzero(np.diff(turns)) + 1] = np.nan  # no line from one end of the axis to the other
+            items.append(_curve(response, stroke, np.where(shown, wrapped, np.nan)))
+        return Panel(self.over, Axis("phase (°)", limits=PHASES), self._shown(items, output, place))
 
     def coherences(self, output: int) -> Panel:
         curves = [
@@ -261,9 +260,14 @@ class _Diagram:
         return Table(header, tuple(rows))
 
     def _band(
-        self, response: FrequencyResponse, stroke: Stroke, low: NDArray[np.float64], high: NDArray[np.float64]
+        self,
+        response: FrequencyResponse,
+        stroke: Stroke,
+        ends: Iterable[NDArray[np.float64]],
+        part: slice = slice(None),
     ) -> Band:
-        frequency = response.frequency
+        frequency = response.frequency[part]
+        low, high = (end[part] for end in ends)
         grid = np.geomspace(frequency[0], frequency[-1], BAND_POINTS)
         kept = np.unique(np.minimum(np.searchsorted(frequency, grid), len(frequency) - 1))
         label = f"{response.label}: {100.0 * self.level:g} % band"
@@ -277,6 +281,12 @@ def _of_positive_frequencies(response: FrequencyResponse) -> FrequencyResponse:
     known = {name: getattr(response, name) for name in names if getattr(response, name) is not None}
     rest: dict[str, Any] = {name: part[1:] for name, part in known.items()}
     return replace(response, **rest)
+
+
+def _stretches(turns: NDArray[np.float64]) -> list[slice]:
+    """The parts of two samples and more over which a phase is wrapped by the same turns."""
+    edges = [0, *(np.flatnonzero(np.diff(turns)) + 1).tolist(), len(turns)]
+    return [slice(start, stop) for start, stop in itertools.pairwise(edges) if stop - start > 1]
 
 
 def _curve(response: FrequencyResponse, stroke: Stroke, values: NDArray[np.float64]) -> Curve:

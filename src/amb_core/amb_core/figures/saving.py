@@ -5,6 +5,7 @@ Pages of one folder share one `plotly.min.js` beside them: each alone would be 5
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import plotly.graph_objects as go  # type: ignore[import-untyped]
@@ -21,6 +22,7 @@ SCRIPT = "plotly.min.js"
 CONFIG = {
     "responsive": True,
     "displaylogo": False,
+    "displayModeBar": "hover",
     "plotlyServerURL": "",  # nothing is sent anywhere
     "showTips": False,
     "modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
@@ -29,7 +31,7 @@ CONFIG = {
 COLUMN_WIDTH = 20  # of a panel beside others (rem); narrower windows scroll
 
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
-TOUCH = (Path(__file__).parent / "touch.js").read_text(encoding="utf-8")
+DRAWING = (Path(__file__).parent / "draw.js").read_text(encoding="utf-8")
 
 _TEMPLATES = Environment(
     loader=PackageLoader("amb_core", "figures"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
@@ -55,7 +57,7 @@ def write_page(folder: Path, name: str, page: go.Figure) -> Path:
         style=Markup(STYLE),
         script=SCRIPT,
         fragment=Markup(page_fragment(page)),
-        touch=Markup(TOUCH),
+        drawing=Markup(DRAWING),
     )
     try:
         path.write_text(document, encoding="utf-8")
@@ -78,7 +80,7 @@ def write_script(folder: Path) -> None:
 
 
 def page_fragment(page: go.Figure) -> str:
-    """A page's chart, alt text and numbers as HTML, to put into a document that has the script and `STYLE`.
+    """A page's chart, alt text and numbers as HTML, to put into a document with plotly's script, `STYLE` and `DRAWING`.
 
     The title is left to the document, whose headings wrap on narrow screens.
     """
@@ -86,5 +88,8 @@ def page_fragment(page: go.Figure) -> str:
     width = f"min-width: {COLUMN_WIDTH * columns}rem" if columns > 1 else ""
     chart = go.Figure(page)
     chart.update_layout(title=None, meta=None, margin_t=50)
-    drawn = chart.to_html(full_html=False, include_plotlyjs=False, config=CONFIG)
-    return _TEMPLATES.get_template("fragment.html.j2").render(alt=alt, table=table, width=width, drawn=Markup(drawn))
+    content = json.loads(chart.to_json()) | {"config": CONFIG}
+    data = json.dumps(content, separators=(",", ":")).replace("</", "<\\/")  # no text ends the script
+    return _TEMPLATES.get_template("fragment.html.j2").render(
+        alt=alt, table=table, width=width, height=chart.layout.height, data=Markup(data)
+    )

@@ -72,6 +72,8 @@ class BagContent:
         Folder or file of the bag.
     topics : list of TopicInfo
         Its topics, by name.
+    start : int
+        Time of its first message (ns since 1970).
     duration : float
         Time from its first to its last message (s).
     truncated : str
@@ -92,6 +94,7 @@ class BagContent:
             if message.type in KEPT:
                 self._stored.setdefault(_kind(*key), []).append(message.data)
         self.topics = [TopicInfo(name, kind, count) for (name, kind), count in sorted(counts.items())]
+        self.start = start if counts else 0
         self.duration = (end - start) / 1e9 if counts else 0.0
         self.truncated = storage.damage
         if self.truncated and not counts:

@@ -53,6 +53,8 @@ class Recording:
         Its folder or file.
     topics : list of TopicInfo
         Its topics, by name.
+    start : int
+        Time of its first message (ns since 1970); 0 if it has none.
     duration : float
         Time from its first to its last message (s).
     truncated : str
@@ -63,6 +65,7 @@ class Recording:
         self._content = content
         self.path = content.path
         self.topics = content.topics
+        self.start = content.start
         self.duration = content.duration
         self.truncated = content.truncated
 

@@ -3,6 +3,7 @@
 from amb_core.report.document import (
     ANSWERS,
     Answer,
+    Badge,
     Block,
     FigureBlock,
     Listing,
@@ -10,14 +11,17 @@ from amb_core.report.document import (
     Prose,
     Report,
     Section,
+    State,
     TableBlock,
     Verdict,
+    VerdictStrip,
 )
 from amb_core.report.writer import write_report
 
 __all__ = [
     "ANSWERS",
     "Answer",
+    "Badge",
     "Block",
     "FigureBlock",
     "Listing",
@@ -25,7 +29,9 @@ __all__ = [
     "Prose",
     "Report",
     "Section",
+    "State",
     "TableBlock",
     "Verdict",
+    "VerdictStrip",
     "write_report",
 ]

@@ -10,8 +10,40 @@ from typing import Literal
 
 import plotly.graph_objects as go  # type: ignore[import-untyped]
 
+State = Literal["good", "limited", "bad", "neutral"]
 Answer = Literal["agrees", "agrees in part", "does not agree"]
 ANSWERS: tuple[Answer, ...] = ("agrees", "agrees in part", "does not agree")
+
+
+@dataclass(frozen=True)
+class Badge:
+    """A few words with a state, which a colour and a sign show.
+
+    Attributes
+    ----------
+    text : str
+        The words; they must be clear without the colour.
+    state : "good", "limited", "bad" or "neutral"
+        What the state of that is.
+    section : str
+        Heading of the section that shows why, to which the badge links; empty for none.
+    """
+
+    text: str
+    state: State = "neutral"
+    section: str = ""
+
+
+Cell = str | Badge
+
+
+@dataclass(frozen=True)
+class VerdictStrip:
+    """What a page found, before everything else: the verdict, its reason, and the main numbers with their names."""
+
+    verdict: Badge
+    reason: str
+    numbers: Sequence[tuple[str, Badge]]
 
 
 @dataclass(frozen=True)
@@ -42,11 +74,32 @@ class Picture:
 
 @dataclass(frozen=True)
 class TableBlock:
-    """Rows of texts below a header, which numbers in a report are too; `caption` says what they are."""
+    """Rows of texts and badges below a header; `caption` says what they are.
+
+    Attributes
+    ----------
+    filters : sequence of str
+        Columns, by their header, of few different texts: a reader may choose one and see only its rows.
+    """
 
     header: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[Cell]]
     caption: str
+    filters: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        if unknown := set(self.filters) - set(self.header):
+            raise ValueError(f"table '{self.caption}' has no columns {', '.join(sorted(unknown))}")
+
+    def choices(self, name: str) -> list[str]:
+        """The different texts of a column, in the order of the rows."""
+        place = list(self.header).index(name)
+        return list(dict.fromkeys(text_of(row[place]) for row in self.rows))
+
+
+def text_of(cell: Cell) -> str:
+    """The words of a cell."""
+    return cell.text if isinstance(cell, Badge) else cell
 
 
 @dataclass(frozen=True)
@@ -70,6 +123,11 @@ class Listing:
 Block = Prose | FigureBlock | Picture | TableBlock | Verdict | Listing
 
 
+def anchor_of(heading: str) -> str:
+    """The name of a section in links within the page."""
+    return re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-")
+
+
 @dataclass(frozen=True)
 class Section:
     """A heading and what is below it."""
@@ -80,7 +138,7 @@ class Section:
     @property
     def anchor(self) -> str:
         """Its name in links within the page."""
-        return re.sub(r"[^a-z0-9]+", "-", self.heading.lower()).strip("-")
+        return anchor_of(self.heading)
 
 
 @dataclass(frozen=True)
@@ -97,6 +155,8 @@ class Report:
         With different headings.
     made_from : str
         Where the numbers come from; shown at the end.
+    strip : VerdictStrip, optional
+        The verdict, above everything but the title.
     """
 
     title: str
@@ -104,3 +164,4 @@ class Report:
     opening: Sequence[Block]
     sections: Sequence[Section]
     made_from: str = ""
+    strip: VerdictStrip | None = None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -14,25 +15,54 @@ from amb_core.figures.bode import bode_chart
 from amb_core.figures.comparison import comparison_chart
 from amb_core.figures.entries import Entry, entries_from
 from amb_core.figures.order import order_chart
-from amb_core.figures.residuals import residuals_chart
 from amb_core.identification import Identification, identify
 from amb_core.identification.controller_choice import ALLOWED, needs_controller
 from amb_core.identification.validation import Validation, validate
-from amb_core.report.document import Block, FigureBlock, Listing, Prose, Section, TableBlock
+from amb_core.report.document import Badge, Block, Cell, FigureBlock, Prose, Section, TableBlock
+from amb_core.report.validation import HEADING as VALIDATION
+from amb_core.report.validation import fit_badge, validation_section
 
 if TYPE_CHECKING:
     from amb_core.loop.known_controller import KnownController
+    from amb_core.loop.records import LoopRecord
     from amb_core.recording import Recording
 
 
-def identified_sections(
+HEADING = "Identified model"
+ZOOM = 0.05  # s
+
+
+@dataclass(frozen=True)
+class IdentifiedModel:
+    """The model of a recording, its validation, and the sections that show both."""
+
+    result: Identification
+    validation: Validation
+    sections: list[Section]
+
+    @property
+    def badges(self) -> list[tuple[str, Badge]]:
+        """Fit of each output, order and unstable poles, each with its name."""
+        validation, model = self.validation, self.result.model
+        fits = [
+            (f"closed-loop fit, {name}", fit_badge(fit))
+            for name, fit in zip(model.output_names, validation.fit, strict=False)
+        ] or [
+            (f"one-step fit, {name}", Badge(f"{fit:.2f} %", section=VALIDATION))
+            for name, fit in zip(model.output_names, validation.one_step_fit, strict=True)
+        ]
+        unstable = Badge(str(len(model.unstable_poles())), section=HEADING)
+        return [*fits, ("order", Badge(str(model.order), section=HEADING)), ("unstable poles", unstable)]
+
+
+def identified_model(
     recording: Recording,
     run: int,
     order: int | Literal["auto"],
     controller: KnownController | None,
     tell: Callable[[str], None],
     entries: str = "",
-) -> list[Section]:
+) -> IdentifiedModel:
     """Identify a model from the last experiment of a run, and validate it on the same data.
 
     Raises
@@ -50,7 +80,8 @@ def identified_sections(
     validation = validate(
         result.model, data, controller, uncertainty=result.uncertainty, plant=recording.plant_parameters()
     )
-    return [_model(result, validation), _responses(validation, drawn), _validation(validation)]
+    sections = [_model(result, validation), _responses(validation, drawn), validation_section(validation)]
+    return IdentifiedModel(result, validation, sections)
 
 
 def _model(result: Identification, validation: Validation) -> Section:
@@ -68,7 +99,20 @@ def _model(result: Identification, validation: Validation) -> Section:
         if simulated is not None:
             page = comparison_chart(loop.measured[longest], {"model": simulated}).page()
             blocks.append(FigureBlock(page, "Response of plant and model"))
-    return Section("Identified model", blocks)
+            blocks += _worst(loop.measured[longest], simulated)
+    return Section(HEADING, blocks)
+
+
+def _worst(measured: LoopRecord, simulated: LoopRecord) -> list[Block]:
+    """The short stretch about the largest error: a long record shows neither its course nor the model's."""
+    steps = round(ZOOM / measured.sample_time)
+    if measured.steps < 2 * steps:
+        return []
+    error = np.nan_to_num(np.abs(measured.position - simulated.position)).max(axis=1)
+    start = int(np.clip(np.argmax(error) - steps // 2, 0, measured.steps - steps))
+    parts = [record.window(record.first_step + start, steps) for record in (measured, simulated)]
+    page = comparison_chart(parts[0], {"model": parts[1]}).page()
+    return [FigureBlock(page, f"The {1e3 * ZOOM:g} ms about the largest error")]
 
 
 def _poles(result: Identification) -> TableBlock:
@@ -76,12 +120,12 @@ def _poles(result: Identification) -> TableBlock:
     model = result.model
     poles = model.poles()
     deviations = None if result.uncertainty is None else result.uncertainty.pole_deviations()
-    rows = []
+    rows: list[Sequence[Cell]] = []
     for number, pole in enumerate(poles):
         if pole.imag < 0.0:
             continue
         rate = np.log(pole) / model.sample_time
-        kind = "unstable" if abs(pole) > 1.0 else "stable"
+        kind = Badge("unstable", "limited") if abs(pole) > 1.0 else "stable"
         frequency = f"{abs(rate) / (2.0 * math.pi):.1f} Hz"
         damping = f"{-rate.real / abs(rate):.3f}"
         shown = f"{pole.real:.6f}" if pole.imag == 0.0 else f"{pole.real:.6f} ± {pole.imag:.6f}j"
@@ -100,20 +144,5 @@ def _responses(validation: Validation, entries: list[Entry] | None) -> Section:
         [
             Prose("From control currents to positions. Bands hold the response with a confidence of 99 %."),
             FigureBlock(bode_chart(validation.frequency.responses, entries=entries).page()),
-        ],
-    )
-
-
-def _validation(validation: Validation) -> Section:
-    tests = (validation.residuals, validation.model.input_names, validation.model.output_names)
-    return Section(
-        "Validation",
-        [
-            Prose(
-                "Validated on the data that the model was identified from. Data of another experiment are more "
-                "conclusive."
-            ),
-            Listing(validation.report(), "All tests"),
-            FigureBlock(residuals_chart(*tests).page(), "Residuals"),
         ],
     )

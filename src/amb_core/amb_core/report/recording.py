@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -17,14 +18,31 @@ from amb_core.figures.loop import orbit_chart
 from amb_core.figures.style import region_label, sentence
 from amb_core.figures.sweep import onset_text, rises, sweep_chart
 from amb_core.loop.telemetry import describe_gaps
+from amb_core.regions import Region
 from amb_core.regions.stretches import shares, stretches
-from amb_core.report.document import Block, FigureBlock, Prose, Report, Section, TableBlock
+from amb_core.report.document import (
+    Badge,
+    Block,
+    FigureBlock,
+    Prose,
+    Report,
+    Section,
+    State,
+    TableBlock,
+    VerdictStrip,
+)
+from amb_core.report.validation import validation_reason, verdict_badge
 from amb_core.units import UM
 
+REGIONS, DISTORTION, MODEL = "Regions", "Distortion", "Identified model"  # headings to which the verdict links
+_UNSET = 1980  # a clock that was never set
+
 if TYPE_CHECKING:
+    from amb_core.loop.experiments import AppliedExcitation
     from amb_core.loop.known_controller import KnownController
     from amb_core.loop.records import LoopRecord
     from amb_core.recording import Recording
+    from amb_core.report.identified_model import IdentifiedModel
 
 
 def recording_report(
@@ -74,14 +92,47 @@ def recording_report(
     sections = [_regions(found), _distortion(evidence)]
     tell("drawing")
     sections.append(_motion(found.record))
-    identified, problem = _model_sections(recording, found.run, order, controller, tell, entries)
+    identified, problem = _identified(recording, found.run, order, controller, tell, entries)
+    sections += [Section(MODEL, [Prose(f"There is none: {problem}.")])] if identified is None else identified.sections
     return Report(
-        f"Run {found.run} of {recording.path.name}",
+        _title(recording, found.run),
         _lead(found, evidence) + (f" No model: {problem}." if problem else ""),
         [FigureBlock(_sweep(found)), _experiment(recording, found)],
-        sections + identified,
+        sections,
         f"Every number comes from the bag {recording.path}.",
+        _strip(found, evidence, identified),
     )
+
+
+def _title(recording: Recording, run: int) -> str:
+    """What was done, and when, as far as the bag says."""
+    kinds = list(dict.fromkeys(item.kind for item in _excitations(recording, run)))
+    text = (
+        f"Magnetic bearing under {' and '.join(kinds)} excitation" if kinds else "Magnetic bearing without excitation"
+    )
+    when = datetime.fromtimestamp(recording.start / 1e9, UTC)
+    return f"{text}, {when:%Y-%m-%d %H:%M} UTC" if when.year > _UNSET else text
+
+
+def _excitations(recording: Recording, run: int) -> list[AppliedExcitation]:
+    return [item for item in recording.excitations(run) if item.accepted and item.steps]
+
+
+def _strip(found: RecordedRegions, evidence: Evidence, identified: IdentifiedModel | None) -> VerdictStrip:
+    """The verdict on the model, its main numbers, and region and distortion of the recording."""
+    onsets = found.classification.onsets
+    worst = max(onsets, default=Region.A)
+    told = found.classification.states
+    states: dict[Region, State] = {Region.A: "good", Region.B: "limited", Region.C: "limited", Region.D: "bad"}
+    region = Badge(region_label(worst), states[worst], REGIONS) if told else Badge("not classified", section=REGIONS)
+    seen = [
+        ("worst region", region),
+        ("distortion", Badge(evidence.brief.removeprefix("distortion "), section=DISTORTION)),
+    ]
+    if identified is None:
+        return VerdictStrip(Badge("no model", "bad", MODEL), "None could be identified, see below.", seen)
+    validation = identified.validation
+    return VerdictStrip(verdict_badge(validation), validation_reason(validation), [*identified.badges, *seen])
 
 
 def _lead(found: RecordedRegions, evidence: Evidence) -> str:
@@ -104,9 +155,7 @@ def _sweep(found: RecordedRegions):  # type: ignore[no-untyped-def]  # plotly ha
 def _experiment(recording: Recording, found: RecordedRegions) -> TableBlock:
     record = found.record
     excitations = [
-        f"{item.kind}, steps {item.first_step} to {item.stop - 1}"
-        for item in recording.excitations(found.run)
-        if item.accepted and item.steps
+        f"{item.kind}, steps {item.first_step} to {item.stop - 1}" for item in _excitations(recording, found.run)
     ]
     controller = recording.controller_parameters()
     rows = [
@@ -141,7 +190,7 @@ def _regions(found: RecordedRegions) -> Section:
     ]
     if rows:
         blocks.append(TableBlock(("part", "region", "begins at", "input frequency"), rows, "Where regions begin"))
-    return Section("Regions", blocks)
+    return Section(REGIONS, blocks)
 
 
 def _distortion(evidence: Evidence) -> Section:
@@ -156,7 +205,7 @@ def _distortion(evidence: Evidence) -> Section:
         blocks.append(FigureBlock(distortion_chart(evidence.distortion).page(), "Lines of the position"))
     if evidence.coherence is not None:
         blocks.append(FigureBlock(coherence_chart(evidence.coherence).page(), "Coherence of position and reference"))
-    return Section("Distortion", blocks)
+    return Section(DISTORTION, blocks)
 
 
 def _motion(record: LoopRecord) -> Section:
@@ -175,19 +224,19 @@ def _motion(record: LoopRecord) -> Section:
     )
 
 
-def _model_sections(
+def _identified(
     recording: Recording,
     run: int,
     order: int | Literal["auto"],
     controller: KnownController | None,
     tell: Callable[[str], None],
     entries: str,
-) -> tuple[list[Section], str]:
-    """Model and validation; or a section with the reason why there are none, and the reason."""
-    from amb_core.report.identified_model import identified_sections
+) -> tuple[IdentifiedModel | None, str]:
+    """The model of the run, or the reason why there is none."""
+    from amb_core.report.identified_model import identified_model
 
     try:
         controller = controller or recording.controller()
-        return identified_sections(recording, run, order, controller, tell, entries), ""
+        return identified_model(recording, run, order, controller, tell, entries), ""
     except AmbError as problem:
-        return [Section("Identified model", [Prose(f"There is none: {problem}.")])], str(problem)
+        return None, str(problem)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import mimetypes
+from collections.abc import Iterator
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -11,8 +12,8 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
 from amb_core.errors import AmbError
-from amb_core.figures.saving import STYLE, TOUCH, page_fragment
-from amb_core.report.document import FigureBlock, Picture, Report
+from amb_core.figures.saving import DRAWING, STYLE, page_fragment
+from amb_core.report.document import Badge, Block, FigureBlock, Picture, Report, TableBlock, anchor_of
 
 
 def write_report(report: Report, path: str | Path) -> None:
@@ -23,11 +24,14 @@ def write_report(report: Report, path: str | Path) -> None:
     Raises
     ------
     AmbError
-        If two sections have one heading, an image cannot be read, or the file cannot be written.
+        If two sections have one heading, a badge links to none, an image cannot be read, or the file cannot be written.
     """
     anchors = [section.anchor for section in report.sections]
     if len(set(anchors)) < len(anchors):
         raise AmbError(f"report '{report.title}': its headings must differ")
+    for badge in _badges(report):
+        if badge.section and anchor_of(badge.section) not in anchors:
+            raise AmbError(f"report '{report.title}': badge '{badge.text}' links to no section '{badge.section}'")
     environment = Environment(
         loader=PackageLoader("amb_core", "report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -35,18 +39,30 @@ def write_report(report: Report, path: str | Path) -> None:
         "kind_of": lambda item: type(item).__name__,
         "fragment": _fragment,
         "embedded": _embedded,
+        "anchor_of": anchor_of,
+        "column_of": lambda table, name: list(table.header).index(name),
     }
+    folder = Path(__file__).parent
     page = environment.get_template("page.html.j2").render(
         report=report,
-        style=Markup(STYLE + (Path(__file__).parent / "page.css").read_text(encoding="utf-8")),
+        style=Markup(STYLE + (folder / "page.css").read_text(encoding="utf-8")),
         script=Markup(get_plotlyjs()),
-        touch=Markup(TOUCH),
+        page_script=Markup(DRAWING + (folder / "page.js").read_text(encoding="utf-8")),
     )
     try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         Path(path).write_text(page, encoding="utf-8")
     except OSError as problem:
         raise AmbError(f"report {path}: cannot be written: {problem.strerror}") from None
+
+
+def _badges(report: Report) -> Iterator[Badge]:
+    if report.strip is not None:
+        yield report.strip.verdict
+        yield from (number for _, number in report.strip.numbers)
+    blocks: list[Block] = [*report.opening, *(block for section in report.sections for block in section.blocks)]
+    tables = [block for block in blocks if isinstance(block, TableBlock)]
+    yield from (cell for table in tables for row in table.rows for cell in row if isinstance(cell, Badge))
 
 
 def _fragment(chart: FigureBlock) -> Markup:

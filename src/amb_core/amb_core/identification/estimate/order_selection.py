@@ -48,6 +48,7 @@ HIGHEST = 14
 
 _REACH = 2  # orders on either side that are compared with the best one: those of one mode less or more
 _RIDGES = RIDGES[::3]
+_MOST_ITERATIONS = 100  # of a search that still has hope: an order judged too early looks worse than it is
 _HOPE = 2.0  # a search may lower the criterion by as many times what its next step promises
 
 
@@ -217,7 +218,13 @@ def _refine_around_the_best(
         search = _Search(samples, len(fit.covariance), float(least - penalty[number]))
         try:
             found = fit_modes(
-                fit.modes, whole, len(fit.covariance), steps.advance_search, hopeless=search.hopeless, first=fit
+                fit.modes,
+                whole,
+                len(fit.covariance),
+                steps.advance_search,
+                _MOST_ITERATIONS,
+                hopeless=search.hopeless,
+                first=fit,
             )
         except linalg.LinAlgError:
             continue
