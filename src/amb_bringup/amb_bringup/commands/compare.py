@@ -36,7 +36,8 @@ def compare(
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Bag, ideally with data that the models were not identified from, or a data file (.csv, .mat, .npz, .parquet ...)."
+            help="Bag, ideally with data that the models were not identified from, or a data file (.csv, .mat, .npz, "
+            ".parquet ...)."
         ),
     ],
     run: RunOption = None,

@@ -1,4 +1,4 @@
-"""One declaration of the options of data files for all commands that read them, and the preview of what was understood."""
+"""One declaration of the options of data files for all commands, and the preview of what was understood."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class DataOptions:
 
     def resolve(self) -> DataDescription:
         """The saved description with the given values; IdentificationError if one is not allowed."""
-        saved = DataDescription() if self.description is None else DataDescription.load(self.description)
+        saved = DataDescription.of() if self.description is None else DataDescription.load(self.description)
         return saved.with_values(**self.values)
 
     def read(self, console: Console, path: Path, **chosen: Any) -> OwnFile:

@@ -40,7 +40,8 @@ def validate(
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Bag, ideally with data that the model was not identified from, or a data file (.csv, .mat, .npz, .parquet ...)."
+            help="Bag, ideally with data that the model was not identified from, or a data file (.csv, .mat, .npz, "
+            ".parquet ...)."
         ),
     ],
     horizon: Annotated[list[int] | None, typer.Option(help="Prediction horizon in steps; may be repeated.")] = None,

@@ -128,8 +128,8 @@ def _joined(path: str, parts: dict[str, _Part]) -> Table:
         signals |= {key: value[nearest] for key, value in values.items()}
     if kept.sum() < 0.5 * len(time):
         raise IdentificationError(
-            f"{path}: {', '.join(parts)} do not belong together: {kept.sum()} of {len(time)} messages have one time; name "
-            "topics of one time with --topics"
+            f"{path}: {', '.join(parts)} do not belong together: {kept.sum()} of {len(time)} messages have one "
+            "time; name topics of one time with --topics"
         )
     seconds = (time[kept] - time[0]) * 1e-9
     notes = [f"times of {'headers' if stamped else 'recording, since there are no headers'}"]

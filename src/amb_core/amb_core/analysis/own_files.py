@@ -71,7 +71,7 @@ def read_own(path: str | Path, description: DataDescription | None = None, **cho
     BagError, IdentificationError, ParameterError
         If the data cannot be read, or leave a question; the message names the option that answers it.
     """
-    path, known = Path(path), description or DataDescription()
+    path, known = Path(path), description or DataDescription.of()
     recording = _recording_of(path)
     if recording is not None and _as_it_is(recording, known):
         data = recorded_data(recording, **chosen)
@@ -90,7 +90,7 @@ def read_own_recording(
     path: str | Path, description: DataDescription | None = None
 ) -> tuple[Recording, DescribedData | None]:
     """A bag with telemetry as it is, or any other file as a recording of one run; errors as for `read_own`."""
-    path, known = Path(path), description or DataDescription()
+    path, known = Path(path), description or DataDescription.of()
     recording = _recording_of(path)
     if recording is not None and _as_it_is(recording, known):
         return recording, None

@@ -13,7 +13,10 @@ from amb_core.identification.data import IdentificationData
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import Recording
 
-NO_REFERENCE = "the data have no reference, which distortion is measured from; record telemetry, or name its columns with --reference"
+NO_REFERENCE = (
+    "the data have no reference, which distortion is measured from; record telemetry, or name its columns with "
+    "--reference"
+)
 
 
 def read_evidence(path: str | Path, run: int | None = None, first_step: int = -1, steps: int = 0) -> Evidence:

@@ -43,7 +43,8 @@ def named_controller(
     Parameters
     ----------
     name : str
-        `paper` for that of the paper's table 1; `pd:K_P,K_D` for a PD controller of these gains (A/m, A s/m); a ROS parameter file (.yaml or .yml), of a PD controller or of a
+        `paper` for that of the paper's table 1; `pd:K_P,K_D` for a PD controller of these gains (A/m, A s/m);
+        a ROS parameter file (.yaml or .yml), of a PD controller or of a
         linear one that names its file; or the file of a state-space controller (.json, .npz or .mat).
     node : str
         Name of the PD controller's section in a parameter file.

@@ -138,7 +138,8 @@ def identify(
     method : str
         One of `METHODS`; `pem` starts from `ssarx`.
     controller : KnownController, optional
-        The controller of the experiment, of the PD law or any other linear one; the paper's by default, for data that are not `foreign`.
+        The controller of the experiment, of the PD law or any other linear one; the paper's by default,
+        for data that are not `foreign`.
     source : str
         Where the data come from, kept in the model; by default the sources of the experiments.
     orders : sequence of int, optional

@@ -95,8 +95,8 @@ def resampled(
     if (longest := float(intervals.max())) > WIDEST * typical:
         row = int(np.argmax(intervals))
         raise IdentificationError(
-            f"between samples {row} and {row + 1} are {longest:g} s, {longest / typical:.0f} times the median: too long "
-            "to be interpolated; cut the file there and give the parts as separate files"
+            f"between samples {row} and {row + 1} are {longest:g} s, {longest / typical:.0f} times the median: too "
+            "long to be interpolated; cut the file there and give the parts as separate files"
         )
     if not np.isfinite(signals).all():
         raise IdentificationError(

@@ -41,8 +41,8 @@ class DataDescription(BaseModel):
     )
     controller: str = Field(
         "",
-        description="Controller of the experiment: pd:K_P,K_D in A/m and A s/m, a parameter file (.yaml), the file of a "
-        "linear controller (.json, .npz, .mat), paper, or none for no closed loop; by default the one recorded.",
+        description="Controller of the experiment: pd:K_P,K_D in A/m and A s/m, a parameter file (.yaml), the file of "
+        "a linear controller (.json, .npz, .mat), paper, or none for no closed loop; by default the one recorded.",
     )
     repair: Repair = Field(
         "none",

@@ -106,7 +106,8 @@ def describe_table(table: Table, description: DataDescription) -> DescribedData:
     given, notes = description.given_sample_time, list(table.notes)
     if given is not None and table.sample_time is not None and abs(given / table.sample_time - 1.0) > 1e-6:
         raise IdentificationError(
-            f"sample_time {given:g} s is given, but the file has Ts = {table.sample_time:g} s; correct it or leave it out"
+            f"sample_time {given:g} s is given, but the file has Ts = {table.sample_time:g} s; correct it or "
+            "leave it out"
         )
     given = table.sample_time if given is None else given
     if roles.time is not None:
@@ -193,8 +194,8 @@ def _seconds(column: Column | None, description: DataDescription) -> tuple[NDArr
             and np.ptp(values) > 1.0
         ):
             raise IdentificationError(
-                f"column {column.name} has whole numbers without a unit: give --units {column.name}=us (s, ms, us, ns), "
-                "or, if it counts the samples, --time none --rate HZ"
+                f"column {column.name} has whole numbers without a unit: give --units {column.name}=us (s, ms, us, "
+                "ns), or, if it counts the samples, --time none --rate HZ"
             )
         return values, "s (assumed, --units)"
     if unit not in TIMES:
@@ -265,8 +266,8 @@ def _data(
     names, units = [signal.label for signal in signals], [signal.si_unit for signal in signals]
     if r and [units[index] for index in r] != [units[index] for index in y]:
         raise IdentificationError(
-            f"the reference is in {units[r[0]] or 'an unknown unit'}, the outputs in {units[y[0]] or 'an unknown unit'}; "
-            "give --units for both"
+            f"the reference is in {units[r[0]] or 'an unknown unit'}, the outputs in {units[y[0]] or 'an unknown unit'}"
+            "; give --units for both"
         )
     return IdentificationData(
         experiments,
