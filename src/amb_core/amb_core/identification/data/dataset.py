@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,7 +68,7 @@ class IdentificationData:
     output_names: tuple[str, ...] = ("x", "y")
     input_units: tuple[str, ...] = ("A", "A")
     output_units: tuple[str, ...] = ("m", "m")
-    foreign: bool = False
+    foreign: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("experiments", "input_names", "output_names", "input_units", "output_units"):
@@ -230,7 +230,7 @@ class IdentificationData:
             tuple(self.output_names[index] for index in outs),
             tuple(self.input_units[index] for index in ins),
             tuple(self.output_units[index] for index in outs),
-            self.foreign,
+            foreign=self.foreign,
         )
 
     def record(self, index: int = 0) -> LoopRecord:

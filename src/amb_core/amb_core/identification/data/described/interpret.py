@@ -152,7 +152,7 @@ def _signals(roles: Roles, description: DataDescription) -> list[_Signal]:
 
 def _units_of(description: DataDescription, columns: Sequence[Column]) -> dict[str, str]:
     """Units that are given for columns by name, as x=mil."""
-    given = {}
+    given: dict[str, str] = {}
     for item in description.units:
         name, sign, unit = item.rpartition("=")
         if not is_known(unit):
@@ -225,7 +225,7 @@ def _complete(
     notes: list[str],
 ) -> list[tuple[int, int, int]]:
     """The spans of the clock without rows that are not finite, where the description allows to leave them out."""
-    valid = np.isfinite(values).all(axis=1)
+    valid = np.asarray(np.isfinite(values).all(axis=1))
     if valid.all():
         return clock.spans
     rows = np.flatnonzero(~valid)
