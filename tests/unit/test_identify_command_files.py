@@ -72,7 +72,7 @@ def test_an_arm_of_one_input_and_output_is_identified_by_one_command(arm: Path, 
         (("--inputs", "1-4", "--outputs", "5-9"), "there is no column 9; allowed: 0 to 8"),
         (
             ("--inputs", "1-4", "--outputs", "y1"),
-            "--outputs: there must be one column 'y1'; there are process.0., process",
+            "--outputs: there must be one column 'y1'; there are process",
         ),
         (("--inputs", "1-4", "--outputs", "5-8"), "the sample time is not known; give sample_time in s"),
         ((*COLUMNS, "--variable", "other"), r"has no matrix other; its matrices: process \(3000, 9\)"),

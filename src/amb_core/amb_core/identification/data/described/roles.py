@@ -47,8 +47,8 @@ def find_roles(table: Table, description: DataDescription) -> Roles:
     if not inputs or not outputs:
         missing = " and ".join(f"--{name}" for name, found in (("inputs", inputs), ("outputs", outputs)) if not found)
         raise IdentificationError(
-            f"which of the {len(table.columns)} columns are inputs and which outputs is not known; give inputs and outputs "
-            f"({missing}, names or numbers from 0); there are {table.names}{_suggestion(others)}"
+            f"which of the {len(table.columns)} columns are inputs and which outputs is not known; give inputs and "
+            f"outputs ({missing}, names or numbers from 0); there are {table.names}{_suggestion(others)}"
         )
     if reference and len(reference) != len(outputs):
         raise IdentificationError(f"--reference has {len(reference)} columns, --outputs {len(outputs)}; one for each")
