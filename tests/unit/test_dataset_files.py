@@ -249,11 +249,13 @@ def test_damaged_and_missing_files_are_refused_in_one_line(tmp_path: Path, endin
         write_data(small(), tmp_path / "missing" / f"data.{ending}")
 
 
-def test_a_mat_file_of_version_7_3_says_how_to_write_another(tmp_path: Path) -> None:
+def test_a_damaged_mat_file_of_version_7_3_says_how_to_write_another(tmp_path: Path) -> None:
     path = tmp_path / "new.mat"
     header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
     path.write_bytes(header + b"\x89HDF" + bytes(400))
-    with pytest.raises(IdentificationError, match=r"version 7\.3; write it with save\(\.\.\., '-v7'\)"):
+    with pytest.raises(
+        IdentificationError, match=r"version 7\.3 that is damaged.*; write it with save\(\.\.\., '-v7'\)"
+    ):
         read_data(path)
 
 

@@ -10,18 +10,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.commands.columns import (
-    EntriesOption,
-    InputsOption,
-    OutputsOption,
-    SampleTimeOption,
-    VariableOption,
-    columns_of,
-)
+from amb_bringup.commands.columns import EntriesOption
+from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.commands.validate import (
-    ControllerOption,
     FiguresOption,
     FirstStepOption,
     OutOption,
@@ -36,22 +29,20 @@ from amb_core.figures.entries import entries_from
 from amb_core.identification import StateSpaceModel, Validation, validate
 
 
+@data_options
 def compare(
+    files: DataOptions,
     models: Annotated[list[Path], typer.Argument(help="Models, as amb identify writes them.")],
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Bag, ideally with data that the models were not identified from, or a .csv, .npz or .mat file."
+            help="Bag, ideally with data that the models were not identified from, or a data file (.csv, .mat, .npz, "
+            ".parquet ...)."
         ),
     ],
     run: RunOption = None,
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
-    controller: ControllerOption = "",
-    inputs: InputsOption = "",
-    outputs: OutputsOption = "",
-    variable: VariableOption = "",
-    sample_time: SampleTimeOption = None,
     out: OutOption = None,
     figures: FiguresOption = None,
     entries: EntriesOption = "",
@@ -65,8 +56,7 @@ def compare(
         make_place(results)
     if figures is not None:
         make_folder(figures)
-    columns = columns_of(bag, inputs, outputs, variable, sample_time)
-    loop = load_recorded(console, bag, run, first_step, steps, controller, columns)
+    loop = load_recorded(console, files, bag, run, first_step, steps)
     drawn = entries_from(entries, loop.data.input_names, loop.data.output_names)
     with working(console, "validating"):
         found, refused = _judged(models, loop)

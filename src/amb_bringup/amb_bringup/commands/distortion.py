@@ -11,11 +11,12 @@ from rich.table import Table
 
 from amb_bringup.commands.inputs import load_loop
 from amb_bringup.commands.options import ParamsOption, declared_options
+from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, write_json
-from amb_bringup.commands.validate import FirstStepOption, RunOption, StepsOption
-from amb_core.analysis import read_evidence
-from amb_core.distortion import Coherence, Distortion, DistortionSettings, simulate_distortion
+from amb_bringup.commands.validate import FirstStepOption, RunOption, StepsOption, chosen_steps
+from amb_core.analysis import evidence_of_data, evidence_of_run
+from amb_core.distortion import Coherence, Distortion, DistortionSettings, Evidence, simulate_distortion
 from amb_core.errors import SpectrumError
 from amb_core.figures.coherence import coherence_chart
 from amb_core.figures.distortion import distortion_chart
@@ -24,14 +25,16 @@ from amb_core.parameters import part_of
 from amb_core.plant import PlantParameters
 
 
+@data_options
 @declared_options({"Multisine, of the simulation": [DistortionSettings]})
 def distortion(
+    files: DataOptions,
     given: dict[str, Any],
     recording: Annotated[
         Path | None,
         typer.Argument(
             metavar="[BAG]",
-            help="Bag, or .csv, .npz or .mat file of write_data; without it the bearing is simulated.",
+            help="Bag, or a data file (.csv, .mat, .npz, .parquet ...); without it the bearing is simulated.",
             show_default=False,
         ),
     ] = None,
@@ -50,11 +53,12 @@ def distortion(
     console = Console()
     if recording is None:
         _refuse("a recording", {"--run": run is not None, "--first-step": first_step != -1, "--steps": steps != 0})
+        _refuse("a recording", dict.fromkeys(files.given, True))
         _simulate(console, part_of(DistortionSettings, given), *load_loop(params), out)
     else:
         names = {f"--{name.replace('_', '-')}": True for name in given}
         _refuse("the simulation", names | {"--params or --set": params is not None})
-        _measure(console, recording, run, first_step, steps, out)
+        _measure(console, files, recording, chosen_steps(run, first_step, steps), out)
 
 
 def _refuse(only_for: str, given: dict[str, bool]) -> None:
@@ -76,9 +80,8 @@ def _simulate(
     console.print(f"summary.json, figures: {out}")
 
 
-def _measure(console: Console, path: Path, run: int | None, first_step: int, steps: int, out: Path) -> None:
-    with working(console, f"measuring {path}"):
-        found = read_evidence(path, run, first_step, steps)
+def _measure(console: Console, files: DataOptions, path: Path, chosen: dict[str, int], out: Path) -> None:
+    found = _evidence(console, files, path, chosen)
     if found.distortion is None and found.coherence is None:
         raise SpectrumError(f"{path}: {found.problem}; {found.coherence_problem}")
     make_folder(out)
@@ -93,6 +96,15 @@ def _measure(console: Console, path: Path, run: int | None, first_step: int, ste
         coherence_chart(found.coherence).save(out, "coherence")
     write_json(out / "summary.json", {"recording": str(path), **found.as_dict()})
     console.print(f"summary.json, figures: {out}")
+
+
+def _evidence(console: Console, files: DataOptions, path: Path, chosen: dict[str, int]) -> Evidence:
+    """Distortion and coherence of a bag with telemetry in the chosen steps, or of a file."""
+    own = files.read(console, path, **chosen)
+    with working(console, f"measuring {path}"):
+        if own.is_bag_of_ours:
+            return evidence_of_run(own.recording, **chosen)
+        return evidence_of_data(own.loop.data)
 
 
 def _table(found: Distortion) -> Table:

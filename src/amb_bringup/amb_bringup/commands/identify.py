@@ -12,24 +12,18 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.commands.columns import (
-    EntriesOption,
-    InputsOption,
-    OutputsOption,
-    SampleTimeOption,
-    VariableOption,
-    columns_of,
-)
+from amb_bringup.commands.columns import EntriesOption
 from amb_bringup.commands.inputs import model_order
+from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, make_place, names_file, write_json
-from amb_bringup.commands.validate import ControllerOption, load_recorded
+from amb_bringup.commands.validate import load_recorded
 from amb_core import figures, identification
 from amb_core.analysis import RecordedLoop
 from amb_core.errors import IdentificationError
 from amb_core.figures.entries import Entry, entries_from
 from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress, response_of
-from amb_core.identification.controller_choice import ALLOWED, needs_controller
+from amb_core.identification.controller_choice import ALLOWED, NO_CONTROLLER, needs_controller
 from amb_core.identification.data import merge
 from amb_core.identification.data.drift import DriftOption
 from amb_core.loop.known_controller import KnownController
@@ -40,10 +34,12 @@ UNITS = 1e6
 MODEL_ENDINGS = (".json", ".npz", ".mat")
 
 
+@data_options
 def identify(
+    files: DataOptions,
     bag: Annotated[
         list[Path],
-        typer.Argument(help="Bags, or .csv, .npz or .mat files; several are taken as experiments."),
+        typer.Argument(help="Bags, or data files (.csv, .mat, .npz, .parquet ...); several are taken as experiments."),
     ],
     order: Annotated[str, typer.Option(help="Number of states of the model, or auto.")] = "10",
     orders: Annotated[str, typer.Option(help="Orders that auto tests, such as 4-14 or 4,6,8; by default 1-14.")] = "",
@@ -59,11 +55,6 @@ def identify(
     ] = False,
     first_step: Annotated[int, typer.Option(help="First step used; -1 for where the last excitation starts.")] = -1,
     steps: Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")] = 0,
-    controller: ControllerOption = "",
-    inputs: InputsOption = "",
-    outputs: OutputsOption = "",
-    variable: VariableOption = "",
-    sample_time: SampleTimeOption = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for model.json, summary.json and figures; or a .json, .npz or .mat file."),
@@ -91,12 +82,8 @@ def identify(
         make_place(results)
     if figures is not None:
         make_folder(figures)
-    columns = [columns_of(path, inputs, outputs, variable, sample_time) for path in bag]
-    loops = [
-        load_recorded(console, path, None, first_step, steps, controller, options)
-        for path, options in zip(bag, columns, strict=True)
-    ]
-    data, closing = _joined(bag, loops)
+    loops = [load_recorded(console, files, path, None, first_step, steps) for path in bag]
+    data, closing = _joined(bag, loops, files.resolve().controller)
     drawn = entries_from(entries, data.input_names, data.output_names)
     with Stages(console) as stages:
         result = identification.identify(
@@ -131,11 +118,16 @@ def _orders(text: str) -> list[int] | None:
         raise IdentificationError(f"--orders {text} is not allowed; it must be such as 4-14 or 4,6,8") from None
 
 
-def _joined(paths: list[Path], loops: list[RecordedLoop]) -> tuple[IdentificationData, KnownController | None]:
+def _joined(
+    paths: list[Path], loops: list[RecordedLoop], named: str
+) -> tuple[IdentificationData, KnownController | None]:
     """The experiments of all bags, and their controller; None if the data are not from the bearing's loop."""
     for path, loop in zip(paths, loops, strict=True):
-        if loop.controller is None and needs_controller(loop.data):
-            raise IdentificationError(f"{path} lacks the controller's parameters; name it with --controller: {ALLOWED}")
+        if loop.controller is None and needs_controller(loop.data) and named != NO_CONTROLLER:
+            raise IdentificationError(
+                f"{path} lacks the controller's parameters; name it with --controller: {ALLOWED}; or "
+                f"{NO_CONTROLLER} to leave the closed loop out"
+            )
     data = merge(loop.data for loop in loops)
     controllers = {path: loop.controller for path, loop in zip(paths, loops, strict=True) if loop.controller}
     for path, recorded in controllers.items():

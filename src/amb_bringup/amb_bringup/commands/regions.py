@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.commands.damaged_bags import warn_of_damage
+from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, write_json
 from amb_core.analysis.recorded_distortion import evidence_or_reason
@@ -19,13 +19,14 @@ from amb_core.errors import ParameterError
 from amb_core.figures import sweep_chart
 from amb_core.figures.sweep import rises
 from amb_core.loop.telemetry import describe_gaps
-from amb_core.recording import Recording
 from amb_core.regions import Onset, Region
 from amb_core.regions.stretches import beats, shares, stretches
 
 
+@data_options
 def regions(
-    bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
+    files: DataOptions,
+    bag: Annotated[Path, typer.Argument(help="Bag, or a data file (.csv, .mat, .npz, .parquet ...) with reference.")],
     run: Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")] = None,
     axes: Annotated[
         str, typer.Option(help="Axes to draw, such as x,y or x_a,y_b; by default those that are excited.")
@@ -37,8 +38,7 @@ def regions(
     """Show where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions."""
     console = Console()
     make_folder(out)
-    recording = Recording.read(bag)
-    warn_of_damage(console, bag, recording.truncated)
+    recording, _ = files.recording(console, bag)
     with working(console, "classifying"):
         found = classify_run(recording, run)
     drawn = _drawn_axes(axes, found.record.axes)

@@ -9,22 +9,22 @@ import typer
 from rich.console import Console
 
 from amb_bringup.commands.columns import EntriesOption
-from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.inputs import model_order
+from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, names_file
-from amb_bringup.commands.validate import ControllerOption
 from amb_core.analysis import recorded_controller
-from amb_core.recording import Recording
+from amb_core.identification.controller_choice import NO_CONTROLLER
 from amb_core.report import write_report
 from amb_core.report.recording import recording_report
 
 
+@data_options
 def report(
-    bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
+    files: DataOptions,
+    bag: Annotated[Path, typer.Argument(help="Bag, or a data file (.csv, .mat, .npz, .parquet ...) with reference.")],
     run: Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")] = None,
     order: Annotated[str, typer.Option(help="Order of the model, or auto.")] = "10",
-    controller: ControllerOption = "",
     entries: EntriesOption = "",
     out: Annotated[Path, typer.Option(help="The page, an .html file; or a folder for report.html.")] = Path(
         "results/report.html"
@@ -36,10 +36,14 @@ def report(
         out = out / "report.html"
     make_folder(out.parent)
     wanted = model_order(order)
-    recording = Recording.read(bag)
-    warn_of_damage(console, bag, recording.truncated)
+    recording, _ = files.recording(console, bag)
+    controller = files.resolve().controller
     with Stages(console) as stages:
-        named = recorded_controller(recording, recording.sample_rate, controller) if controller else None
+        named = (
+            recorded_controller(recording, recording.sample_rate, controller)
+            if controller not in ("", NO_CONTROLLER)
+            else None
+        )
         made = recording_report(recording, run, wanted, stages.update, named, entries)
     write_report(made, out)
     console.print(f"{made.title}. {made.lead}", highlight=False)

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from amb_bringup.commands.columns import (
-    EntriesOption,
-    InputsOption,
-    OutputsOption,
-    SampleTimeOption,
-    VariableOption,
-    columns_of,
-)
-from amb_bringup.commands.damaged_bags import warn_of_damage
+from amb_bringup.commands.columns import EntriesOption
+from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.exit_codes import NOT_VALIDATED
-from amb_core.analysis import RecordedLoop, read_loop
+from amb_core.analysis import RecordedLoop
 from amb_core.figures import save_validation_figures
 from amb_core.figures.entries import entries_from
 from amb_core.identification import StateSpaceModel
-from amb_core.identification.controller_choice import needs_controller
+from amb_core.identification.controller_choice import NO_CONTROLLER, needs_controller
 from amb_core.identification.validation import HORIZONS
 from amb_core.identification.validation import validate as judge
 
@@ -34,13 +26,6 @@ FirstStepOption = Annotated[
     int, typer.Option(help="First step used; -1 for where the last excitation starts, or all without one.")
 ]
 StepsOption = Annotated[int, typer.Option(help="Number of steps used; 0 for all to the end of the excitation.")]
-ControllerOption = Annotated[
-    str,
-    typer.Option(
-        help="Controller of the experiment: paper, a ROS parameter file (.yaml), or the file of a linear controller "
-        "(.json, .npz or .mat); by default the one recorded."
-    ),
-]
 OutOption = Annotated[Path | None, typer.Option(help="Folder for summary.json and figures.")]
 FiguresOption = Annotated[
     Path | None,
@@ -48,23 +33,21 @@ FiguresOption = Annotated[
 ]
 
 
+@data_options
 def validate(
+    files: DataOptions,
     model: Annotated[Path, typer.Argument(help="Model, as amb identify writes it (.json, .npz or .mat).")],
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Bag, ideally with data that the model was not identified from, or a .csv, .npz or .mat file."
+            help="Bag, ideally with data that the model was not identified from, or a data file (.csv, .mat, .npz, "
+            ".parquet ...)."
         ),
     ],
     horizon: Annotated[list[int] | None, typer.Option(help="Prediction horizon in steps; may be repeated.")] = None,
     run: RunOption = None,
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
-    controller: ControllerOption = "",
-    inputs: InputsOption = "",
-    outputs: OutputsOption = "",
-    variable: VariableOption = "",
-    sample_time: SampleTimeOption = None,
     out: OutOption = None,
     figures: FiguresOption = None,
     entries: EntriesOption = "",
@@ -82,8 +65,7 @@ def validate(
     if figures is not None:
         make_folder(figures)
     known = StateSpaceModel.load(model)
-    columns = columns_of(bag, inputs, outputs, variable, sample_time)
-    loop = load_recorded(console, bag, run, first_step, steps, controller, columns)
+    loop = load_recorded(console, files, bag, run, first_step, steps)
     drawn = entries_from(entries, loop.data.input_names, loop.data.output_names)
     with working(console, f"validating order {known.order} on {loop.data.samples} samples"):
         found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or HORIZONS)
@@ -99,28 +81,23 @@ def validate(
 
 
 def load_recorded(
-    console: Console,
-    bag: Path,
-    run: int | None,
-    first_step: int,
-    steps: int,
-    controller: str = "",
-    columns: Mapping[str, Any] | None = None,
+    console: Console, files: DataOptions, bag: Path, run: int | None, first_step: int, steps: int
 ) -> RecordedLoop:
     """Data and parameters of a bag, or the data of a file, for which no run and steps can be chosen.
 
-    A named controller replaces the recorded one. If none is known and the data need one, this and the consequence are
-    reported. `columns` has the options of a file (see `columns_of`).
+    If no controller is known and the data need one, this and the consequence are reported.
     """
-    chosen = {"run": run, "first_step": first_step, "steps": steps}
-    default = {"run": None, "first_step": -1, "steps": 0}
-    with working(console, f"reading {bag}"):
-        options = {name: value for name, value in chosen.items() if value != default[name]}
-        loop = read_loop(bag, controller, **options, **(columns or {}))
-    warn_of_damage(console, bag, loop.damage)
-    if loop.controller is None and needs_controller(loop.data):
+    loop = files.read(console, bag, **chosen_steps(run, first_step, steps)).loop
+    if loop.controller is None and needs_controller(loop.data) and files.resolve().controller != NO_CONTROLLER:
         console.print(
             f"[yellow]{bag} has no controller parameters; the closed loop of the models is not validated. Give the "
             "controller with --controller[/yellow]"
         )
     return loop
+
+
+def chosen_steps(run: int | None, first_step: int, steps: int) -> dict[str, int]:
+    """The options of run and steps that a user gave, as arguments of `read_own`."""
+    chosen = {"run": run, "first_step": first_step, "steps": steps}
+    default = {"run": None, "first_step": -1, "steps": 0}
+    return {name: value for name, value in chosen.items() if value is not None and value != default[name]}

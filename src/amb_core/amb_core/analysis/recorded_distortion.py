@@ -13,7 +13,10 @@ from amb_core.identification.data import IdentificationData
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import Recording
 
-NO_REFERENCE = "the data have no reference, which distortion is measured from; record telemetry"
+NO_REFERENCE = (
+    "the data have no reference, which distortion is measured from; record telemetry, or name its columns with "
+    "--reference"
+)
 
 
 def read_evidence(path: str | Path, run: int | None = None, first_step: int = -1, steps: int = 0) -> Evidence:
@@ -39,14 +42,14 @@ def read_evidence(path: str | Path, run: int | None = None, first_step: int = -1
     reader = data_reader(path, chosen)
     if reader is read_bag_data:
         return evidence_of_run(Recording.read(path), run, first_step, steps)
-    return _of_data(reader(path))
+    return evidence_of_data(reader(path))
 
 
 def evidence_of_run(recording: Recording, run: int | None = None, first_step: int = -1, steps: int = 0) -> Evidence:
     """Distortion and coherence of a run of a bag, by default the last one; see `read_evidence`."""
     data = recorded_data(recording, run, first_step, steps)
     if not recording.runs or first_step >= 0 or steps:
-        return _of_data(data)
+        return evidence_of_data(data)
     run = recording.runs[-1] if run is None else run
     return find_evidence([recording.telemetry(run, *span) for span in recording.spans(run)], _records(data))
 
@@ -59,7 +62,8 @@ def evidence_or_reason(recording: Recording, run: int | None = None) -> Evidence
         return Evidence(None, None, str(problem), str(problem))
 
 
-def _of_data(data: IdentificationData) -> Evidence:
+def evidence_of_data(data: IdentificationData) -> Evidence:
+    """Distortion and coherence of the experiments with a reference; without one, the reason."""
     records = _records(data)
     return find_evidence(records) if records else Evidence(None, None, NO_REFERENCE, NO_REFERENCE)
 

@@ -1,4 +1,7 @@
-"""Variables in MATLAB and Octave files, version 5: numbers bit for bit, texts as cells of character arrays."""
+"""Variables in MATLAB and Octave files: numbers bit for bit, texts as cells of character arrays.
+
+Versions 5 to 7.2 are read and written by SciPy; version 7.3, which is HDF5, is read into the same form.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ def load_variables(path: str | Path) -> dict[str, Any]:
     Raises
     ------
     IdentificationError
-        If the file is of version 7.3, which is a different format.
+        If the file is of version 7.3 and cannot be read as HDF5.
     """
     from scipy import io
 
@@ -49,5 +52,35 @@ def load_variables(path: str | Path) -> dict[str, Any]:
         with open_regular(path) as file:
             content = io.loadmat(file)
     except NotImplementedError:
-        raise IdentificationError("is a MATLAB file of version 7.3; write it with save(..., '-v7')") from None
+        return _load_hdf5(path)
     return {name: value for name, value in content.items() if not name.startswith("__")}
+
+
+def _load_hdf5(path: str | Path) -> dict[str, Any]:
+    import h5py  # takes a while to import
+
+    try:
+        with open_regular(path) as file, h5py.File(file, "r") as content:
+            return {name: _of_hdf5(content, item) for name, item in content.items() if not name.startswith("#")}
+    except (OSError, RuntimeError, KeyError) as problem:
+        raise IdentificationError(
+            f"is a MATLAB file of version 7.3 that is damaged ({problem}); write it with save(..., '-v7')"
+        ) from None
+
+
+def _of_hdf5(file: Any, item: Any) -> Any:
+    """A variable as `scipy.io.loadmat` returns it; a struct as a dictionary."""
+    import h5py
+
+    if isinstance(item, h5py.Group):
+        return {name: _of_hdf5(file, part) for name, part in item.items()}
+    kind = item.attrs.get("MATLAB_class", b"")
+    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+    value = item[()]
+    if item.attrs.get("MATLAB_empty", 0):
+        return np.empty((0, 0))
+    if kind == "char":
+        return np.array(["".join(chr(code) for code in np.asarray(value).T.ravel().tolist())])
+    if item.dtype.kind == "O":  # references: the items of a cell
+        return cell([_of_hdf5(file, file[reference]) for reference in np.asarray(value).T.ravel().tolist()])
+    return np.atleast_2d(np.asarray(value)).T if np.ndim(value) != 1 else np.asarray(value)[:, np.newaxis]

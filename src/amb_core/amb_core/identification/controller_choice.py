@@ -10,19 +10,26 @@ from amb_core.identification.data import IdentificationData
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import ControllerFileParameters, KnownController, LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
-from amb_core.parameters import declarations, load_parameters, part_of
+from amb_core.parameters import declarations, load_parameters, part_of, validate
 
 PAPER = "paper"
+NO_CONTROLLER = "none"
+"""Name that stands for no controller: the closed loop is left out."""
+PD = "pd:"
+_UNLIMITED = 100.0  # A; the limit of a controller that is named by its gains is not known
 CONTROLLER_NODE, LINEAR_CONTROLLER_NODE = "pd_controller", "state_space_controller"
 _PARAMETER_FILES = (".yaml", ".yml")
 _CONTROLLER_FILES = (".json", ".npz", ".mat")
-ALLOWED = f"{PAPER}, a ROS parameter file (.yaml), or a state-space controller ({', '.join(_CONTROLLER_FILES)})"
+ALLOWED = (
+    f"{PAPER}, {PD}K_P,K_D in A/m and A s/m, a ROS parameter file (.yaml), or a state-space controller "
+    f"({', '.join(_CONTROLLER_FILES)})"
+)
 """What `named_controller` takes, as text."""
 
 
 def is_named_set(name: str) -> bool:
     """Whether a name denotes a controller, and not the node that has one."""
-    return name == PAPER or name.lower().endswith((*_PARAMETER_FILES, *_CONTROLLER_FILES))
+    return name == PAPER or name.startswith(PD) or name.lower().endswith((*_PARAMETER_FILES, *_CONTROLLER_FILES))
 
 
 def named_controller(
@@ -36,7 +43,8 @@ def named_controller(
     Parameters
     ----------
     name : str
-        `paper` for that of the paper's table 1; a ROS parameter file (.yaml or .yml), of a PD controller or of a
+        `paper` for that of the paper's table 1; `pd:K_P,K_D` for a PD controller of these gains (A/m, A s/m);
+        a ROS parameter file (.yaml or .yml), of a PD controller or of a
         linear one that names its file; or the file of a state-space controller (.json, .npz or .mat).
     node : str
         Name of the PD controller's section in a parameter file.
@@ -56,12 +64,29 @@ def named_controller(
         raise IdentificationError(f"controller = {name!r} is not allowed; allowed: {ALLOWED}")
     if name == PAPER:
         found: KnownController = ControllerParameters()
+    elif name.startswith(PD):
+        found = _of_gains(name)
     elif name.lower().endswith(_CONTROLLER_FILES):
         limit = {} if current_limit is None else {"current_limit": current_limit}
         found = LinearControl.load(name, part_of(LinearControllerParameters, limit))
     else:
         found = _linear_of(name, node) or load_parameters(ControllerParameters, name, node, part=True)
     return found if sample_rate is None else found.at_rate(sample_rate)
+
+
+def _of_gains(name: str) -> ControllerParameters:
+    """The PD controller `pd:K_P,K_D`, in A/m and A s/m; `pd:K_P,K_D,measurement` derives the measured position."""
+    words = name.removeprefix(PD).split(",")
+    try:
+        gains = {"proportional_gain": float(words[0]), "derivative_gain": float(words[1])}
+    except (ValueError, IndexError):
+        raise IdentificationError(
+            f"controller = {name!r} is not allowed; it must be such as {PD}20000,38: K_P in A/m and K_D in A s/m"
+        ) from None
+    derived = {"derivative_on": words[2]} if len(words) == 3 else {}
+    if len(words) > 3:
+        raise IdentificationError(f"controller = {name!r} is not allowed; it must be such as {PD}20000,38")
+    return validate(ControllerParameters, {**gains, **derived, "current_limit": _UNLIMITED})
 
 
 def _linear_of(path: str, node: str) -> LinearControl | None:
@@ -82,12 +107,19 @@ def _linear_of(path: str, node: str) -> LinearControl | None:
     return LinearControl.load(beside if not file.exists() and beside.exists() else file, parameters)
 
 
+def suits_controller(data: IdentificationData) -> bool:
+    """Whether the data have as many inputs in A as outputs in m, as the loop of a bearing has."""
+    axes = len(data.output_names)
+    return data.input_units == ("A",) * axes and data.output_units == ("m",) * axes
+
+
 def needs_controller(data: IdentificationData) -> bool:
     """Whether the data come from the closed loop of a machine: currents in A and positions in m.
 
-    Those of two axes always do. Others do if each current has the name of its axis: i_x_a for x_a.
+    Those of two axes always do, and those of others' files. Others do if each current has the name of its axis: i_x_a
+    for x_a.
     """
-    axes = len(data.output_names)
-    if data.input_units != ("A",) * axes or data.output_units != ("m",) * axes:
+    if not suits_controller(data):
         return False
-    return axes == 2 or data.input_names == tuple(f"i_{name}" for name in data.output_names)
+    names = tuple(f"i_{name}" for name in data.output_names)
+    return data.foreign or len(names) == 2 or data.input_names == names

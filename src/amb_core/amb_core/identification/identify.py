@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles
-from amb_core.identification.controller_choice import needs_controller
+from amb_core.identification.controller_choice import needs_controller, suits_controller
 from amb_core.identification.data import DataReport, IdentificationData, Severity, check_data
 from amb_core.identification.data.checks import check_amount, check_excitation
 from amb_core.identification.data.drift import DriftCure, DriftOption, cure_drift
@@ -86,7 +86,9 @@ class Identification:
         elif len(self.model.fit):
             fit = f"closed-loop fit {', '.join(f'{name} {value:.2f} %' for name, value in fits)}"
         elif self.closed_loop_poles is None:
-            fit = "closed loop not simulated: the data are not in the units A and m of the bearing's loop"
+            fit = (
+                "closed loop not simulated: no controller is known, or the data are not in the units A and m of a loop"
+            )
         else:
             fit = "no reference to simulate the closed loop with"
         parts = [
@@ -136,7 +138,8 @@ def identify(
     method : str
         One of `METHODS`; `pem` starts from `ssarx`.
     controller : KnownController, optional
-        The controller of the experiment, of the PD law or any other linear one; the paper's by default.
+        The controller of the experiment, of the PD law or any other linear one; the paper's by default,
+        for data that are not `foreign`.
     source : str
         Where the data come from, kept in the model; by default the sources of the experiments.
     orders : sequence of int, optional
@@ -242,17 +245,17 @@ def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncer
 
 def _controller(data: IdentificationData, controller: KnownController | None) -> KnownController | None:
     """The controller of the model's closed loop; None for data that do not come from that loop."""
-    if needs_controller(data):
+    if controller is None and (data.foreign or not needs_controller(data)):
+        return None
+    if suits_controller(data):
         controller = controller or ControllerParameters()
         controller.require_axes(len(data.output_names))
         return controller
-    if controller is not None:
-        units = ", ".join(unit or "unknown" for unit in (*data.input_units, *data.output_units))
-        raise IdentificationError(
-            f"a controller from positions in m to as many currents in A does not suit data in {units}; "
-            "give the data their units, or no controller"
-        )
-    return None
+    units = ", ".join(unit or "unknown" for unit in (*data.input_units, *data.output_units))
+    raise IdentificationError(
+        f"a controller from positions in m to as many currents in A does not suit data in {units}; "
+        "give the data their units (--units), or no controller"
+    )
 
 
 def _validate(

@@ -108,12 +108,17 @@ class BagContent:
         BagError
             If there is no such topic, or a message cannot be decoded.
         """
+        for _, message in self.timed_messages_of(topic):
+            yield message
+
+    def timed_messages_of(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """As `messages_of`, each with the time at which it was recorded (ns since 1970)."""
         if topic not in [known.name for known in self.topics]:
             there = ", ".join(known.name for known in self.topics) or "none"
             raise BagError(f"bag {self.path}: holds no topic {topic}; its topics: {there}")
         for message in self._storage.messages():
             if message.topic == topic:
-                yield self._decoder.decode(message.type, message.data)
+                yield message.log_time, self._decoder.decode(message.type, message.data)
 
     @cached_property
     def blocks(self) -> dict[int, list[LoopRecord]]:

@@ -62,5 +62,13 @@ class Decoder:
 
     def _register(self, message_type: str) -> None:
         if message_type not in self._definitions:
-            raise BagError(f"bag {self._path}: lacks the definition of {message_type}; record with Iron or later")
+            self._register_standard(message_type)
+            return
         register(self._types, message_type, self._definitions[message_type])
+
+    def _register_standard(self, message_type: str) -> None:
+        """A standard type of ROS 2, for bags of Humble and before, which hold no definitions."""
+        standard = get_typestore(Stores.ROS2_HUMBLE)
+        if message_type not in standard.types:
+            raise BagError(f"bag {self._path}: lacks the definition of {message_type}; record with Iron or later")
+        self._types = standard

@@ -81,6 +81,11 @@ class Recording:
         return cls(BagContent(Path(path), open_storage(Path(path))))
 
     @property
+    def content(self) -> BagContent:
+        """Where the data come from."""
+        return self._content
+
+    @property
     def messages(self) -> int:
         """Number of messages."""
         return sum(topic.messages for topic in self.topics)
@@ -328,3 +333,7 @@ class Recording:
             If there is no such topic, or a message cannot be decoded.
         """
         return self._content.messages_of(topic)
+
+    def timed_messages_of(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """As `messages_of`, each with the time at which it was recorded (ns since 1970)."""
+        return self._content.timed_messages_of(topic)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,6 +53,8 @@ class IdentificationData:
         Names of the m inputs and p outputs, all different.
     input_units, output_units : tuple of str
         Their units; empty where unknown.
+    foreign : bool
+        Whether they come from a file of others, so that no controller is assumed where none is named.
 
     Raises
     ------
@@ -66,6 +68,7 @@ class IdentificationData:
     output_names: tuple[str, ...] = ("x", "y")
     input_units: tuple[str, ...] = ("A", "A")
     output_units: tuple[str, ...] = ("m", "m")
+    foreign: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("experiments", "input_names", "output_names", "input_units", "output_units"):
@@ -227,6 +230,7 @@ class IdentificationData:
             tuple(self.output_names[index] for index in outs),
             tuple(self.input_units[index] for index in ins),
             tuple(self.output_units[index] for index in outs),
+            foreign=self.foreign,
         )
 
     def record(self, index: int = 0) -> LoopRecord:
@@ -239,13 +243,15 @@ class IdentificationData:
         """
         item = self.experiments[index]
         if item.reference is None:
-            raise IdentificationError("a record of the loop needs the reference, which these data lack")
+            raise IdentificationError(
+                "a record of the loop needs the reference, which these data lack; name its columns with --reference"
+            )
         axes = len(self.output_names)
         if self.input_units != ("A",) * axes or self.output_units != ("m",) * axes:
             raise IdentificationError(
                 "a record of the loop has as many inputs in A as outputs in m; "
                 f"these data have {', '.join(map(_label, self.input_names, self.input_units))} "
-                f"and {', '.join(map(_label, self.output_names, self.output_units))}"
+                f"and {', '.join(map(_label, self.output_names, self.output_units))}; units are given with --units"
             )
         time = item.time(self.sample_time)
         return LoopRecord(
@@ -311,7 +317,8 @@ def merge(datasets: Iterable[IdentificationData]) -> IdentificationData:
                     f"data set {number} has the {what.replace('_', ' ')} {', '.join(theirs)}, "
                     f"the first {', '.join(mine)}; they must be the same"
                 )
-    return replace(first, experiments=tuple(item for data in merged for item in data.experiments))
+    experiments = tuple(item for data in merged for item in data.experiments)
+    return replace(first, experiments=experiments, foreign=any(data.foreign for data in merged))
 
 
 def _columns(values: ArrayLike) -> NDArray[np.float64]:

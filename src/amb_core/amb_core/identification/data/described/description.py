@@ -1,0 +1,119 @@
+"""What the columns of a file are: given as options, saved as YAML, and used for the next file of the same rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from amb_core.errors import IdentificationError
+from amb_core.files.file_errors import reading
+from amb_core.files.regular_files import read_text
+
+Repair = Literal["none", "split", "resample"]
+LISTS = ("inputs", "outputs", "reference", "units", "topics")
+"""Fields that are lists; as options, their items have commas between them."""
+
+
+class DataDescription(BaseModel):
+    """What is known of a file beside its content; empty fields are found in the file where it says so itself."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    inputs: tuple[str, ...] = Field(
+        (), description="Columns that are inputs, such as i_x,i_y, or numbers from 0, such as 0-3."
+    )
+    outputs: tuple[str, ...] = Field((), description="Columns that are outputs, likewise.")
+    reference: tuple[str, ...] = Field((), description="Columns with the setpoint of each output, likewise.")
+    time: str = Field("", description="Column of times; none to count samples at --rate.")
+    units: tuple[str, ...] = Field(
+        (), description="Units such as um,A, for every length and current without one, or of a column: x=mil,t=ms."
+    )
+    rate: float | None = Field(None, gt=0.0, le=1e9, description="Sample rate of a file without times, in Hz.")
+    sample_time: float | None = Field(
+        None, gt=0.0, le=1e6, description="Sample time of a data file that does not contain it, in s."
+    )
+    variable: str = Field("", description="Matrix or struct of a .mat or .npz file whose columns are signals.")
+    topics: tuple[str, ...] = Field(
+        (), description="Topics of a bag whose numbers are the columns, the first one timed."
+    )
+    controller: str = Field(
+        "",
+        description="Controller of the experiment: pd:K_P,K_D in A/m and A s/m, a parameter file (.yaml), the file of "
+        "a linear controller (.json, .npz, .mat), paper, or none for no closed loop; by default the one recorded.",
+    )
+    repair: Repair = Field(
+        "none",
+        description="What is done with missing samples and irregular times: none (refused), split (stretches between "
+        "missing samples become experiments) or resample (times interpolated to one rate).",
+    )
+    separator: str = Field("", description="Between the columns of a text: comma, semicolon, tab, bar or space.")
+    decimal: str = Field("", description="Decimal sign of a text: point or comma.")
+
+    @classmethod
+    def of(cls, **values: Any) -> Self:
+        """A description of checked values; a list may be a text with commas.
+
+        Raises
+        ------
+        IdentificationError
+            If a value is not allowed.
+        """
+        for name in LISTS:
+            if isinstance(values.get(name), str):
+                values[name] = tuple(part.strip() for part in values[name].split(",") if part.strip())
+            elif values.get(name) is not None:
+                values[name] = tuple(str(part) for part in values[name])
+        try:
+            return cls(**{name: value for name, value in values.items() if value is not None})
+        except ValidationError as problem:
+            first = problem.errors()[0]
+            where = "_".join(str(part) for part in first["loc"][:1])
+            if first["type"] == "extra_forbidden":
+                text = f"'{where}' is not allowed; allowed: {', '.join(cls.model_fields)}"
+            else:
+                text = f"'{where}' = {first['input']!r} is not allowed: {first['msg'][:1].lower()}{first['msg'][1:]}"
+            raise IdentificationError(text) from None
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a description that `save` has written; IdentificationError if that fails."""
+        path = Path(path)
+        with reading("description", path):
+            content = yaml.safe_load(read_text(path)) or {}
+            if not isinstance(content, dict):
+                raise IdentificationError("must have lines such as inputs: [i_x, i_y]")
+            return cls.of(**content)
+
+    def save(self, path: str | Path) -> None:
+        """Write the fields that are given as YAML; IdentificationError if the file cannot be written."""
+        given = {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in self.model_dump(exclude_defaults=True).items()
+        }
+        try:
+            Path(path).write_text(yaml.safe_dump(given, sort_keys=False, allow_unicode=True), encoding="utf-8")
+        except OSError as problem:
+            raise IdentificationError(f"description {path}: cannot be written: {problem.strerror}") from None
+
+    def with_values(self, **values: Any) -> DataDescription:
+        """The description with other values, checked; None and empty ones leave it as it is."""
+        given = {name: value for name, value in values.items() if value not in (None, "", (), [])}
+        if "rate" in given and "sample_time" not in given:
+            given["sample_time"] = None
+        elif "sample_time" in given and "rate" not in given:
+            given["rate"] = None
+        return type(self).of(**{**self.model_dump(), **given})
+
+    @property
+    def given_sample_time(self) -> float | None:
+        """Sample time (s) by `rate` or `sample_time`; IdentificationError if both are given and differ."""
+        if self.rate is None:
+            return self.sample_time
+        if self.sample_time is not None and abs(self.rate * self.sample_time - 1.0) > 1e-6:
+            raise IdentificationError(
+                f"--rate {self.rate:g} Hz and --sample-time {self.sample_time:g} s differ; give one of them"
+            )
+        return 1.0 / self.rate

@@ -1,0 +1,106 @@
+"""Which columns of a table are inputs, outputs, reference and times: as named, or where the names leave no doubt."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from amb_core.errors import IdentificationError
+from amb_core.identification.data.described.description import DataDescription
+from amb_core.tables import Column, Table
+from amb_core.tables.units import CURRENTS, LENGTHS, TIMES, spelled
+
+_TIMES = {
+    "time", "t", "zeit", "temps", "tiempo", "tempo", "tijd", "timestamp", "stamp", "sec", "seconds", "time_s", "t_s",
+    "czas", "aika", "tid", "vremya", "время", "时间", "時間",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Roles:
+    """Columns by role; `time` is None where there are no times."""
+
+    inputs: list[Column]
+    outputs: list[Column]
+    reference: list[Column]
+    time: Column | None
+
+
+def find_roles(table: Table, description: DataDescription) -> Roles:
+    """The roles of the columns of a table.
+
+    Raises
+    ------
+    IdentificationError
+        If a named column does not exist, or which ones are inputs and outputs is not known.
+    """
+    time = _time(table, description)
+    inputs, outputs, reference = (
+        [column for name in getattr(description, option) for column in table.find(name, option)]
+        for option in ("inputs", "outputs", "reference")
+    )
+    others = [column for column in table.columns if column is not time]
+    if not inputs and not outputs:
+        inputs, outputs, reference_found = _by_name(others)
+        reference = reference or reference_found
+    if not inputs or not outputs:
+        missing = " and ".join(f"--{name}" for name, found in (("inputs", inputs), ("outputs", outputs)) if not found)
+        raise IdentificationError(
+            f"which of the {len(table.columns)} columns are inputs and which outputs is not known; give inputs and "
+            f"outputs ({missing}, names or numbers from 0); there are {table.names}{_suggestion(others)}"
+        )
+    if reference and len(reference) != len(outputs):
+        raise IdentificationError(f"--reference has {len(reference)} columns, --outputs {len(outputs)}; one for each")
+    used = [*inputs, *outputs, *reference]
+    if time in used:
+        raise IdentificationError(f"column {time.name if time else ''} is named as time and as signal; give --time")
+    for column in (*inputs, *outputs):
+        if sum(column is other for other in (*inputs, *outputs)) > 1:
+            raise IdentificationError(f"column {column.name} is named more than once in --inputs and --outputs")
+    return Roles(inputs, outputs, reference, time)
+
+
+def _time(table: Table, description: DataDescription) -> Column | None:
+    if description.time == "none":
+        return None
+    if description.time:
+        found = table.find(description.time, "time")
+        if len(found) != 1:
+            raise IdentificationError(f"--time {description.time} means {len(found)} columns; name one")
+        return found[0]
+    named = [column for column in table.columns if column.named and _last(column.name) in _TIMES]
+    if not named:
+        named = [column for column in table.columns if column.named and spelled(column.unit) in TIMES]
+    if len(named) > 1:
+        raise IdentificationError(f"columns {', '.join(c.name for c in named)} may all be times; name one with --time")
+    return named[0] if named else None
+
+
+def _by_name(columns: Sequence[Column]) -> tuple[list[Column], list[Column], list[Column]]:
+    """Columns named i_x, x and r_x, for each axis, or u1, y1; none where a name is missing."""
+    by_name = {column.name: column for column in columns if column.named}
+    axes = [name.removeprefix("i_") for name in by_name if name.startswith("i_") and name.removeprefix("i_") in by_name]
+    if axes:
+        reference = [by_name[f"r_{axis}"] for axis in axes if f"r_{axis}" in by_name]
+        inputs, outputs = [by_name[f"i_{axis}"] for axis in axes], [by_name[axis] for axis in axes]
+        return inputs, outputs, reference if len(reference) == len(axes) else []
+    roles = {
+        letter: [column for column in columns if re.fullmatch(rf"{letter}(?:_?\d+|\[\d+\])?", column.name)]
+        for letter in "uyr"
+    }
+    if roles["u"] and roles["y"]:
+        return roles["u"], roles["y"], roles["r"] if len(roles["r"]) == len(roles["y"]) else []
+    return [], [], []
+
+
+def _suggestion(columns: Sequence[Column]) -> str:
+    """Options that the units of the columns suggest."""
+    currents, lengths = ([c.name for c in columns if spelled(c.unit) in known] for known in (CURRENTS, LENGTHS))
+    if not currents or not lengths:
+        return ""
+    return f"; by their units perhaps --inputs {','.join(currents)} --outputs {','.join(lengths)}"
+
+
+def _last(name: str) -> str:
+    return name.casefold().rsplit(".", 1)[-1].strip()
