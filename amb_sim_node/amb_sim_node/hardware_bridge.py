@@ -16,7 +16,7 @@ from functools import partial
 from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
 
-from amb_core.errors import AmbError, TargetError
+from amb_core.errors import AmbError, TargetError, one_line
 from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.loop.real_time import enter_real_time
 from amb_core.recording.messages.loop_samples import fill_loop_samples
@@ -83,6 +83,7 @@ class HardwareBridgeNode(ManagedNode):
         self._reachable = False
         self._trips = TripLog()
         self._own_trips: list[Trip] = []  # latched by the bridge itself
+        self._unsent = ""  # why the target does not have the settings; empty: it has them
         self._flushed = 0  # step of the target
         self._run = 0
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
@@ -133,7 +134,7 @@ class HardwareBridgeNode(ManagedNode):
             with self._lock:
                 self._known, self._machine, self._link, self._reachable = description, machine, link, True
                 self._runs = Runs(machine, settings.telemetry_block, self._new_run)
-                self._trips, self._own_trips = TripLog(), []
+                self._trips, self._own_trips, self._unsent = TripLog(), [], ""
         except Exception:
             link.close()
             raise
@@ -152,6 +153,8 @@ class HardwareBridgeNode(ManagedNode):
         self._require_same_machine()
         if self._latched():
             raise TargetError("trips are latched; reset the faults first")
+        if self._unsent:
+            self._send(link)
         if status.state in (TargetState.OFF, TargetState.LANDING):
             self._wait_for((TargetState.OFF,), self._settings.landing_time)
             link.levitate(self._settings.levitation_time)
@@ -179,7 +182,7 @@ class HardwareBridgeNode(ManagedNode):
             link.close()
         with self._lock:
             self._publish(self._runs.end() if self._runs is not None else [])
-            self._runs, self._status, self._reachable = None, None, False
+            self._runs, self._status, self._reachable, self._unsent = None, None, False, ""
         self._note_state()
 
     def _enter_real_time(self) -> None:
@@ -193,11 +196,9 @@ class HardwareBridgeNode(ManagedNode):
         return self._link
 
     def _require_same_machine(self) -> None:
-        """Raise TargetError if the target describes another machine since its reboot."""
+        """Raise TargetError if the target is another machine since its reboot."""
         if self._known is not None and self._known.machine != self._machine:
-            raise TargetError(
-                "the target describes another machine since it started anew; clean up and configure again"
-            )
+            raise TargetError("the target is another machine since its reboot; clean up and configure again")
 
     def _wanted(self, description: TargetDescription) -> TargetSettings:
         """What the parameters ask of a target.
@@ -240,7 +241,7 @@ class HardwareBridgeNode(ManagedNode):
     def on_samples(self, block: TelemetryBlock) -> None:
         """Publish what has arrived, and the trips up to there."""
         with self._lock:
-            if self._runs is None or block.position.shape[1] != len(self._runs.position):
+            if self._runs is None or self._known is None or self._known.machine != self._machine:
                 return  # not configured; or of another machine, see `_require_same_machine`
             before = self._runs.levitated
             self._publish(self._runs.add(block))
@@ -276,21 +277,28 @@ class HardwareBridgeNode(ManagedNode):
             if self._runs is not None:
                 self._publish(self._runs.end())
             self._known, self._trips = description, TripLog()
+            self._unsent = "the target has not got its settings since its reboot"
         self._rig = None
         self._trip_by_itself(BridgeTrip.REBOOT)
         self.fall_back()
         self.worker.submit(self._send_settings)
 
     def _send_settings(self) -> None:
-        """Send controller, limits and references again."""
-        if self._link is None or self._known is None:
+        """Send controller, limits and references again; a refusal is part of the state until they are taken."""
+        if self._link is None:
             return
         try:
-            self._require_same_machine()
-            self._link.configure(self._wanted(self._known))
+            self._send(self._link)
         except AmbError as problem:
-            self.problem = str(problem)
+            self._unsent = one_line(problem)
             self.get_logger().error(f"the target has not taken the settings: {problem}")
+        self._note_state()
+
+    def _send(self, link: TargetLink) -> None:
+        self._require_same_machine()
+        assert self._known is not None  # since it is configured
+        link.configure(self._wanted(self._known))
+        self._unsent = ""
 
     # -- trips
 
@@ -394,7 +402,7 @@ class HardwareBridgeNode(ManagedNode):
             if self._link is not None:
                 samples = self._link.count.samples
                 message.lost, message.doubled, message.reordered = samples.lost, samples.doubled, samples.reordered
-            message.problem = "; ".join(filter(None, (self._latched(), self.problem)))
+            message.problem = "; ".join(dict.fromkeys(filter(None, (self._latched(), self._unsent, self.problem))))
             message.sequence += 1
             message.header.stamp = self._wall_clock.now().to_msg()
             self._state_publisher.publish(message)
@@ -427,7 +435,7 @@ class HardwareBridgeNode(ManagedNode):
         if status is not None:
             values |= {"target": status.state.name, "control steps missed": status.missed}
             values["frames that the target could not send"] = status.unsent
-        if problem := self._latched() or self.problem:
+        if problem := self._latched() or self._unsent or self.problem:
             return diagnostics.ERROR, problem, values
         if link is None:
             return diagnostics.OK, "not configured", values
