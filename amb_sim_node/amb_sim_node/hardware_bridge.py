@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from concurrent.futures import TimeoutError as NotInTime
+from dataclasses import replace
 from functools import partial
 
 from rclpy.clock import Clock, ClockType
@@ -77,7 +78,7 @@ class HardwareBridgeNode(ManagedNode):
         self._machine: MachineDescription | None = None
         self._known: TargetDescription | None = None
         self._ready: Rig | None = None  # while configured
-        self._rig: Rig | None = None  # while active
+        self._excitable = False  # while active
         self._runs: Runs | None = None
         self._status: TargetStatus | None = None
         self._reachable = False
@@ -92,7 +93,7 @@ class HardwareBridgeNode(ManagedNode):
         self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
         self._state_publisher = self.create_publisher(BridgeState, topics.BRIDGE_STATE, LATCHED)
         self._trip_publisher = self.create_publisher(TripMessage, topics.TRIP, EVERY_STATE)
-        self._excitation = RigExcitation(self, lambda: self._rig)
+        self._excitation = RigExcitation(self, lambda: self._ready if self._excitable else None)
         create_service(self, Trigger, "~/reset_faults", self._on_reset_faults, self.worker)
         self._diagnostics = diagnostics.DiagnosticsReporter(
             self, self._report, exclusive=(topics.MACHINE, topics.TELEMETRY, topics.BRIDGE_STATE)
@@ -128,9 +129,7 @@ class HardwareBridgeNode(ManagedNode):
             description = link.connect(self)
             machine, wanted = description.machine, self._wanted(description)
             link.configure(wanted)
-            protection = ExcitationProtection(
-                settings.protection, wanted.limits, machine.axis_names, machine.sample_rate, description.waveform_steps
-            )
+            protection = self._protection(description, wanted)
             with self._lock:
                 self._known, self._machine, self._link, self._reachable = description, machine, link, True
                 self._runs = Runs(machine, settings.telemetry_block, self._new_run)
@@ -160,12 +159,12 @@ class HardwareBridgeNode(ManagedNode):
             link.levitate(self._settings.levitation_time)
             self._wait_for((TargetState.LEVITATED,), self._settings.levitation_time)
         self._wait_for_run()
-        self._rig = self._ready
+        self._excitable = True
         self._note_state()
 
     def deactivate(self) -> None:
         """Stop the excitation and land; nothing to do if protection has switched off."""
-        self._rig = None
+        self._excitable = False
         self._excitation.call_off()
         link = self._connected()
         if self._reachable and link.status().state in (TargetState.LEVITATING, TargetState.LEVITATED):
@@ -176,7 +175,7 @@ class HardwareBridgeNode(ManagedNode):
 
     def clean_up(self) -> None:
         """Leave the target as it is."""
-        self._rig = None
+        self._excitable = False
         link, self._link = self._link, None
         if link is not None:
             link.close()
@@ -211,6 +210,17 @@ class HardwareBridgeNode(ManagedNode):
         settings = self._settings
         limits = settings.protection.lowered(description.limits, settings.current_limit)
         return TargetSettings(controller_of(settings), limits, settings.landing_reference)
+
+    def _protection(self, description: TargetDescription, wanted: TargetSettings) -> ExcitationProtection:
+        """What excitations of this target are checked against."""
+        machine = description.machine
+        return ExcitationProtection(
+            self._settings.protection,
+            wanted.limits,
+            machine.axis_names,
+            machine.sample_rate,
+            description.waveform_steps,
+        )
 
     def _wait_for_run(self) -> None:
         """Wait until telemetry of the levitated rotor arrives: the run has begun."""
@@ -259,7 +269,7 @@ class HardwareBridgeNode(ManagedNode):
         if former is None or tripped or (former.state, former.excitation) != (status.state, status.excitation):
             self._note_state()
         if tripped and status.state is TargetState.TRIPPED:
-            self._rig = None
+            self._excitable = False
             self.fall_back()
 
     def on_silence(self) -> None:
@@ -278,7 +288,7 @@ class HardwareBridgeNode(ManagedNode):
                 self._publish(self._runs.end())
             self._known, self._trips = description, TripLog()
             self._unsent = "the target has not got its settings since its reboot"
-        self._rig = None
+        self._excitable = False
         self._trip_by_itself(BridgeTrip.REBOOT)
         self.fall_back()
         self.worker.submit(self._send_settings)
@@ -296,8 +306,10 @@ class HardwareBridgeNode(ManagedNode):
 
     def _send(self, link: TargetLink) -> None:
         self._require_same_machine()
-        assert self._known is not None  # since it is configured
-        link.configure(self._wanted(self._known))
+        assert self._known is not None and self._ready is not None  # since it is configured
+        wanted = self._wanted(self._known)
+        link.configure(wanted)
+        self._ready = replace(self._ready, protection=self._protection(self._known, wanted))
         self._unsent = ""
 
     # -- trips
@@ -324,10 +336,10 @@ class HardwareBridgeNode(ManagedNode):
             return
         with self._lock:
             before = runs.before(trip.step)
-            step = runs.step_of(trip.step)
+            step, within = runs.step_of(trip.step), runs.holds(trip.step)
         message = TripMessage(target_step=trip.step, reason=int(trip.reason), value=float(trip.value))
         message.axis = axis_of(trip, machine)
-        if runs.run and 0 <= step <= runs.next_step:
+        if within:
             message.run, message.step = runs.run, step
             message.before = [fill_loop_samples(LoopSamples(), AxisSamples, runs.run, record) for record in before]
         where = f"step {step} of run {runs.run}" if message.run else f"step {trip.step} of the target, outside of runs"

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.fuzz import target
-from tests.soak import parts
+from tests.soak import parts, trips
 
 RESULTS = Path("results/soak.json")
 
@@ -46,7 +46,7 @@ def main() -> int:
             "link": parts.link,
             "same": lambda: parts.same(folder),
             "lifecycle": lambda: parts.lifecycle(folder),
-            "trips": lambda: parts.trips(folder, 2 if short else 50),
+            "trips": lambda: trips.trips(folder, parts.PAPER, 1 if short else 50),
             "kills": lambda: parts.kills(folder, 1 if short else 20),
             "bridge_fuzz": lambda: parts.bridge_fuzz(folder, 20_000 if short else 1_000_000),
             "target_fuzz": lambda: target_fuzz(200_000 if short else 10_000_000),
