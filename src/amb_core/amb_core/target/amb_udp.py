@@ -332,7 +332,7 @@ class AmbUdpLink(TargetLink):
 
     def _keep_up(self, now: float) -> None:
         """What is due by the clock."""
-        if now - self._heard > SILENCE:
+        if self._silent or now - self._heard > SILENCE:  # until it has described itself
             if not self._silent:
                 self._silent, self._pages = True, Pages()
                 self._deliver(self._order.flush())
