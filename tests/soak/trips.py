@@ -57,9 +57,8 @@ def _silence(session: Session) -> None:
     """Every frame to the target is lost for longer than it waits for its host."""
     _excite(session)
     _emulator("from_host.loss", 1.0)(session)
-    until = time.monotonic() + 1.5 * HOST_TIME
-    while time.monotonic() < until:
-        session.amb.spin_once(0.05)
+    rig = session.amb.rig  # whose telemetry goes on
+    rig.wait_for_step(int(rig.wait_for_state().step) + round(2.0 * HOST_TIME * 10_000))
     _emulator("from_host.loss", 0.0)(session)
 
 

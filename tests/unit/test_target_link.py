@@ -16,6 +16,7 @@ from amb_core.target import (
     ExcitationPhase,
     Limits,
     TargetDescription,
+    TargetLink,
     TargetSettings,
     TargetState,
     TargetStatus,
@@ -92,7 +93,7 @@ def link(served: ServedEmulator):
     link.close()
 
 
-def settled(link: AmbUdpLink, state: TargetState) -> TargetStatus:
+def settled(link: TargetLink, state: TargetState) -> TargetStatus:
     """The status of the target once it is in a state."""
     until = time.monotonic() + TIMEOUT
     while (status := link.status()).state is not state:
