@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident docs lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -59,9 +59,18 @@ bench-ident: setup .venv-peers/.complete  ## identification next to other packag
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@
 
+.venv-docs/.complete: docs/requirements.txt  # an environment of its own that sees the packages of .venv
+	@.venv/bin/python -m venv --clear .venv-docs && .venv-docs/bin/python -m pip install -q --disable-pip-version-check -r $<
+	@cd .venv-docs/lib/python3*/site-packages && ls -d ../../../../.venv/lib/python3*/site-packages > workbench.pth
+	@touch $@
+
+docs: setup .venv-docs/.complete  ## the documentation site, without network once set up; leaves results/docs/index.html
+	@$(RUN) .venv-docs/bin/python -m sphinx -q -W --keep-going -n -d results/docs-doctrees docs results/docs && \
+	  echo "results/docs/index.html"
+
 lint: setup  ## ruff, mypy and the direction of imports
 	@$(RUN) ruff check . && ruff format --check . && mypy && lint-imports
 
 clean:  ## remove everything that the targets above made
-	rm -rf .venv .venv-peers build install log results .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf .venv .venv-peers .venv-docs build install log results docs/repository docs/reference/api .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,4 +1,4 @@
-/* Reference target of AMB-UDP (docs/target-protocol.md): the control loop of a machine on active magnetic bearings.
+/* Reference target of AMB-UDP (docs/reference/target-protocol.md): the control loop of a machine on active magnetic bearings.
  *
  * amb_control_step runs in the sample interrupt, amb_poll in the background. Memory is static; see PORTING.md. */
 #ifndef AMB_TARGET_H

@@ -5,6 +5,25 @@ from glob import glob
 from setuptools import find_packages, setup
 
 NAME = "amb_core"
+REQUIRED = [  # versions that these allow; those that are tested are pinned in requirements.txt
+    "Jinja2>=3,<4",
+    "MarkupSafe>=3,<4",
+    "PyYAML>=6,<7",
+    "control>=0.10,<0.11",
+    "ctrlsys>=1.1,<2",
+    "dask>=2026.8",
+    "distributed>=2026.8",
+    "matplotlib>=3.11,<4",
+    "mcap>=1.6,<2",
+    "numba>=0.68",
+    "numpy>=2.4,<3",
+    "plotly>=6.9,<7",
+    "pydantic>=2.14,<3",
+    "rosbags>=0.11,<0.12",
+    "scipy>=1.17,<2",
+    "threadpoolctl>=3.6,<4",
+    "zstandard>=0.25",
+]
 
 setup(
     name=NAME,
@@ -27,7 +46,7 @@ setup(
         (f"share/{NAME}/target", sorted(glob("../../target/*.[ch]"))),  # for the target emulator
         (f"share/{NAME}/target/hosted", sorted(glob("../../target/hosted/*.[ch]"))),
     ],
-    install_requires=["setuptools"],
+    install_requires=REQUIRED,
     extras_require={"ross": ["ross-rotordynamics>=2.3,<3", "plotly<7"]},  # pinned in requirements-ross.txt
     zip_safe=False,
 )

@@ -20,7 +20,7 @@ from amb_core.files.parameter_files import RIG_NODES
 from amb_core.model import StateSpaceModel
 from amb_core.recording import Recording
 
-GUIDE = Path(__file__).parents[2] / "docs" / "commissioning.md"
+GUIDE = Path(__file__).parents[2] / "docs" / "how-to" / "commission-a-rig.md"
 PARAMETERS, WRONG_SIGN = re.findall(r"^```yaml\n(.*?)^```$", GUIDE.read_text(), re.DOTALL | re.MULTILINE)
 
 TIMEOUT = 540.0

@@ -1,4 +1,4 @@
-"""The node of docs/identify-from-a-node.md, taken from there, levitates the simulated bearing with its model."""
+"""The node of docs/how-to/own-controller.md, taken from there, levitates the simulated bearing with its model."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from tests.graph.bearing import Bearing
     from tests.graph.conftest import Graph
 
-PAGE = Path(__file__).parents[2] / "docs" / "identify-from-a-node.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "own-controller.md"
 SHAKEN_FROM = 1_000
 SQUARE = Square(amplitude=20e-6, duration=0.5, frequency=20.0, axes="in_turn")
 STEPS = 2_000
 
 
 def test_a_node_of_another_package_closes_the_loop_with_the_identified_model(graph: Graph, bearing: Bearing) -> None:
-    (code,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
+    _, code = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
     graph.start("amb_sim_node.simulator")
     pd_controller = graph.start("amb_controller_node.pd_controller")
     graph.start("amb_controller_node.excitation_generator")

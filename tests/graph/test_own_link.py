@@ -1,4 +1,4 @@
-"""The link of one's own that docs/rigs.md shows, behind the bridge."""
+"""The link of one's own that docs/how-to/connect-a-rig.md shows, behind the bridge."""
 
 from __future__ import annotations
 

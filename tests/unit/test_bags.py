@@ -340,6 +340,14 @@ def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
         BagWriter(tmp_path / "file" / "bag")
 
 
+def test_a_recorded_list_of_the_controller_is_read(tmp_path: Path) -> None:
+    given = ControllerParameters(nominal_reference=(0.0, 40e-6))
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/parameter_events", EVENT, definition(EVENT))
+        writer.write_parameters("/parameter_events", "/amb/pd_controller", given.model_dump(), 1)
+    assert Recording.read(tmp_path / "bag").controller_parameters() == given
+
+
 def test_telemetry_of_version_0_1_is_read(tmp_path: Path) -> None:
     """It had two axes with a field for each signal, and the sample rate among the parameters of the controller."""
     old = get_typestore(Stores.ROS2_JAZZY)

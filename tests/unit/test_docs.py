@@ -7,111 +7,41 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
 import pkgutil
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 import amb_core
-from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters, StateSpaceControllerParameters
-from amb_core.excitation import KINDS, Excitation
 from amb_core.files.parameter_files import KNOWN_NODES
-from amb_core.parameters import Declaration, Parameters, declarations, own_declarations
-from amb_ident_node.identifier import IdentifierParameters
-from amb_ident_node.recorder import RecorderParameters
-from amb_ident_node.region_monitor import RegionMonitorParameters
 from amb_ros import topics
-from amb_sim_node.parameters import BridgeParameters, SimulatorParameters, TargetEmulatorParameters
+from docs.generators.links import PAGES as PAGES_OF_THE_REPOSITORY
+from docs.generators.modules import FOLDER as GENERATED_PAGES
+from docs.generators.tables import TABLE, TABLES, with_current_tables
 
 ROOT = Path(__file__).parents[2]
 NODE_PACKAGES = ("amb_sim_node", "amb_controller_node", "amb_ident_node")
 PACKAGES = ("amb_msgs", *NODE_PACKAGES, "src/amb_core", "src/amb_ros", "src/amb_bringup")
 READMES = [ROOT / "README.md", *(ROOT / package / "README.md" for package in PACKAGES)]
-PAGES = [*READMES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = [
+    page
+    for page in sorted((ROOT / "docs").rglob("*.md"))
+    if page not in PAGES_OF_THE_REPOSITORY.values() and page.parent != GENERATED_PAGES
+]
+PAGES = [*READMES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *DOCS]
 SECTIONS = ["Purpose", "Design", "Assumptions and known limits", "Inputs and outputs", "Parameters", "Examples"]
 UNITS = {"-", "A", "A, m", "Hz", "N", "T", "m", "m/A", "m/s", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
 
-TABLE = re.compile(r"(<!-- parameters: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 TOPIC_NAMES = {
     name: value for name, value in vars(topics).items() if name.isupper() and name not in ("NAMESPACE", "CLOCK")
 }
 
 
 # -- tables from declarations
-
-
-def parameter_table(parameters: type[Parameters]) -> str:
-    lines = [
-        "| name | default | unit | allowed | description | change |",
-        "|---|---|---|---|---|---|",
-    ]
-    for item in own_declarations(parameters):
-        change = "runtime" if item.runtime else "read-only"
-        cells = (f"`{item.name}`", _value(item.default), item.unit, _allowed(item), item.description, change)
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
-
-
-def excitation_table(_: type[Parameters]) -> str:
-    """The kinds of excitation by field; empty where a kind does not have it."""
-    names = list(dict.fromkeys(name for kind in KINDS.values() for name in kind.model_fields))
-    lines = [f"| field | {' | '.join(KINDS)} |", "|---" * (len(KINDS) + 1) + "|"]
-    for name in names:
-        cells = [_field(kind, name) for kind in KINDS.values()]
-        lines.append(f"| `{name}` | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
-
-
-TABLES: dict[str, tuple[Callable[[type[Parameters]], str], type[Parameters]]] = {
-    **{
-        parameters.__name__: (parameter_table, parameters)
-        for parameters in (
-            SimulatorParameters,
-            BridgeParameters,
-            TargetEmulatorParameters,
-            PdControllerParameters,
-            StateSpaceControllerParameters,
-            GeneratorParameters,
-            RecorderParameters,
-            RegionMonitorParameters,
-            IdentifierParameters,
-        )
-    },
-    "excitations": (excitation_table, Excitation),
-}
-
-
-def with_current_tables(text: str) -> str:
-    def render(match: re.Match[str]) -> str:
-        make, parameters = TABLES[match[2]]
-        return match[1] + make(parameters) + match[3]
-
-    return TABLE.sub(render, text)
-
-
-def _value(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _allowed(item: Declaration) -> str:
-    if item.choices:
-        return ", ".join(item.choices)
-    if item.minimum is None or item.maximum is None:
-        return item.allowed
-    return " to ".join(f"{bound:d}" if item.type is int else f"{bound:g}" for bound in (item.minimum, item.maximum))
-
-
-def _field(kind: type[Excitation], name: str) -> str:
-    field = kind.model_fields.get(name)
-    if field is None:
-        return ""
-    if field.is_required():
-        return "required"
-    unit = next(item.unit for item in declarations(kind) if item.name == name)
-    return "none" if field.default == () else f"{_value(field.default)} {'' if unit == '-' else unit}".strip()
 
 
 @pytest.mark.parametrize("readme", READMES, ids=lambda path: path.parent.name)
@@ -154,9 +84,25 @@ def _anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-def test_every_page_and_image_is_linked_from_a_page() -> None:
+def test_every_image_is_shown_on_a_page() -> None:
     text = "".join(page.read_text() for page in PAGES)
-    assert not {path.name for path in (ROOT / "docs").rglob("*.*") if path.name not in text}
+    assert not {path.name for path in (ROOT / "docs" / "images").iterdir() if path.name not in text}
+
+
+def test_every_page_is_in_the_tree_of_the_site_once() -> None:
+    listed = [entry for page in DOCS for entry in listed_in(page)]
+    assert len(listed) == len(set(listed))
+    assert set(DOCS) == {path for path in listed if path in DOCS} | {ROOT / "docs" / "index.md"}
+    shown = {*DOCS, *PAGES_OF_THE_REPOSITORY.values()}
+    assert not {path for path in listed if path not in shown}
+
+
+def listed_in(page: Path) -> Iterator[Path]:
+    """The pages in the tables of contents of a page of the site; a pattern stands for generated pages."""
+    for tree in re.findall(r"^```{toctree}\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE):
+        for entry in tree.splitlines():
+            if not entry.startswith(":") and re.fullmatch(r"[\w./-]+", entry) and "*" not in entry:
+                yield Path(os.path.normpath(page.parent / f"{entry}.md"))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -6,7 +6,6 @@ import importlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import click
 import pytest
@@ -14,33 +13,24 @@ import yaml
 from typer.main import get_command
 
 from amb_bringup.cli import COMMANDS as LISTED
-from amb_bringup.cli import LateCommand, app
+from amb_bringup.cli import app
+from docs.generators.commands import commands
+from docs.generators.links import PAGES as PAGES_OF_THE_REPOSITORY
+from docs.generators.modules import FOLDER
 
 ROOT = Path(__file__).parents[2]
+GENERATED = set(PAGES_OF_THE_REPOSITORY.values())
 PAGES = sorted(
-    [ROOT / "README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("amb_*/README.md"), *ROOT.glob("src/*/README.md")]
+    page
+    for pattern in ("README.md", "docs/**/*.md", "amb_*/README.md", "src/*/README.md")
+    for page in ROOT.glob(pattern)
+    if page not in GENERATED and page.parent != FOLDER
 )
 AMB = re.compile(r"(?:^|`)(amb [a-z][^`\n]*)", re.MULTILINE)
 ROS_CALL = re.compile(r"^ros2 (?:service call|action send_goal(?: --feedback)?) (/amb/\S+) (\S+)(?: \"(.*?)\")?$")
 
 
-def commands() -> dict[str, click.Command]:
-    """Commands by full name, groups left out."""
-    found: dict[str, click.Command] = {}
-
-    def walk(name: str, command: Any) -> None:
-        command = command.load() if isinstance(command, LateCommand) else command
-        parts = getattr(command, "commands", None)
-        if parts is None:
-            found[name] = command
-        for part, subcommand in (parts or {}).items():
-            walk(f"{name} {part}", subcommand)
-
-    walk("amb", get_command(app))
-    return found
-
-
-COMMANDS = commands()
+COMMANDS = dict(commands())
 
 
 @pytest.mark.parametrize("name", LISTED)

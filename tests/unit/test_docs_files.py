@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 FILE = re.compile(r"(?<![\w./-])(?:[\w-]+/)*[\w-]+(?:_bag|/bag|\.yaml|\.json|\.npz)(?![\w/])")
 MADE_BY_DEMO = {"results/demo/bag"}  # `make demo`, in the quick start
-OUTPUT = re.compile(r"(?:--out|--figures|cp \S+|start_recording\(|>)\s*\"?([\w./-]+)")
+OUTPUT = re.compile(r"(?:--out|--figures|cp \S+|amb new|start_recording\(|>)\s*\"?([\w./-]+)")
 
 
 def test_every_file_is_made_before_it_is_used() -> None:

@@ -1,6 +1,6 @@
 """Excitation check: spectra on a map, shares of the power, loads, and what the map does not tell.
 
-`data/paper_map.json` has the regions of the paper's bearing that docs/regions.md lists: seven sweeps on y.
+`data/paper_map.json` has the regions of the paper's bearing that docs/explanation/regions.md lists: seven sweeps on y.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The link of one's own that docs/rigs.md shows, as the page shows it: what it delivers is the loop, bit for bit."""
+"""The link of one's own that docs/how-to/connect-a-rig.md shows, as the page shows it: what it delivers is the loop, bit for bit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from amb_sim_node.parameters import LinkParameters
 from amb_sim_node.rig_link import link_of
 from tests.unit.test_target_link import Listener, settled
 
-PAGE = Path(__file__).parents[2] / "docs" / "rigs.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "connect-a-rig.md"
 NOISE = np.random.default_rng(1).normal(0.0, 2e-6, (200, 2))
 
 

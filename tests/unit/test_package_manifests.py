@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = [path.parent for path in sorted([*ROOT.glob("amb_*/setup.py"), *ROOT.glob("src/amb_*/setup.py")])]
@@ -24,6 +25,7 @@ ROSDEP_KEYS = {
     "yaml": "python3-yaml",
 }
 FROM_PYPI = {"control", "ctrlsys", "dask", "distributed", "mcap", "plotly", "pydantic", "threadpoolctl", "zstandard"}
+DISTRIBUTIONS = {"yaml": "pyyaml"}  # names on PyPI that differ from those of the modules
 NOT_IMPORTED = {"amb_ident_node", "launch_ros", "launch_yaml"}  # what launch files need, dependencies of amb_bringup
 
 
@@ -45,6 +47,21 @@ def test_imports_are_dependencies_and_dependencies_are_imported(package: Path) -
     declared = {item.text for tag in ("depend", "exec_depend") for item in manifest.findall(tag)}
     needed = {ROSDEP_KEYS.get(name, name) for name in imported(package) - FROM_PYPI}
     assert declared - NOT_IMPORTED == needed - NOT_IMPORTED
+
+
+def test_amb_core_asks_pip_for_what_it_imports_at_versions_that_are_tested() -> None:
+    script = ast.parse((ROOT / "src" / "amb_core" / "setup.py").read_text())
+    (listed,) = (
+        node.value
+        for node in script.body
+        if isinstance(node, ast.Assign)
+        and [name.id for name in node.targets if isinstance(name, ast.Name)] == ["REQUIRED"]
+    )
+    required = {item.name.lower(): item for item in map(Requirement, ast.literal_eval(listed))}
+    assert set(required) == {DISTRIBUTIONS.get(name, name) for name in imported(ROOT / "src" / "amb_core")}
+    lines = (ROOT / "requirements.txt").read_text().splitlines()
+    pinned = dict(line.split("#")[0].split(";")[0].strip().lower().split("==") for line in lines if "==" in line)
+    assert not {name: pinned[name] for name, item in required.items() if pinned[name] not in item.specifier}
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)

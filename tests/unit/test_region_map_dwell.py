@@ -46,8 +46,8 @@ def test_a_start_at_the_final_frequency_is_a_plain_sine() -> None:
 
 @pytest.mark.parametrize(
     ("frequency", "region"),
-    # In the sweep of 25 um B begins at 242 Hz and D at 684 Hz (docs/regions.md); the equilibria of the mean position
-    # lie 3.3 um and 13.4 um below the one at rest at 200 and 300 Hz.
+    # In the sweep of 25 um B begins at 242 Hz and D at 684 Hz (docs/explanation/regions.md); the equilibria of the mean
+    # position lie 3.3 um and 13.4 um below the one at rest at 200 and 300 Hz.
     [(200.0, Region.A), (300.0, Region.B), (900.0, Region.D)],
 )
 def test_a_fixed_sine_is_in_the_region_that_the_sweep_shows_there(frequency: float, region: Region) -> None:

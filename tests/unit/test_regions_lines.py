@@ -107,8 +107,8 @@ def test_frequencies_must_be_positive(frequency: float) -> None:
         lines.bias_limit(frequency, CONTROLLER, BIAS)
 
 
-@pytest.mark.parametrize("page", ["regions.md", "excitation.md"])
+@pytest.mark.parametrize("page", ["region-maps.md", "excitation.md"])
 def test_pages_tell_the_static_current_of_the_papers_bearing(page: str) -> None:
     current = CONTROLLER.proportional_gain * abs(describe(PlantParameters(), CONTROLLER).sag)
-    text = (Path(__file__).parents[2] / "docs" / page).read_text()
+    text = (Path(__file__).parents[2] / "docs" / "explanation" / page).read_text()
     assert re.findall(r"(?:\(|with )(\d\.\d\d) A(?:\),| of 3 A)", text) == [f"{current:.2f}"]

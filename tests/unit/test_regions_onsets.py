@@ -73,7 +73,7 @@ def test_planted_onsets_are_found_in_200_cases() -> None:
     [(0.0, 1.0, 0.25), (0.3, 1.0, 1.0), (0.0, 1.0 / 60.0, 0.5), (0.3, 1.0 / 60.0, 2.5)],
 )
 def test_noise_raises_as_many_alarms_as_told(correlation: float, rate: float, factor: float) -> None:
-    """As many of those stated as docs/regions.md tells, with room for chance; correlated noise raises more of them."""
+    """As many as docs/explanation/regions.md states, with room for chance; correlated noise raises more of them."""
     noise = lfilter([1.0], [1.0, -correlation], np.random.default_rng(5).normal(scale=1e-6, size=60_000))
     interval = 0.01
     test = TrendTest(24, interval, rate)

@@ -179,7 +179,7 @@ def test_a_key_does_not_show_in_messages() -> None:
 
 
 def test_the_document_gives_every_number_its_name() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "target-protocol.md").read_text()
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "target-protocol.md").read_text()
     for kind in FrameType:
         assert re.search(rf"(\| |\*\*)0x{int(kind):02X}( \| | ){kind.name}\b", text), kind
     for code in Code:

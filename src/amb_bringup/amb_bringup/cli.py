@@ -29,6 +29,18 @@ COMMANDS = {
         "graph:run",
         "Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...).",
     ),
+    "new": (
+        "new:new",
+        "Write a parameter file of your own bearing, with PD gains that levitate it.",
+    ),
+    "tune": (
+        "tune:app",
+        "Suggest PD gains, or draw which are stable.",
+    ),
+    "experiment": (
+        "experiment:experiment",
+        "Levitate, excite, record, land and report: experiments from start to end.",
+    ),
     "identify": (
         "identify:identify",
         "Identify the plant from the last experiment of each bag, and check the model in closed loop on the same data.",
@@ -109,10 +121,13 @@ class LateCommand(TyperCommand):
         module, name = self._place.split(":")
         with leaving_at_once():
             found = getattr(importlib.import_module(f"amb_bringup.commands.{module}"), name)
+            from amb_bringup.commands.options import with_changes
         if isinstance(found, typer.Typer):
+            for command in found.registered_commands:
+                command.callback = with_changes(command.callback) if command.callback else None
             return get_command(found)
         app = typer.Typer(add_completion=False)
-        app.command(self.name, context_settings=PASSING_ON if self.name == "run" else None)(found)
+        app.command(self.name, context_settings=PASSING_ON if self.name == "run" else None)(with_changes(found))
         return get_command(app)
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:

@@ -18,7 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from amb_bringup.connection import ClientError, GraphConnection
+from amb_bringup.experiment import Experiment, ExperimentRun, Progress, carry_out
 from amb_bringup.rig import Rig
+from amb_core.excitation import excitation_from_request
 from amb_core.files.parameter_files import BRIDGE_NODE, NODES
 from amb_core.identification import IdentificationProgress, StateSpaceModel
 from amb_core.recording.messages.region_map import region_map_from_message
@@ -47,7 +49,7 @@ if TYPE_CHECKING:
     from amb_core.regions import Region, RegionState
     from amb_core.regions.region_map import MapProgress, RegionMap
 
-__all__ = ["NODES", "AmbClient", "ClientError", "RunEnd", "StartedExcitation"]
+__all__ = ["NODES", "AmbClient", "ClientError", "Experiment", "ExperimentRun", "RunEnd", "StartedExcitation"]
 
 EXCITATION_TIMEOUT = 120.0  # s; generator and controller may have to search for the phases of a long multisine
 
@@ -216,6 +218,45 @@ class AmbClient(GraphConnection):
             map=_absolute(region_map),
             **_known(PreviewExcitation.Request, settings),
         )
+
+    # -- experiments
+
+    def experiment(
+        self,
+        kind: str | Sequence[Experiment],
+        bag: str | Path | None = None,
+        progress: Progress = lambda *_: None,
+        **settings: Any,
+    ) -> list[ExperimentRun]:
+        """Levitate, excite, record, land: an experiment from start to end, or several, on simulator or rig.
+
+        Parameters
+        ----------
+        kind : str or sequence of Experiment
+            Kind of the excitation, with `settings`; or several experiments.
+        bag : str or Path, optional
+            New folder in which everything is recorded.
+        progress : callable, optional
+            Called with the name of the stage, the number of finished steps and the number of all steps.
+        **settings
+            Fields of the excitation in SI units: amplitude, duration, axes, ...
+
+        Returns
+        -------
+        list of ExperimentRun
+            Run, first step and number of steps of each.
+
+        Raises
+        ------
+        AmbError
+            If an excitation is wrong, a node fails, the rotor falls, or a target trips; the rotor is landed, the bag
+            closed.
+        """
+        if isinstance(kind, str):
+            return carry_out(self, [Experiment(kind, excitation_from_request(kind, settings))], bag, progress)
+        if settings:
+            raise ClientError(f"settings are for one kind of excitation; not allowed here: {', '.join(settings)}")
+        return carry_out(self, kind, bag, progress)
 
     # -- regions
 

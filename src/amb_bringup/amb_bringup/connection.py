@@ -80,11 +80,16 @@ class GraphConnection:
         """Leave the graph."""
         self._leave()
 
-    def wait_for_nodes(self) -> None:
-        """Wait until all nodes of the graph are available."""
+    def wait_for_nodes(self, check: Callable[[], None] = lambda: None) -> None:
+        """Wait until all nodes of the graph are available; `check` is called while waiting, and may raise an error."""
         for name in self._nodes:
             client = self.node.create_client(GetParameters, f"{name}/get_parameters")
-            self.wait_until(client.service_is_ready, complaint=f"node {name} did not appear; is it running?")
+
+            def ready(client: Any = client) -> bool:
+                check()
+                return bool(client.service_is_ready())
+
+            self.wait_until(ready, complaint=f"node {name} did not appear; is it running?")
             self.node.destroy_client(client)
 
     def wait_until(

@@ -10,15 +10,8 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from amb_bringup.demo_run import (
-    SETTLING_STEPS,
-    Experiment,
-    Progress,
-    after_settling,
-    controller_of,
-    plant_of,
-    run_graph,
-)
+from amb_bringup.demo_run import after_settling, controller_of, plant_of, run_graph
+from amb_bringup.experiment import SETTLING_STEPS, Experiment, Progress
 from amb_core.excitation import Square, generate
 from amb_core.figures import save_loop_figures
 from amb_core.identification import StateSpaceModel, simulate_closed_loop

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_bringup.client import AmbClient
+from amb_bringup.experiment import SETTLING_STEPS, Experiment, Progress, SimulatorStand, landing
 from amb_bringup.launcher import Graph, launch_file
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.errors import AmbError
 from amb_core.excitation import Excitation, generate
 from amb_core.identification import Focus, StateSpaceModel
 from amb_core.loop.control import ControllerParameters
@@ -24,19 +22,7 @@ from amb_core.plant import Plant
 from amb_core.recording import Recording
 from amb_sim_node.parameters import SimulatorParameters
 
-SETTLING_STEPS = 2_000  # the rotor falls to its sag and comes to rest within a few periods of 63 Hz
 PATIENCE = 120.0  # s; longest wait for the nodes, which start all at once, on a machine that has other work too
-
-Progress = Callable[[str, int, int], None]
-"""Called with the name of the stage, the number of finished steps and the number of all steps."""
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """An excitation from step `SETTLING_STEPS` of a run, and the name of its stage."""
-
-    name: str
-    excitation: Excitation
 
 
 @dataclass(frozen=True)
@@ -87,35 +73,18 @@ def run_graph(
         Graph.from_launch_file(launch_file("bearing"), {"params": str(parameter_file)}, environment) as graph,
         AmbClient(domain_id=domain_id, timeout=PATIENCE) as amb,
     ):
-        amb.start_recording(str(bag.absolute()))
-        runs, walls = [], []
-        for experiment in experiments:
-            run, steps, wall = _run(amb, experiment, progress)
-            runs.append(run)
-            walls.append(wall)
-        model = amb.identify(
-            order=order,
-            focus=focus,
-            progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total),
-        )
-        amb.stop_recording(runs[-1], steps)
+        stand = SimulatorStand(amb, progress)
+        amb.start_recording(bag)
+        with landing(stand, recorded=True):
+            done = [stand.excite(experiment) for experiment in experiments]
+            model = amb.identify(
+                order=order,
+                focus=focus,
+                progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total),
+            )
         graph.check()
         processes = len(graph.processes)
-    return GraphRun(Recording.read(bag), runs, model, steps, walls[-2], processes)
-
-
-def _run(amb: AmbClient, experiment: Experiment, progress: Progress) -> tuple[int, int, float]:
-    """Reset, excite after settling, run to the end. Returns the run, its steps and their wall-clock time (s)."""
-    name, excitation = experiment.name, experiment.excitation
-    run = amb.reset()
-    started = amb.start_excitation(excitation.kind, first_step=SETTLING_STEPS, **excitation.model_dump())
-    steps = started.first_step + started.steps
-    progress(name, 0, steps)
-    began = time.monotonic()
-    end = amb.run(steps, lambda step: progress(name, step, steps))
-    if end.delevitated:
-        raise AmbError(f"{name}: the rotor delevitated before step {end.step}")
-    return run, steps, time.monotonic() - began
+    return GraphRun(Recording.read(bag), [item.run for item in done], model, done[-1].end, done[-2].wall, processes)
 
 
 def plant_of(parameter_file: Path) -> Plant:

@@ -12,16 +12,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from amb_bringup.demo_run import (
-    SETTLING_STEPS,
-    Experiment,
-    Progress,
-    after_settling,
-    controller_of,
-    plant_of,
-    run_graph,
-    samples_of,
-)
+from amb_bringup.demo_run import after_settling, controller_of, plant_of, run_graph, samples_of
+from amb_bringup.experiment import SETTLING_STEPS, Experiment, Progress
 from amb_core.excitation import Multisine
 from amb_core.figures import bode_chart, save_loop_figures
 from amb_core.identification import response_of, simulate_closed_loop

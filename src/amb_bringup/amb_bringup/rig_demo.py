@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from amb_bringup.client import AmbClient
-from amb_bringup.demo_run import Progress, controller_of, plant_of
+from amb_bringup.demo_run import controller_of, plant_of
+from amb_bringup.experiment import Experiment, Progress, RigStand, landing
 from amb_bringup.launcher import Graph, launch_file
 from amb_core import machine_experiment
 from amb_core.errors import AmbError, ExcitationError
@@ -34,7 +33,6 @@ from amb_ros import topics
 from amb_ros.qos import HISTORY
 from amb_ros.subscriptions import create_subscription
 
-SETTLING = 0.5  # s after levitation, and after each excitation
 SWEEP_AMPLITUDE = 4e-6  # m: well inside region A of the bearings of this project
 SWEEP_BAND = 5.0, 200.0  # Hz
 SWEEP_DURATION = 10.0  # s: what an emulated target has room for with four axes
@@ -85,7 +83,7 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
     domain_id : int
         DDS domain in which the graph is started.
     progress : callable
-        See `amb_bringup.demo_run.Progress`.
+        See `amb_bringup.experiment.Progress`.
 
     Raises
     ------
@@ -102,17 +100,13 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
         Graph.from_launch_file(launch_file("rig"), arguments, {"ROS_DOMAIN_ID": str(domain_id)}) as graph,
         AmbClient(domain_id=domain_id, nodes=RIG_NODES) as amb,
     ):
-        highest = _HighestRegion(amb)
-        progress("connect", 0, 1)
-        amb.rig.connect()
-        progress("connect", 1, 1)
+        highest, stand = _HighestRegion(amb), RigStand(amb, progress)
+        stand.prepare()
         bag = amb.start_recording(folder / "bag")
-        progress("levitate", 0, 1)
-        run = amb.rig.levitate()
-        progress("levitate", 1, 1)
-        with _landing(amb, progress):
+        with landing(stand, recorded=True):
+            stand.levitate()
             for excitation in excitations:
-                _excite(amb, excitation, 1.0 / plant.sample_time, progress)
+                run = stand.excite(Experiment(excitation.kind, excitation)).run
                 highest.require_a(excitation.kind)
             model = amb.identify(
                 order=machine_experiment.model_order(plant.parameters),
@@ -120,7 +114,6 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
                 progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total),
             )
         state = amb.rig.wait_for_state()
-        amb.stop_recording(run, int(state.step))
         graph.check()
     model.save(folder / "model.json")
     error = response_error(model, linearize(plant, controller).discrete)
@@ -170,32 +163,6 @@ def _load_on_a_map(
         if found.load >= 1.0:
             raise ExcitationError(f"the {excitation.kind} may leave region A on {found.axis}: load {found.load:.2f}")
     return max(found.load for found in loads)
-
-
-@contextmanager
-def _landing(amb: AmbClient, progress: Progress) -> Iterator[None]:
-    """Land at the end, also after an error or Ctrl-C: a rotor is never left levitated by a session that has ended."""
-    try:
-        yield
-    finally:
-        progress("land", 0, 1)
-        if amb.rig.life_cycle() == "active":
-            amb.rig.land()
-        progress("land", 1, 1)
-
-
-def _excite(amb: AmbClient, excitation: Excitation, sample_rate: float, progress: Progress) -> None:
-    """Apply an excitation and wait until the rotor has come to rest after it."""
-    rest = round(SETTLING * sample_rate)
-    amb.rig.wait_for_step(int(amb.rig.wait_for_state().step) + rest)
-    started = amb.start_excitation(excitation.kind, **excitation.model_dump())
-    progress(excitation.kind, 0, started.steps)
-    end = started.first_step + started.steps + rest
-    amb.rig.wait_for_step(
-        end,
-        lambda step: progress(excitation.kind, min(max(step - started.first_step, 0), started.steps), started.steps),
-    )
-    progress(excitation.kind, started.steps, started.steps)
 
 
 class _HighestRegion:

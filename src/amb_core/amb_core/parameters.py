@@ -53,6 +53,11 @@ def quantity(
     )
 
 
+def required(unit: str, description: str, minimum: float, maximum: float) -> Any:
+    """Declare a number that has no default, with its unit and closed range."""
+    return Field(ge=minimum, le=maximum, description=description, json_schema_extra={"unit": unit})
+
+
 def of_machine(
     default: float, unit: str, description: str, minimum: float, maximum: float, *, simulator_parameter: str
 ) -> Any:

@@ -78,7 +78,7 @@ def record(case: Case) -> LoopRecord:
     law, reference, errors = PdController(CONTROLLER, axes), *np.zeros((2, WARM_UP + STEPS, axes))
     reference[WARM_UP:, :2] = _excitation(excitation, int(random.integers(1 << 30)))
     errors[:, :2] = noise * random.normal(size=(len(errors), 2))
-    position, current = np.empty_like(reference), np.zeros((len(reference) + case.delay, 2))
+    position, current = np.empty_like(reference), np.zeros((len(reference) + case.delay, axes))
     for step, wanted in enumerate(reference):
         position[step] = plant.position + errors[step]
         answer = law.update(position[step], wanted)

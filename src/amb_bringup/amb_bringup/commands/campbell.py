@@ -11,9 +11,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.commands.inputs import load_changed_loop
+from amb_bringup.commands.inputs import load_loop
 from amb_bringup.commands.interrupt import Interrupt
-from amb_bringup.commands.options import ChangeOption, ParamsOption, declared_options
+from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import ResultError, make_folder, write_json
 from amb_bringup.exit_codes import INTERRUPTED
@@ -33,7 +33,6 @@ COLUMNS = (
 def campbell(
     given: dict[str, Any],
     params: ParamsOption = None,
-    change: ChangeOption = None,
     max_speed: Annotated[float, typer.Option(help="Highest running speed, in rpm.", min=1.0, max=300_000.0)] = 6_000.0,
     speeds: Annotated[int, typer.Option(help="Number of running speeds, from 0 to the highest.", min=2, max=1000)] = 4,
     at: Annotated[
@@ -58,7 +57,7 @@ def campbell(
     Each experiment is simulated: an orthogonal multisine on all axes of the machine, in the loop without ROS. Finished
     models are kept. The same command resumes after an interruption.
     """
-    plant, controller = load_changed_loop(params, change or [])
+    plant, controller = load_loop(params)
     settings = validate(SpeedSettings, given)
     wanted = np.linspace(0.0, max_speed, speeds) if at is None else np.array(_speeds(at))
     make_folder(out)

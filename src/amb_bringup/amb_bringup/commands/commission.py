@@ -55,7 +55,7 @@ def commission(
 
     Starts the nodes of the rig with the parameter file, so `amb rig up` must not run. Asks before the rotor is moved.
     After a step that fails, and after Ctrl-C, the rotor is landed. Results of an earlier session in the folder are
-    replaced. Exit code 0 if no step failed, 3 if one did. See docs/commissioning.md.
+    replaced. Exit code 0 if no step failed, 3 if one did. See docs/how-to/commission-a-rig.md.
     """
     console = Console()
     path = parameter_file(params).absolute()

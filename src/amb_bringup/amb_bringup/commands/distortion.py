@@ -9,8 +9,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.commands.inputs import load_changed_loop
-from amb_bringup.commands.options import ChangeOption, ParamsOption, declared_options
+from amb_bringup.commands.inputs import load_loop
+from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.validate import FirstStepOption, RunOption, StepsOption
@@ -39,7 +39,6 @@ def distortion(
     first_step: FirstStepOption = -1,
     steps: StepsOption = 0,
     params: ParamsOption = None,
-    change: ChangeOption = None,
     out: Annotated[Path, typer.Option(help="Folder for summary.json and figures.")] = Path("results/distortion"),
 ) -> None:
     """Measure nonlinear distortion: how much of the rotor's motion no linear model can explain.
@@ -51,10 +50,10 @@ def distortion(
     console = Console()
     if recording is None:
         _refuse("a recording", {"--run": run is not None, "--first-step": first_step != -1, "--steps": steps != 0})
-        _simulate(console, part_of(DistortionSettings, given), *load_changed_loop(params, change or []), out)
+        _simulate(console, part_of(DistortionSettings, given), *load_loop(params), out)
     else:
         names = {f"--{name.replace('_', '-')}": True for name in given}
-        _refuse("the simulation", names | {"--params": params is not None, "--set": bool(change)})
+        _refuse("the simulation", names | {"--params or --set": params is not None})
         _measure(console, recording, run, first_step, steps, out)
 
 

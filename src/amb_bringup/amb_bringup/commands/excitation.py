@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.commands.inputs import load_loop, load_regions
-from amb_bringup.commands.options import declared_options
+from amb_bringup.commands.options import declared_options, quantity_option
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
 from amb_core.errors import RegionError
@@ -49,7 +49,7 @@ NOTES = {"phasing": "by default optimised", "interleaved": "by default true with
 MapFile = Annotated[Path, typer.Option("--map", help="Region map, as `amb map` writes it.")]
 LoopParams = Annotated[
     Path | None,
-    typer.Option(help="Parameter file of all nodes, instead of the loop the map was made with."),
+    typer.Option(help="Parameter file of all nodes.", show_default="the loop that the map was made with"),
 ]
 Out = Annotated[Path, typer.Option(help="Folder for summary.json and figures.")]
 
@@ -109,8 +109,8 @@ def design(
         int | None,
         typer.Option(help="States of a model that must be identifiable (-). By default that order is reported only."),
     ] = None,
-    margin: Annotated[float, typer.Option(help="Amplitude over the largest within the limits (-).")] = 0.9,
-    tolerance: Annotated[float, typer.Option(help="Relative error of that largest amplitude (-).")] = 0.02,
+    margin: Annotated[float, quantity_option("-", "Amplitude over the largest within the limits (-).")] = 0.9,
+    tolerance: Annotated[float, quantity_option("-", "Relative error of that largest amplitude (-).")] = 0.02,
     map_file: MapFile = Path("results/map/map.json"),
     params: LoopParams = None,
     out: Out = Path("results/excitation/design"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -10,12 +9,11 @@ import yaml
 
 from amb_bringup.packages import share_folder
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.errors import IdentificationError, ParameterError
+from amb_core.errors import IdentificationError
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import Parameters, load_parameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import RegionParameters
-from amb_core.simulation.parameters import with_values
 from amb_ident_node.region_monitor import RegionMonitorParameters
 from amb_sim_node.parameters import SimulatorParameters
 
@@ -34,17 +32,6 @@ def load_loop(params: Path | None) -> tuple[PlantParameters, ControllerParameter
         _part(PlantParameters, SimulatorParameters, path, "simulator"),
         _part(ControllerParameters, PdControllerParameters, path, "pd_controller"),
     )
-
-
-def load_changed_loop(params: Path | None, change: Sequence[str]) -> tuple[PlantParameters, ControllerParameters]:
-    """The same with other values of some parameters, each as `NAME=VALUE`; ParameterError where one is not."""
-    values = {}
-    for text in change:
-        name, sign, value = text.partition("=")
-        if not (name and sign and value):
-            raise ParameterError(f"--set {text}: must be a name and its value, as controller.current_limit=10")
-        values[name] = typed_value(value)
-    return with_values(*load_loop(params), values)
 
 
 def load_regions(params: Path | None) -> RegionParameters:

@@ -5,11 +5,16 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from amb_bringup.commands.inputs import parameter_file
+from amb_bringup.parameter_changes import changed_file
+from amb_core.errors import ParameterError
 from amb_core.parameters import Declaration, Parameters, declarations
+from amb_core.units import quantity_of
 
 ParamsOption = Annotated[Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.")]
 
@@ -17,12 +22,83 @@ ChangeOption = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
-        help="Parameter with another value, as rotor.gravity=0 or controller.current_limit=10; may be repeated.",
+        help="Parameter with another value, as rotor.gravity=0, rotor.mass=8kg or controller.current_limit=10; may be "
+        "repeated.",
         metavar="NAME=VALUE",
     ),
 ]
 
 Command = Callable[..., None]
+CHANGES = "changes"  # the option --set among the parameters of a command
+
+QUANTITY = "NUMBER[UNIT]"
+"""How the help shows what a `Quantity` takes."""
+
+
+class Quantity:
+    """The type of all options that take quantities: a number in the declared unit, or one with its unit, as 10um."""
+
+    __name__ = "quantity"
+
+    def __init__(self, unit: str) -> None:
+        self._unit = unit
+
+    def __call__(self, text: str | float) -> float:
+        """The value in the declared unit."""
+        try:
+            return quantity_of(str(text), self._unit)
+        except ParameterError as problem:
+            raise typer.BadParameter(str(problem)) from None
+
+
+def quantity_option(unit: str, help: str) -> Any:
+    """An option that takes a quantity of a declared unit."""
+    return typer.Option(help=help, parser=Quantity(unit), metavar=QUANTITY)
+
+
+def with_changes(command: Command) -> Command:
+    """Give a command that takes a parameter file, `params`, the option --set; it receives the path of a changed file.
+
+    That file exists while the command runs. A command without `params`, or with the option, is returned as it is.
+    """
+    signature = inspect.signature(command)
+    if "params" not in signature.parameters or CHANGES in signature.parameters:
+        return command
+    hints = get_type_hints(command, include_extras=True)
+    without = _default_in_words(hints["params"])
+
+    def run(**values: Any) -> None:
+        changes, params = values.pop(CHANGES), values["params"]
+        if not changes:
+            command(**values)
+            return
+        if params is None and without:
+            raise ParameterError(f"--set needs --params FILE here; without it there is {without}")
+        base = parameter_file(params)
+        with TemporaryDirectory(prefix="amb-") as folder:
+            path = Path(folder) / base.name
+            changed_file(base, changes, path)
+            command(**values | {"params": path})
+
+    own = [
+        item.replace(annotation=hints[item.name], kind=inspect.Parameter.KEYWORD_ONLY)
+        for item in signature.parameters.values()
+    ]
+    place = next(number for number, item in enumerate(own) if item.name == "params")
+    option = inspect.Parameter(CHANGES, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=ChangeOption)
+    own.insert(place + 1, option)
+    run.__name__, run.__doc__ = command.__name__, command.__doc__
+    run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
+    run.__annotations__ = {item.name: item.annotation for item in own}
+    return run
+
+
+def _default_in_words(annotation: Any) -> str:
+    """What a command uses without its parameter file, where that is no file."""
+    for item in getattr(annotation, "__metadata__", ()):
+        if isinstance(getattr(item, "show_default", None), str):
+            return str(item.show_default)
+    return ""
 
 
 def declared_options(
@@ -93,7 +169,8 @@ def _option(declared: Mapping[str, Declaration], panel: str, note: str) -> inspe
     """The option of a parameter as each kind of set declares it."""
     item = next(iter(declared.values()))
     kind: Any = item.type if item.type in (bool, int, float, str) else list[float]
-    option = typer.Option(help=_help(declared, note), rich_help_panel=panel, show_default=False)
+    parsing: Any = {} if item.type in (bool, int, str) else {"parser": Quantity(item.unit), "metavar": QUANTITY}
+    option = typer.Option(help=_help(declared, note), rich_help_panel=panel, show_default=False, **parsing)
     return inspect.Parameter(
         item.name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind | None, option]
     )

@@ -11,8 +11,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.commands.inputs import load_changed_loop, parameter_file
-from amb_bringup.commands.options import ChangeOption, ParamsOption
+from amb_bringup.commands.inputs import load_loop, parameter_file
+from amb_bringup.commands.options import ParamsOption, quantity_option
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_core.figures.campbell import campbell_chart
@@ -26,11 +26,10 @@ RPM = 60.0
 
 def modes(
     params: ParamsOption = None,
-    change: ChangeOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, values in SI units, instead of tables.")] = False,
 ) -> None:
     """Print the modes of the closed loop and of the plant alone: frequency, damping, whirl direction and shape."""
-    plant_parameters, controller = load_changed_loop(params, change or [])
+    plant_parameters, controller = load_loop(params)
     model = linearize(Plant(plant_parameters), controller)
     found = {"closed loop": modes_of(model.closed_loop), "plant without loop": modes_of(model.discrete)}
     if as_json:
@@ -65,13 +64,12 @@ def modes_table(found: Modes, title: str) -> Table:
 
 def campbell(
     params: ParamsOption = None,
-    change: ChangeOption = None,
     max_speed: Annotated[float, typer.Option(help="Highest running speed, in rpm.", min=1.0, max=300_000.0)] = 12_000.0,
     speeds: Annotated[int, typer.Option(help="Number of running speeds, from 0 to the highest.", min=2)] = 25,
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("results/plant"),
 ) -> None:
     """Compute the Campbell diagram: modes of the closed loop over the running speed, and the critical speeds."""
-    plant_parameters, controller = load_changed_loop(params, change or [])
+    plant_parameters, controller = load_loop(params)
     make_folder(out)
     console = Console()
     with Stages(console, "speeds") as stages:
@@ -105,9 +103,11 @@ def _critical(found: Campbell) -> Table:
 
 
 def shaft(
-    length: Annotated[float, typer.Option(help="Length of the shaft, in m.")],
-    diameter: Annotated[float, typer.Option(help="Its diameter, in m.")],
-    bearings: Annotated[float, typer.Option(help="Distance of both bearings and their sensors from its middle, in m.")],
+    length: Annotated[float, quantity_option("m", "Length of the shaft, in m.")],
+    diameter: Annotated[float, quantity_option("m", "Its diameter, in m.")],
+    bearings: Annotated[
+        float, quantity_option("m", "Distance of both bearings and their sensors from its middle, in m.")
+    ],
     bending_modes: Annotated[int, typer.Option(help="Bending modes in each plane, 0 to 8.")] = 3,
     damping_ratio: Annotated[float, typer.Option(help="Damping ratio of the bending modes.")] = 0.005,
     out: Annotated[Path, typer.Option(help="File of modal data, .npz.")] = Path("results/shaft.npz"),

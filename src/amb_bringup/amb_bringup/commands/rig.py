@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.commands.options import ParamsOption
+from amb_bringup.commands.options import ParamsOption, quantity_option
 from amb_core.files.parameter_files import RIG_NODES
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def up(
 
 @app.command()
 def connect(
-    patience: Annotated[float, typer.Option(help="Longest wait for a target that still starts (s).")] = 5.0,
+    patience: Annotated[float, quantity_option("s", "Longest wait for a target that still starts (s).")] = 5.0,
 ) -> None:
     """Connect the bridge to the target, check it, and send it controller, limits and references."""
     with _client() as amb:

@@ -12,8 +12,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.commands.inputs import load_changed_loop
-from amb_bringup.commands.options import ChangeOption, ParamsOption, declared_options
+from amb_bringup.commands.inputs import load_loop
+from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
 from amb_core.errors import ParameterError, SpectrumError
@@ -48,7 +48,6 @@ RIVAL = 4  # a product whose order is higher than another's by up to this much m
 def subharmonics(
     given: dict[str, Any],
     params: ParamsOption = None,
-    change: ChangeOption = None,
     bag: Annotated[
         Path | None, typer.Option(help="Bag whose last experiment is analysed; nothing is simulated.")
     ] = None,
@@ -78,14 +77,14 @@ def subharmonics(
     Finished runs of a surface are kept, like the sweeps of `amb map`.
     """
     settings, grid = part_of(SubharmonicSettings, given), part_of(SurfaceSettings, given)
-    if bag is not None and (causes or surface or change or params is not None):
+    if bag is not None and (causes or surface or params is not None):
         raise ParameterError("--bag analyses what was measured; it takes no --params, --set, --causes or --surface")
     console = Console()
     make_folder(out)
     if bag is not None:
         results = {"bag": {"measured": _analyse_bag(bag, settings)}}
     else:
-        loop = load_changed_loop(params, change or [])
+        loop = load_loop(params)
         with Stages(console) as stages:
             results = _simulate(stages, *loop, settings, causes)
     for name, tests in results.items():

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from amb_core.excitation.signal import Excitation, Sampler, required
-from amb_core.parameters import choice, quantity
+from amb_core.excitation.signal import Excitation, Sampler
+from amb_core.parameters import choice, quantity, required
 
 HIGHEST_AMPLITUDE = 1e-3  # m, larger than any air gap of such bearings
 HIGHEST_FREQUENCY = 50e3  # Hz, Nyquist frequency of the highest controller sample rate
@@ -97,9 +97,11 @@ class Tones(Excitation):
 
     kind: ClassVar[str] = "tones"
 
-    frequencies: tuple[float, ...] = Field(description="frequency of each tone (Hz)")
-    amplitudes: tuple[float, ...] = Field(description="peak amplitude of each tone (m)")
-    phases: tuple[float, ...] = Field((), description="phase of each tone at the first sample; empty: all zero (rad)")
+    frequencies: tuple[float, ...] = Field(description="frequency of each tone", json_schema_extra={"unit": "Hz"})
+    amplitudes: tuple[float, ...] = Field(description="peak amplitude of each tone", json_schema_extra={"unit": "m"})
+    phases: tuple[float, ...] = Field(
+        (), description="phase of each tone at the first sample; empty: all zero", json_schema_extra={"unit": "rad"}
+    )
 
     @model_validator(mode="after")
     def _tones_fit_together(self) -> Self:

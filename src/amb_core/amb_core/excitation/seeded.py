@@ -20,8 +20,8 @@ from amb_core.errors import ExcitationError
 from amb_core.excitation.axes import ALL, AXES_DESCRIPTION, MODES, ORTHOGONAL, turns
 from amb_core.excitation.deterministic import EDGE_TOLERANCE, HIGHEST_AMPLITUDE, HIGHEST_FREQUENCY
 from amb_core.excitation.phases import optimised_phases, schroeder_phases
-from amb_core.excitation.signal import Excitation, Sampler, required
-from amb_core.parameters import choice, quantity, switch
+from amb_core.excitation.signal import Excitation, Sampler
+from amb_core.parameters import choice, quantity, required, switch
 
 _GROUP = 4  # consecutive odd lines, of which one is left out
 

@@ -6,24 +6,18 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from amb_core.errors import ExcitationError
 from amb_core.excitation.axes import AXES_DESCRIPTION, ORTHOGONAL, Part, parts_of
 from amb_core.loop.machine import ONE_BEARING, Machine
-from amb_core.parameters import Parameters, choice
+from amb_core.parameters import Parameters, choice, required
 
 Sampler = Callable[[int, int], NDArray[np.float64]]
 """Samples of the signal on one axis (m) from `first` up to `stop` (exclusive), shape (stop - first,)."""
-
-
-def required(unit: str, description: str, minimum: float, maximum: float) -> Any:
-    """Declare a number that has no default, with its unit and closed range."""
-    return Field(ge=minimum, le=maximum, description=description, json_schema_extra={"unit": unit})
 
 
 class Excitation(Parameters):

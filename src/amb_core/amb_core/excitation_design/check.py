@@ -30,7 +30,7 @@ def check_excitation(
     controller: ControllerParameters | None = None,
     plant: PlantParameters | None = None,
 ) -> ExcitationCheck:
-    """Superimpose an excitation on a region map; the method is described in `docs/excitation.md`.
+    """Superimpose an excitation on a region map; the method is described in `docs/explanation/excitation.md`.
 
     Parameters
     ----------

@@ -20,6 +20,7 @@ from amb_core.figures.region_map import map_chart, map_grid_chart
 from amb_core.figures.residuals import residuals_chart
 from amb_core.figures.saving import page_fragment
 from amb_core.figures.spectrum import spectrum_chart
+from amb_core.figures.stability import stability_figure
 from amb_core.figures.surface import surface_chart
 from amb_core.figures.sweep import sweep_chart
 from amb_core.figures.sweep_comparison import sweep_comparison_chart
@@ -49,6 +50,7 @@ __all__ = [
     "save_loop_figures",
     "save_validation_figures",
     "spectrum_chart",
+    "stability_figure",
     "surface_chart",
     "sweep_chart",
     "sweep_comparison_chart",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,12 @@ class Chart(Drawing):
     def figure(self) -> Figure:
         """The chart as a matplotlib figure, made without pyplot: it needs no display and leaves no state behind."""
         return draw_figure(self)
+
+    def _repr_png_(self) -> bytes:
+        """The figure, as notebooks show it."""
+        image = BytesIO()
+        self.figure().savefig(image, format="png")
+        return image.getvalue()
 
     def page(self) -> go.Figure:
         """The chart as a plotly figure: to zoom in, and to read values by pointing at them."""

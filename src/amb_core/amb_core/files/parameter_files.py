@@ -93,6 +93,25 @@ class ParameterFile:
                 found.update(values)
         return {name: value for name, value in found.items() if not of_rclpy(name)}
 
+    def with_values(self, values: Mapping[str, Mapping[str, Any]]) -> str:
+        """The text of a parameter file with other values of some parameters.
+
+        Parameters
+        ----------
+        values : mapping
+            By node, full name or the name in the namespace of the graph, then by dotted name.
+        """
+        sections = dict(self._sections)
+        for node, changed in values.items():
+            name = full_name(node)
+            given = self.values(name)
+            kept = {key: value for key, value in sections.pop(name, {}).items() if of_rclpy(key)}
+            present = {**kept, **given, **changed}
+            # Last, since a later section counts. An empty list has no type in ROS; every list is empty by default.
+            sections[name] = {key: value for key, value in present.items() if value not in ([], ())}
+        content = {name: {PARAMETERS: parameters} for name, parameters in sections.items()}
+        return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
+
     def error(self, node: str, problem: ParameterError) -> ParameterError:
         """A problem with the parameters of a node, as a line that names file and node."""
         return ParameterError(f"{self._where}, node {node}: {problem}")

@@ -78,7 +78,7 @@ class NonparametricEstimate:
     open_loop: bool = False
 
     def largest_error(self, level: float) -> float:
-        """Ratio of |error|^2 to `variance` that is exceeded with the probability 1 - level.
+        """Ratio of the squared error to `variance` that is exceeded with the probability 1 - level.
 
         This is half the ratio of a chi-square variable of 2 degrees of freedom to the variance estimated from so many
         terms. It has an F distribution with a quantile in closed form.

@@ -1,4 +1,4 @@
-"""Real-time targets: the frames of AMB-UDP (docs/target-protocol.md), and the reference target in this process."""
+"""Real-time targets: the frames of AMB-UDP (docs/reference/target-protocol.md), and the target in this process."""
 
 from amb_core.target.amb_udp import PORT, AmbUdpLink
 from amb_core.target.answers import Answer, Description, Reply, TargetStatus, TelemetryBlock, Trip, decode, machine_of

@@ -1,4 +1,4 @@
-"""The host's end of AMB-UDP (docs/target-protocol.md): it repeats what is lost, and keeps the target awake.
+"""The host's end of AMB-UDP (docs/reference/target-protocol.md): it repeats what is lost, and keeps the target awake.
 
 One thread receives, puts telemetry in order, shows the target that the host is there, and finds it again after a
 silence. Commands come from other threads, one open at a time.

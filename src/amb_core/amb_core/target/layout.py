@@ -1,4 +1,7 @@
-"""Numbers of AMB-UDP: types, codes, states and sizes of its frames, as in docs/target-protocol.md and amb_target.h."""
+"""Numbers of AMB-UDP: types, codes, states and sizes of its frames.
+
+They are those of docs/reference/target-protocol.md and amb_target.h.
+"""
 
 from __future__ import annotations
 

@@ -41,7 +41,9 @@ def _parameter_value(value: Any) -> ParameterValue:
         return None
     name = _FIELDS[value.type - 1]
     content = getattr(value, name)
-    return list(content) if name.endswith("array_value") else content
+    if not name.endswith("array_value"):
+        return content
+    return content.tolist() if hasattr(content, "tolist") else list(content)  # numbers of Python, as files have them
 
 
 def encode_parameters(types: Typestore, node: str, values: Mapping[str, ParameterValue], stamp: int) -> bytes:

@@ -1,0 +1,104 @@
+"""`amb new`: a parameter file of one's own bearing, with gains that levitate it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from amb_bringup.commands.options import declared_options
+from amb_bringup.commands.progress import working
+from amb_bringup.commands.results import ResultError, make_place
+from amb_bringup.commands.tune import gains_table
+from amb_bringup.node_parameters import check_parameter_file
+from amb_core.errors import ParameterError
+from amb_core.parameters import Declaration, declarations, validate
+from amb_core.tuning import Bearing, BearingDesign, design_bearing, parameter_file_of
+from amb_core.units import PURE, quantity_of
+
+REQUIRED = tuple(name for name, field in Bearing.model_fields.items() if field.is_required())
+ASKED = (*REQUIRED, "sample_rate", "journal_diameter", "length")
+"""What is asked for on a terminal; everything else has its default unless it is given."""
+EXAMPLES = {"m": "0.4mm", "kg": "3.5kg", "A": "2.5A", "V": "100V", "Hz": "10kHz", PURE: "60"}
+
+
+@declared_options({"Bearing": [Bearing]})
+def new(
+    given: dict[str, Any],
+    out: Annotated[Path, typer.Argument(metavar="FILE", help="Parameter file to write, .yaml.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file of this name.")] = False,
+) -> None:
+    """Write a parameter file of your own bearing, with PD gains that levitate it.
+
+    Asks for what is needed, unless it is given or there is no terminal. The gains come from pole placement on the
+    linearised plant; they are checked with sampling, delay, amplifiers and sensors, and in a simulated lift-off. A
+    bearing that no PD gains hold with a peak sensitivity of at most 3 is refused, with the reason.
+    """
+    make_place(out, (".yaml", ".yml"))
+    if out.exists() and not overwrite:
+        raise ResultError(f"{out}: exists already; give another name, or --overwrite")
+    bearing = validate(Bearing, given | _answers(given))
+    console = Console()
+    with working(console, "searching gains, simulating the lift-off"):
+        design = design_bearing(bearing)
+    try:
+        out.write_text(parameter_file_of(design))
+    except OSError as problem:
+        raise ResultError(f"{out}: cannot be written: {problem.strerror}") from None
+    check_parameter_file(out)
+    _show(console, design, out)
+
+
+def _answers(given: dict[str, Any]) -> dict[str, Any]:
+    """Answers to the questions; none if everything needed is given."""
+    missing = [name for name in REQUIRED if name not in given]
+    if not missing:
+        return {}
+    if not sys.stdin.isatty():
+        options = " ".join(f"--{name.replace('_', '-')}" for name in missing)
+        raise ParameterError(f"a bearing needs {options}; see amb new --help")
+    declared = {item.name: item for item in declarations(Bearing)}
+    return {name: _ask(declared[name]) for name in ASKED if name not in given}
+
+
+def _ask(item: Declaration) -> float | int:
+    """One question, again until the answer is a quantity in the declared range."""
+    example = f", as {EXAMPLES[item.unit]}"
+    default = None if item.name in REQUIRED else f"{item.default:g}"
+    text = f"{item.description}{'' if item.unit == PURE else f' ({item.unit}{example})'}"
+    while True:
+        answer = typer.prompt(text[:1].upper() + text[1:], default=default)
+        try:
+            value = quantity_of(str(answer), item.unit)
+        except ParameterError as problem:
+            typer.echo(str(problem), err=True)
+            continue
+        if item.minimum is not None and item.maximum is not None and item.minimum <= value <= item.maximum:
+            if item.type is not int:
+                return value
+            if value.is_integer():
+                return int(value)
+        typer.echo(f"{answer} is not allowed; allowed: {item.allowed}", err=True)
+
+
+def _show(console: Console, design: BearingDesign, out: Path) -> None:
+    table = gains_table(design.tuned, f"{out}: a bearing that levitates")
+    limit = design.tuned.controller.current_limit
+    table.add_row("control current that lifts the rotor off", f"{design.lift_off_current:.3g} A of {limit:.3g} A")
+    table.add_row("largest control current while it rises", f"{design.lift_off.largest_current:.3g} A of {limit:.3g} A")
+    table.add_row("simulated lift-off", f"at rest in the centre after {1e3 * design.lift_off.time:.0f} ms")
+    console.print(table)
+    console.print(f"written to {out}; next:", highlight=False)
+    for command, does in (
+        (f"amb plant describe --params {out}", "its constants"),
+        (f"amb tune chart {out}", "which gains are stable"),
+        (
+            f"amb experiment multisine --amplitude 2um --frequency-end 1.5kHz --params {out}",
+            "levitate, excite, record, report",
+        ),
+        (f"amb map --params {out}", "where it stays in region A"),
+    ):
+        console.print(f"  {command:<84} # {does}", highlight=False, soft_wrap=True)

@@ -1,0 +1,127 @@
+"""The loop of one plant with any gains of a PD controller: which are stable, and how large their sensitivity is.
+
+The matrix of the closed loop is affine in K_P and K_D: three closed loops give all others. The sensitivity is
+S(z) = (I + P(z) C(z))^-1 with P the sampled plant (amplifiers, sensors, hold and computation delay included) and
+C(z) = K_P + K_D (1 - 1/z) / (tau_f (1 - 1/z) + T), see `amb_core.loop.control`. Its peak is the largest of its singular
+values: on a grid for charts, and exactly (L-infinity norm, SLICOT AB13DD) for chosen gains.
+
+Sources: ISO 14839-3 (peak sensitivity); Bruinsma, Steinbuch, "A fast algorithm to compute the H-infinity norm of a
+transfer function matrix", Systems & Control Letters 14 (1990).
+"""
+
+from __future__ import annotations
+
+import ctrlsys
+import numpy as np
+
+from amb_core.errors import PlantError
+from amb_core.loop.control import ControllerParameters, pack_gains
+from amb_core.parameters import flatten, part_of, validate
+from amb_core.plant.linearise import Linearization, close_loop
+
+FREQUENCIES = 400
+"""On the grid: 66 in a decade, the last at half the sample rate; at the first, 1e-6 of that, a soft loop is at rest."""
+_TOLERANCE = 1e-6
+
+
+class LoopFamily:
+    """All PD loops of a linearised plant: the same gains on its radial axes, the given ones on the axial axis.
+
+    Parameters
+    ----------
+    model : Linearization
+        Its discrete plant and its controller are used.
+    """
+
+    def __init__(self, model: Linearization) -> None:
+        self.model = model
+        given = part_of(ControllerParameters, model.controller.model_dump())
+        self._axes = model.discrete.ninputs
+        packed = pack_gains(given, self._axes)
+        radial = np.array([not label.startswith("z") for label in model.discrete.output_labels], dtype=float)
+        self._fixed = (1.0 - radial) * packed[:, 0], (1.0 - radial) * packed[:, 1]
+        self._radial, self._given = radial, given
+        loops = [
+            close_loop(model.discrete, self.controller(*gains))[1] for gains in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
+        ]
+        self._a = loops[0].A
+        self._by_gain = loops[1].A - loops[0].A, loops[2].A - loops[0].A
+        angle = np.geomspace(1e-6 * np.pi, np.pi, FREQUENCIES)
+        at = np.exp(1j * angle)
+        self._plant = np.moveaxis(model.discrete(at, squeeze=False), -1, 0)
+        difference = 1.0 - 1.0 / at
+        sample_time = 1.0 / given.sample_rate
+        self._derivative = difference / (given.derivative_filter * difference + sample_time)
+
+    def controller(self, proportional: float, derivative: float) -> ControllerParameters:
+        """The given controller with these gains on the radial axes (A/m, A s/m)."""
+        values = {**flatten(self._given.model_dump()), "proportional_gains": (), "derivative_gains": ()}
+        if self._radial.all():
+            values |= {"proportional_gain": proportional, "derivative_gain": derivative}
+        else:
+            values["proportional_gains"] = tuple(self._radial * proportional + self._fixed[0])
+            values["derivative_gains"] = tuple(self._radial * derivative + self._fixed[1])
+        return validate(ControllerParameters, values)
+
+    def stable(self, proportional: float, derivative: float) -> bool:
+        """Whether all poles of the closed loop are inside the unit circle."""
+        a = self._a + proportional * self._by_gain[0] + derivative * self._by_gain[1]
+        return bool(np.abs(np.linalg.eigvals(a)).max() < 1.0)
+
+    def peak(self, proportional: float, derivative: float) -> float:
+        """Largest singular value of the sensitivity on the grid (-); infinite if the loop is unstable."""
+        if not self.stable(proportional, derivative):
+            return np.inf
+        law = np.multiply.outer(self._derivative, self._radial * derivative + self._fixed[1])
+        law = law + self._radial * proportional + self._fixed[0]
+        inverse = np.eye(self._axes) + self._plant * law[:, np.newaxis, :]
+        return float(1.0 / np.linalg.svd(inverse, compute_uv=False)[:, -1].min())
+
+    def exact_peak(self, proportional: float, derivative: float) -> float:
+        """The same, exactly: the L-infinity norm of the sensitivity."""
+        if not self.stable(proportional, derivative):
+            return np.inf
+        return peak_sensitivity(self.model, self.controller(proportional, derivative))
+
+
+def peak_sensitivity(model: Linearization, controller: ControllerParameters) -> float:
+    """L-infinity norm of the sensitivity of a stable loop (-).
+
+    Raises
+    ------
+    PlantError
+        If the loop is unstable, or the norm cannot be computed.
+    """
+    loop = close_loop(model.discrete, controller)[1]
+    if np.abs(loop.poles()).max() >= 1.0:
+        raise PlantError("the loop is unstable: it has no peak sensitivity")
+    order, axes = loop.nstates, loop.ninputs
+    matrices = [np.asfortranarray(matrix) for matrix in (loop.A, np.eye(order), loop.B, loop.C, loop.D)]
+    peak, _, info = ctrlsys.ab13dd("D", "I", "S", "D", order, axes, axes, np.array([0.0, 1.0]), *matrices, _TOLERANCE)
+    if info:
+        raise PlantError(f"the norm of the sensitivity cannot be computed (AB13DD, code {info})")
+    return float(peak[0] / peak[1]) if peak[1] else np.inf
+
+
+def gain_margins(family: LoopFamily, proportional: float, derivative: float) -> tuple[float, float]:
+    """Factors on both gains, below and above one, at which the loop becomes unstable; 0 and infinity where none does.
+
+    Each is the first one outwards, to 0.1 percent.
+    """
+    return _limit(family, proportional, derivative, 1.0 / 1.05), _limit(family, proportional, derivative, 1.05)
+
+
+def _limit(family: LoopFamily, proportional: float, derivative: float, ratio: float) -> float:
+    def stable(factor: float) -> bool:
+        return family.stable(factor * proportional, factor * derivative)
+
+    inside = 1.0
+    while 1e-3 < inside < 1e3:
+        outside = inside * ratio
+        if not stable(outside):
+            while abs(np.log(outside / inside)) > 1e-3:
+                middle = float(np.sqrt(inside * outside))
+                inside, outside = (middle, outside) if stable(middle) else (inside, middle)
+            return inside
+        inside = outside
+    return 0.0 if ratio < 1.0 else np.inf

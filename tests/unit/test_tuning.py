@@ -1,0 +1,154 @@
+"""Gains of a bearing that is known by a few numbers: they hold it with their margins, or the reason is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from amb_core.errors import ParameterError, PlantError
+from amb_core.figures import stability_figure
+from amb_core.loop.control import ControllerParameters
+from amb_core.parameters import load_parameters, validate
+from amb_core.plant import Plant, PlantParameters, linearize
+from amb_core.plant.averaged import coil_references
+from amb_core.plant.operating_point import static_force
+from amb_core.tuning import (
+    HIGHEST_PEAK,
+    Bearing,
+    BearingDesign,
+    design_bearing,
+    lift_off_current,
+    parameter_file_of,
+    plant_of,
+    reason,
+    tune,
+)
+from amb_core.tuning.loop_family import LoopFamily, gain_margins
+from amb_core.tuning.stability_chart import stability_chart
+from tests.benchmarks.first_hour import new
+
+SMALL = Bearing(gap=0.4e-3, turns=60, mass=4.0, bias_current=2.5, voltage=150.0, delay=1.0, sensor_bandwidth=5e3)
+
+
+@pytest.fixture(scope="module")
+def design() -> BearingDesign:
+    return design_bearing(SMALL)
+
+
+def test_the_rotor_lifts_off_and_is_held_in_the_centre_with_margins(design: BearingDesign) -> None:
+    assert design.lift_off.levitated
+    assert design.lift_off.farthest < 1e-6
+    assert design.tuned.peak_sensitivity <= HIGHEST_PEAK
+    model = linearize(Plant(design.plant), design.tuned.controller)
+    assert model.stable
+    assert np.abs(model.point.position).max() < 1e-8
+    # exact, against the largest value on a dense grid of frequencies
+    assert design.tuned.peak_sensitivity == pytest.approx(model.peak_sensitivity, rel=1e-4)
+    assert design.tuned.peak_sensitivity >= model.peak_sensitivity * (1.0 - 1e-9)
+
+
+def test_at_the_gain_margins_the_loop_is_at_the_limit_of_stability(design: BearingDesign) -> None:
+    family = LoopFamily(design.tuned.model)
+    gains = design.tuned.controller.proportional_gain, design.tuned.controller.derivative_gain
+    low, high = gain_margins(family, *gains)
+    assert low < 1.0 < high
+    for factor, outwards in ((low, 0.99), (high, 1.01)):
+        assert family.stable(*(factor * gain for gain in gains))
+        assert not family.stable(*(outwards * factor * gain for gain in gains))
+
+
+def test_the_lift_off_current_is_the_one_whose_force_carries_the_weight(design: BearingDesign) -> None:
+    current = lift_off_current(design.plant)
+    plant = Plant(design.plant)
+    lowest = np.array([0.0, -design.plant.rotor.backup_bearing_radius])
+    force = static_force(plant, coil_references(np.array([0.0, current]), plant), lowest)
+    assert force[1] == pytest.approx(SMALL.mass * SMALL.gravity, rel=1e-2)
+
+
+def test_the_file_gives_the_nodes_what_was_designed_with_a_comment_on_every_value(
+    design: BearingDesign, tmp_path: Path
+) -> None:
+    text = parameter_file_of(design)
+    file = tmp_path / "bearing.yaml"
+    file.write_text(text)
+    assert load_parameters(PlantParameters, file, "simulator", part=True) == design.plant
+    loaded = load_parameters(ControllerParameters, file, "pd_controller", part=True)
+    assert loaded.model_dump() == design.tuned.controller.model_dump()
+    values = [line for line in text.splitlines() if ": " in line and not line.startswith("#")]
+    assert all(" # " in line for line in values)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"mass": 200.0}, r"static load beyond the force: lifting the rotor off .* allowed: less than 2\.5 A"),
+        ({"sample_rate": 1e3, "turns": 120, "mass": 1.0}, r"no PD gains .*sampling too slow \(1000 Hz"),
+        ({"sensor_bandwidth": 50.0}, r"no PD gains .*sensor too slow \(50 Hz\)"),
+    ],
+)
+def test_a_bearing_that_no_pd_gains_hold_is_refused_with_the_reason(change: dict[str, float], problem: str) -> None:
+    with pytest.raises(PlantError, match=problem):
+        design_bearing(SMALL.model_copy(update=change))
+
+
+def test_slow_amplifiers_are_named_as_the_reason() -> None:
+    slow = validate(PlantParameters, {"amplifier.proportional_gain": 5e-4})
+    tuned = tune(slow)
+    assert tuned is None or tuned.peak_sensitivity > HIGHEST_PEAK
+    assert "amplifier too slow (300 V" in reason(slow, ControllerParameters())
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [({"clearance": 1e-3}, "clearance = 0.001 m must be smaller than gap"), ({"current_limit": 1.0}, "must be larger")],
+)
+def test_numbers_that_make_no_bearing_are_refused(change: dict[str, float], problem: str) -> None:
+    with pytest.raises(ParameterError, match=problem):
+        validate(Bearing, {**SMALL.model_dump(), **change})
+
+
+def test_slow_switching_and_odd_rates_make_a_plant() -> None:
+    plant = plant_of(SMALL.model_copy(update={"sample_rate": 12e3, "switching_frequency": 20e3}))
+    assert plant.amplifier.switching_frequency == 24e3
+    assert plant.steps_per_sample % plant.steps_per_period == 0
+
+
+@pytest.mark.parametrize("model", ["point_mass", "rigid"])
+def test_a_chart_has_the_peaks_of_the_loops_that_its_gains_make(model: str) -> None:
+    parameters = validate(PlantParameters, {"rotor.model": model})
+    chart = stability_chart(parameters, ControllerParameters(), points=12)
+    assert chart.chosen_peak <= HIGHEST_PEAK
+    assert 0.0 < np.isfinite(chart.peak).mean() < 1.0
+    row, column = np.unravel_index(np.argmin(chart.peak), chart.peak.shape)
+    gains = {"proportional_gain": chart.proportional[column], "derivative_gain": chart.derivative[row]}
+    best = linearize(Plant(parameters), validate(ControllerParameters, gains), np.zeros(2))
+    assert best.stable
+    # the chart has 66 frequencies in a decade
+    assert chart.peak[row, column] == pytest.approx(best.peak_sensitivity, rel=5e-3)
+
+
+def test_the_figure_shows_the_lines_and_the_chosen_gains() -> None:
+    figure = stability_figure(stability_chart(PlantParameters(), ControllerParameters(), points=16))
+    labels = [getattr(item, "label", "") for item in figure.panels[0].items]
+    assert {"peak sensitivity 2", "peak sensitivity 3", "peak sensitivity 4"} <= set(labels)
+    assert "chosen: peak sensitivity 1.49" in labels
+    assert "% of the gains shown are stable" in figure.alt
+    assert figure.figure().axes
+    assert figure.page().data
+
+
+def test_random_bearings_levitate_or_the_reason_is_named() -> None:
+    found = new.measure(bearings=3, seed=7)
+    assert found["levitated"] + found["explained"] == found["bearings"] == 3
+    assert found["levitated"] >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1_800)
+def test_97_of_100_random_bearings_levitate_and_the_others_have_a_reason() -> None:
+    found = new.measure()
+    assert found["levitated"] >= 97, found["reasons"]
+    assert found["levitated"] + found["explained"] == found["bearings"] == 100
+    assert found["worst_peak_sensitivity"] <= HIGHEST_PEAK
