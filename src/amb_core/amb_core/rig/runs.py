@@ -119,9 +119,9 @@ class Runs:
         if not levitated:
             if not self.levitated:
                 return []
-            done = self.end()
+            ended = self.end()
             self._end = samples.first_step
-            return done
+            return ended
         done: list[RunSamples] = []
         if not self.levitated:
             self.levitated, self.run, self._base = True, self._new_run(), samples.first_step
