@@ -1,4 +1,4 @@
-"""The link of one's own that docs/how-to/connect-a-rig.md shows, as the page shows it: what it delivers is the loop, bit for bit."""
+"""The link that docs/how-to/connect-a-rig.md shows, as the page shows it: what it delivers is the loop, bit for bit."""
 
 from __future__ import annotations
 
