@@ -41,8 +41,8 @@ from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
 from amb_ros.services import create_service
-from amb_sim_node.machine_files import gains_in
-from amb_sim_node.parameters import BridgeParameters
+from amb_sim_node.bridge_parameters import BridgeParameters
+from amb_sim_node.gains import gains_in
 from amb_sim_node.region_guard import guard_of
 from amb_sim_node.rig_excitation import Rig, RigExcitation
 from amb_sim_node.rig_link import controller_of, link_of

@@ -13,7 +13,7 @@ from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
 from amb_core.simulation import simulate
 from amb_core.target import ExcitationPhase, TargetLink, TargetSettings, TargetState, TooLateError
-from amb_sim_node.parameters import LinkParameters
+from amb_sim_node.bridge_parameters import LinkParameters
 from amb_sim_node.rig_link import link_of
 from tests.unit.test_target_link import Listener, settled
 
