@@ -95,6 +95,7 @@ static enum amb_code choose_controller(struct amb_target *t, const uint8_t *body
 static enum amb_code fault_reset(struct amb_target *t) {
     t->trips = 0;
     if (t->state == AMB_TRIPPED) t->state = AMB_OFF;
+    amb_protect(t); /* what is still so in the latest measurement is latched again before a levitation */
     return AMB_DONE;
 }
 

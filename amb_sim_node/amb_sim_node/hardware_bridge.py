@@ -11,12 +11,13 @@ import sys
 import threading
 import time
 from concurrent.futures import TimeoutError as NotInTime
+from dataclasses import replace
 from functools import partial
 
 from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
 
-from amb_core.errors import AmbError, TargetError
+from amb_core.errors import AmbError, TargetError, one_line
 from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.loop.real_time import enter_real_time
 from amb_core.recording.messages.loop_samples import fill_loop_samples
@@ -40,8 +41,8 @@ from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
 from amb_ros.services import create_service
-from amb_sim_node.machine_files import gains_in
-from amb_sim_node.parameters import BridgeParameters
+from amb_sim_node.bridge_parameters import BridgeParameters
+from amb_sim_node.gains import gains_in
 from amb_sim_node.region_guard import guard_of
 from amb_sim_node.rig_excitation import Rig, RigExcitation
 from amb_sim_node.rig_link import controller_of, link_of
@@ -77,12 +78,13 @@ class HardwareBridgeNode(ManagedNode):
         self._machine: MachineDescription | None = None
         self._known: TargetDescription | None = None
         self._ready: Rig | None = None  # while configured
-        self._rig: Rig | None = None  # while active
+        self._excitable = False  # while active
         self._runs: Runs | None = None
         self._status: TargetStatus | None = None
         self._reachable = False
         self._trips = TripLog()
         self._own_trips: list[Trip] = []  # latched by the bridge itself
+        self._unsent = ""  # why the target does not have the settings; empty: it has them
         self._flushed = 0  # step of the target
         self._run = 0
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
@@ -91,7 +93,7 @@ class HardwareBridgeNode(ManagedNode):
         self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
         self._state_publisher = self.create_publisher(BridgeState, topics.BRIDGE_STATE, LATCHED)
         self._trip_publisher = self.create_publisher(TripMessage, topics.TRIP, EVERY_STATE)
-        self._excitation = RigExcitation(self, lambda: self._rig)
+        self._excitation = RigExcitation(self, lambda: self._ready if self._excitable else None)
         create_service(self, Trigger, "~/reset_faults", self._on_reset_faults, self.worker)
         self._diagnostics = diagnostics.DiagnosticsReporter(
             self, self._report, exclusive=(topics.MACHINE, topics.TELEMETRY, topics.BRIDGE_STATE)
@@ -127,13 +129,11 @@ class HardwareBridgeNode(ManagedNode):
             description = link.connect(self)
             machine, wanted = description.machine, self._wanted(description)
             link.configure(wanted)
-            protection = ExcitationProtection(
-                settings.protection, wanted.limits, machine.axis_names, machine.sample_rate, description.waveform_steps
-            )
+            protection = self._protection(description, wanted)
             with self._lock:
                 self._known, self._machine, self._link, self._reachable = description, machine, link, True
                 self._runs = Runs(machine, settings.telemetry_block, self._new_run)
-                self._trips, self._own_trips = TripLog(), []
+                self._trips, self._own_trips, self._unsent = TripLog(), [], ""
         except Exception:
             link.close()
             raise
@@ -152,17 +152,19 @@ class HardwareBridgeNode(ManagedNode):
         self._require_same_machine()
         if self._latched():
             raise TargetError("trips are latched; reset the faults first")
+        if self._unsent:
+            self._send(link)
         if status.state in (TargetState.OFF, TargetState.LANDING):
             self._wait_for((TargetState.OFF,), self._settings.landing_time)
             link.levitate(self._settings.levitation_time)
             self._wait_for((TargetState.LEVITATED,), self._settings.levitation_time)
         self._wait_for_run()
-        self._rig = self._ready
+        self._excitable = True
         self._note_state()
 
     def deactivate(self) -> None:
         """Stop the excitation and land; nothing to do if protection has switched off."""
-        self._rig = None
+        self._excitable = False
         self._excitation.call_off()
         link = self._connected()
         if self._reachable and link.status().state in (TargetState.LEVITATING, TargetState.LEVITATED):
@@ -173,13 +175,13 @@ class HardwareBridgeNode(ManagedNode):
 
     def clean_up(self) -> None:
         """Leave the target as it is."""
-        self._rig = None
+        self._excitable = False
         link, self._link = self._link, None
         if link is not None:
             link.close()
         with self._lock:
             self._publish(self._runs.end() if self._runs is not None else [])
-            self._runs, self._status, self._reachable = None, None, False
+            self._runs, self._status, self._reachable, self._unsent = None, None, False, ""
         self._note_state()
 
     def _enter_real_time(self) -> None:
@@ -193,11 +195,9 @@ class HardwareBridgeNode(ManagedNode):
         return self._link
 
     def _require_same_machine(self) -> None:
-        """Raise TargetError if the target describes another machine since its reboot."""
+        """Raise TargetError if the target is another machine since its reboot."""
         if self._known is not None and self._known.machine != self._machine:
-            raise TargetError(
-                "the target describes another machine since it started anew; clean up and configure again"
-            )
+            raise TargetError("the target is another machine since its reboot; clean up and configure again")
 
     def _wanted(self, description: TargetDescription) -> TargetSettings:
         """What the parameters ask of a target.
@@ -210,6 +210,17 @@ class HardwareBridgeNode(ManagedNode):
         settings = self._settings
         limits = settings.protection.lowered(description.limits, settings.current_limit)
         return TargetSettings(controller_of(settings), limits, settings.landing_reference)
+
+    def _protection(self, description: TargetDescription, wanted: TargetSettings) -> ExcitationProtection:
+        """What excitations of this target are checked against."""
+        machine = description.machine
+        return ExcitationProtection(
+            self._settings.protection,
+            wanted.limits,
+            machine.axis_names,
+            machine.sample_rate,
+            description.waveform_steps,
+        )
 
     def _wait_for_run(self) -> None:
         """Wait until telemetry of the levitated rotor arrives: the run has begun."""
@@ -240,7 +251,7 @@ class HardwareBridgeNode(ManagedNode):
     def on_samples(self, block: TelemetryBlock) -> None:
         """Publish what has arrived, and the trips up to there."""
         with self._lock:
-            if self._runs is None or block.position.shape[1] != len(self._runs.position):
+            if self._runs is None or self._known is None or self._known.machine != self._machine:
                 return  # not configured; or of another machine, see `_require_same_machine`
             before = self._runs.levitated
             self._publish(self._runs.add(block))
@@ -258,7 +269,7 @@ class HardwareBridgeNode(ManagedNode):
         if former is None or tripped or (former.state, former.excitation) != (status.state, status.excitation):
             self._note_state()
         if tripped and status.state is TargetState.TRIPPED:
-            self._rig = None
+            self._excitable = False
             self.fall_back()
 
     def on_silence(self) -> None:
@@ -276,21 +287,30 @@ class HardwareBridgeNode(ManagedNode):
             if self._runs is not None:
                 self._publish(self._runs.end())
             self._known, self._trips = description, TripLog()
-        self._rig = None
+            self._unsent = "the target has not got its settings since its reboot"
+        self._excitable = False
         self._trip_by_itself(BridgeTrip.REBOOT)
         self.fall_back()
         self.worker.submit(self._send_settings)
 
     def _send_settings(self) -> None:
-        """Send controller, limits and references again."""
-        if self._link is None or self._known is None:
+        """Send controller, limits and references again; a refusal is part of the state until they are taken."""
+        if self._link is None:
             return
         try:
-            self._require_same_machine()
-            self._link.configure(self._wanted(self._known))
+            self._send(self._link)
         except AmbError as problem:
-            self.problem = str(problem)
+            self._unsent = one_line(problem)
             self.get_logger().error(f"the target has not taken the settings: {problem}")
+        self._note_state()
+
+    def _send(self, link: TargetLink) -> None:
+        self._require_same_machine()
+        assert self._known is not None and self._ready is not None  # since it is configured
+        wanted = self._wanted(self._known)
+        link.configure(wanted)
+        self._ready = replace(self._ready, protection=self._protection(self._known, wanted))
+        self._unsent = ""
 
     # -- trips
 
@@ -316,10 +336,10 @@ class HardwareBridgeNode(ManagedNode):
             return
         with self._lock:
             before = runs.before(trip.step)
-            step = runs.step_of(trip.step)
+            step, within = runs.step_of(trip.step), runs.holds(trip.step)
         message = TripMessage(target_step=trip.step, reason=int(trip.reason), value=float(trip.value))
         message.axis = axis_of(trip, machine)
-        if runs.run and 0 <= step <= runs.next_step:
+        if within:
             message.run, message.step = runs.run, step
             message.before = [fill_loop_samples(LoopSamples(), AxisSamples, runs.run, record) for record in before]
         where = f"step {step} of run {runs.run}" if message.run else f"step {trip.step} of the target, outside of runs"
@@ -394,7 +414,7 @@ class HardwareBridgeNode(ManagedNode):
             if self._link is not None:
                 samples = self._link.count.samples
                 message.lost, message.doubled, message.reordered = samples.lost, samples.doubled, samples.reordered
-            message.problem = "; ".join(filter(None, (self._latched(), self.problem)))
+            message.problem = "; ".join(dict.fromkeys(filter(None, (self._latched(), self._unsent, self.problem))))
             message.sequence += 1
             message.header.stamp = self._wall_clock.now().to_msg()
             self._state_publisher.publish(message)
@@ -427,7 +447,7 @@ class HardwareBridgeNode(ManagedNode):
         if status is not None:
             values |= {"target": status.state.name, "control steps missed": status.missed}
             values["frames that the target could not send"] = status.unsent
-        if problem := self._latched() or self.problem:
+        if problem := self._latched() or self._unsent or self.problem:
             return diagnostics.ERROR, problem, values
         if link is None:
             return diagnostics.OK, "not configured", values

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from amb_core.errors import ExcitationError, ParameterError
 from amb_core.excitation import ExcitationSignal
 from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_sim_node.parameters import BridgeParameters
+from amb_sim_node.bridge_parameters import BridgeParameters
 
 Guard = Callable[[ExcitationSignal | None], None]
 """Raises ExcitationError for a signal that may leave region A; None: a user-defined waveform."""

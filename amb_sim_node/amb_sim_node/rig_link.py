@@ -12,7 +12,7 @@ from amb_core.loop.linear_control import LinearControllerParameters
 from amb_core.parameters import part_of
 from amb_core.target import AmbUdpLink, TargetLink
 from amb_core.target.key_file import read_key
-from amb_sim_node.parameters import BridgeParameters, LinkParameters
+from amb_sim_node.bridge_parameters import BridgeParameters, LinkParameters
 
 
 def controller_of(settings: BridgeParameters) -> KnownController:

@@ -11,7 +11,8 @@ from amb_core.parameters import Declaration, Parameters, declarations, own_decla
 from amb_ident_node.identifier import IdentifierParameters
 from amb_ident_node.recorder import RecorderParameters
 from amb_ident_node.region_monitor import RegionMonitorParameters
-from amb_sim_node.parameters import BridgeParameters, SimulatorParameters, TargetEmulatorParameters
+from amb_sim_node.bridge_parameters import BridgeParameters
+from amb_sim_node.parameters import SimulatorParameters, TargetEmulatorParameters
 
 NODES: dict[str, type[Parameters]] = {
     "simulator": SimulatorParameters,

@@ -35,7 +35,7 @@ UNHURRIED = {
 
 
 class Rig:
-    """Emulator and bridge, with what they publish."""
+    """Emulator and bridge, with what they publish; without an emulator if the bridge has a link of another kind."""
 
     def __init__(
         self,
@@ -43,6 +43,7 @@ class Rig:
         *arguments: str,
         emulator: dict[str, Any] | None = None,
         bridge: dict[str, Any] | None = None,
+        kind: str = "amb_udp",
     ) -> None:
         self.graph = graph
         self.states: list[BridgeState] = []
@@ -54,10 +55,12 @@ class Rig:
         node.create_subscription(Trip, "/amb/trip", self.trips.append, EVERY_STATE)
         node.create_subscription(LoopSamples, "/amb/telemetry", self.blocks.append, HISTORY)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
-        self.emulator: NodeProcess = graph.start(EMULATOR, *arguments, parameters=UNHURRIED | (emulator or {}))
-        graph.wait_until(lambda: "UDP port" in self.values("target_emulator"), "the emulator")
-        self._bridge = {
-            "link.port": int(self.values("target_emulator")["UDP port"]),
+        self._bridge = {"link.kind": kind}
+        if kind == "amb_udp":
+            self.emulator: NodeProcess = graph.start(EMULATOR, *arguments, parameters=UNHURRIED | (emulator or {}))
+            graph.wait_until(lambda: "UDP port" in self.values("target_emulator"), "the emulator")
+            self._bridge["link.port"] = int(self.values("target_emulator")["UDP port"])
+        self._bridge |= {
             "link.float64": True,
             "link.timeout": 30.0,
             "levitation_time": 0.0,

@@ -20,7 +20,7 @@ from amb_msgs.msg import BridgeState, Excitation, Machine, Trip
 from amb_ros.qos import EVERY_STATE, LATCHED
 from tests.graph.conftest import Graph
 from tests.graph.limits import TIMEOUT
-from tests.graph.rig import Rig, config
+from tests.graph.rig import EMULATOR, UNHURRIED, Rig, config
 
 GENERATOR = "amb_controller_node.excitation_generator"
 SQUARE = Square(amplitude=10e-6, duration=0.2, frequency=20.0, axes="in_turn")
@@ -211,6 +211,28 @@ def test_a_reboot_of_the_target_is_a_latched_trip_and_the_next_levitation_a_run(
     graph.wait_until(lambda: _heals(rig), "the reset")
     assert rig.change("activate"), rig.state.problem
     graph.wait_until(lambda: rig.state.run > first, "the next run")
+
+
+def test_a_target_that_is_another_machine_after_its_reboot_must_be_configured_anew(graph: Graph) -> None:
+    rig = Rig(graph)
+    rig.levitate()
+    rig.wait_for_step(500)
+    port = rig.values("target_emulator")["UDP port"]
+    graph.stop(rig.emulator, signal.SIGKILL)
+    graph.start(EMULATOR, "--params-file", str(config("rig")), parameters=UNHURRIED | {"port": int(port)})
+    graph.wait_until(lambda: any(trip.reason == Trip.REBOOT for trip in rig.trips), "the trip")
+    graph.wait_until(lambda: rig.life_cycle == "inactive", "the deactivation")
+    graph.wait_until(lambda: _reason_after_reset(rig).startswith("the target is another machine"), "the reason")
+    assert not rig.change("activate")
+    graph.wait_until(lambda: "activate: the target is another machine since" in rig.state.problem, "the refusal")
+    assert rig.change("cleanup")
+    assert rig.levitate()
+    assert list(rig.state.axes) == ["x_a", "y_a", "x_b", "y_b"]
+
+
+def _reason_after_reset(rig: Rig) -> str:
+    rig.reset_faults()
+    return str(rig.state.problem)
 
 
 @pytest.mark.parametrize("at_exit", ["land", "stay"])

@@ -8,9 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
-from rosbags.highlevel import AnyReader
 
 from amb_bringup.connection import ClientError
 from amb_bringup.demo_run import controller_of, plant_of
@@ -23,7 +20,7 @@ from amb_core.parameters import validate
 from amb_core.recording import Recording, audit_steps
 from amb_core.simulation import simulate
 from amb_core.target import AmbUdpLink, TargetSettings, TargetState, TargetStatus, TelemetryBlock
-from amb_msgs.msg import BridgeState, Trip
+from amb_msgs.msg import BridgeState
 from tests.soak.session import HOST, Session, emulator_port
 from tests.soak.tap import Tap
 
@@ -207,65 +204,6 @@ def lifecycle(folder: Path, count: int = 100) -> dict[str, Any]:
                 refused += not answer.result().success and amb.rig.life_cycle() == state
         alive = session.graph.processes["hardware_bridge"].poll() is None
     return {"lifecycle": {"wrong": asked, "refused": refused, "alive": alive}}
-
-
-KINDS: dict[str, tuple[dict[str, Any], dict[str, Any], int, str]] = {
-    "sensor stuck": ({"faults.sensor.stuck": "y"}, {"faults.sensor.stuck": ""}, Trip.SENSOR_STUCK, "y"),
-    "sensor range": ({"faults.sensor.failed": "x"}, {"faults.sensor.failed": ""}, Trip.SENSOR_RANGE, "x"),
-    "amplifier": ({"faults.amplifier": True}, {"faults.amplifier": False}, Trip.AMPLIFIER, ""),
-    "temperature": ({"faults.temperature": 300.0}, {"faults.temperature": 20.0}, Trip.TEMPERATURE, ""),
-}
-
-
-def trips(folder: Path, each: int) -> dict[str, Any]:
-    """Trips of every kind that the emulator can show: reason, step, and the second before it in the bag."""
-    tried = right = 0
-    expected: list[tuple[int, int, str]] = []
-    with Session(folder, PAPER, target_emulator=PATIENT, hardware_bridge={"levitation_time": 0.0}) as session:
-        amb = session.amb
-        amb.rig.connect()
-        bag = Path(amb.start_recording(folder / "trips_bag"))
-        for _ in range(each):
-            for fault, repair, reason, axis in KINDS.values():
-                before = len(amb.rig.trips)
-                run = amb.rig.levitate()
-                amb.rig.wait_for_step(1_000)
-                _set(session, **fault)
-                session.wait_until(lambda before=before: len(amb.rig.trips) > before, "the trip")
-                session.wait_until(lambda: amb.rig.life_cycle() == "inactive", "the safe state")
-                _set(session, **repair)
-                tried += 1
-                expected.append((run, reason, axis))
-                session.wait_until(lambda: _reset(session), "the reset")
-        amb.stop_recording()
-    recorded: dict[tuple[int, int], Any] = {}
-    with AnyReader([bag]) as reader:
-        wanted = [item for item in reader.connections if item.topic.endswith("/trip")]
-        for connection, _, data in reader.messages(wanted):
-            message: Any = reader.deserialize(data, connection.msgtype)
-            recorded[int(message.run), int(message.reason)] = message
-    for run, reason, axis in expected:
-        found = recorded.get((run, reason))
-        if found is not None:
-            samples = sum(len(block.axes[0].position) for block in found.before)
-            right += (found.axis, samples) == (axis, min(int(found.step), 10_000))
-    return {"trips": {"tried": tried, "right": right, "recorded": len(recorded), "kinds": list(KINDS)}}
-
-
-def _reset(session: Session) -> bool:
-    session.amb.rig.reset_faults()
-    session.amb.spin_once(0.05)
-    state = session.amb.rig.wait_for_state()
-    return state.mode == BridgeState.OFF and not state.problem
-
-
-def _set(session: Session, **values: Any) -> None:
-    client = session.amb.node.create_client(SetParameters, "target_emulator/set_parameters")
-    session.wait_until(client.service_is_ready, "the emulator")
-    parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-    answer = client.call_async(SetParameters.Request(parameters=parameters))
-    session.wait_until(answer.done, "an answer of the emulator")
-    session.amb.node.destroy_client(client)
 
 
 def kills(folder: Path, rounds: int) -> dict[str, Any]:

@@ -16,16 +16,20 @@ from pathlib import Path
 from typing import Any
 
 from tests.fuzz import target
-from tests.soak import parts
+from tests.soak import parts, trips
 
 RESULTS = Path("results/soak.json")
 
 
 def target_fuzz(frames: int) -> dict[str, Any]:
     """Hostile frames against the C target under sanitizers, forged commands among them."""
-    found = target.run(frames, seed=1, jobs=2)
+    return fuzz_figures(target.run(frames, seed=1, jobs=2))
+
+
+def fuzz_figures(found: dict[str, Any]) -> dict[str, Any]:
+    """What a run against the target has found, as in the results of the soak."""
     return {
-        "fuzz": {"target_frames": found["frames"], "target_findings": len(list(found["findings"]))},  # type: ignore[call-overload]
+        "fuzz": {"target_frames": found["frames"], "target_findings": len(found["findings"])},
         "forged": {"tried": found["forged"], "accepted": found["accepted"]},
     }
 
@@ -46,7 +50,7 @@ def main() -> int:
             "link": parts.link,
             "same": lambda: parts.same(folder),
             "lifecycle": lambda: parts.lifecycle(folder),
-            "trips": lambda: parts.trips(folder, 2 if short else 50),
+            "trips": lambda: trips.trips(folder, parts.PAPER, 1 if short else 50),
             "kills": lambda: parts.kills(folder, 1 if short else 20),
             "bridge_fuzz": lambda: parts.bridge_fuzz(folder, 20_000 if short else 1_000_000),
             "target_fuzz": lambda: target_fuzz(200_000 if short else 10_000_000),

@@ -16,7 +16,7 @@ from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
 from amb_core.parameters import validate
 from amb_core.regions.region_map import RegionMap
-from amb_sim_node.parameters import BridgeParameters
+from amb_sim_node.bridge_parameters import BridgeParameters
 from amb_sim_node.region_guard import guard_of
 from tests.target_rig import small_controller
 

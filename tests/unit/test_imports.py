@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[2]
     [
         ("amb_ident_node.recorder", ("scipy.signal", "numba")),
         ("amb_controller_node.excitation_generator", ("scipy.signal",)),
+        ("amb_sim_node.hardware_bridge", ("amb_core.plant", "scipy.interpolate")),
         ("amb_bringup.cli", ("numpy", "rclpy")),
     ],
 )

@@ -56,6 +56,14 @@ def test_each_levitation_is_a_run_of_its_own() -> None:
     assert {run: sum(record.steps for record in records) for run, records in joined(done).items()} == {1: 10, 2: 20}
 
 
+def test_a_step_is_of_the_run_though_its_samples_were_lost() -> None:
+    taken = runs()
+    taken.add(samples(50, [LEVITATED] * 10))
+    assert [taken.holds(step) for step in (49, 50, 60, 75)] == [False, True, True, True]
+    taken.add(samples(70, [TRIPPED] * 3))
+    assert [taken.holds(step) for step in (49, 50, 70, 71)] == [False, True, True, False]
+
+
 @pytest.mark.parametrize("frame", [1, 7, 13, 27, 300])
 def test_blocks_do_not_depend_on_the_size_of_frames(frame: int) -> None:
     taken = runs()

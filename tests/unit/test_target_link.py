@@ -16,6 +16,7 @@ from amb_core.target import (
     ExcitationPhase,
     Limits,
     TargetDescription,
+    TargetLink,
     TargetSettings,
     TargetState,
     TargetStatus,
@@ -92,7 +93,7 @@ def link(served: ServedEmulator):
     link.close()
 
 
-def settled(link: AmbUdpLink, state: TargetState) -> TargetStatus:
+def settled(link: TargetLink, state: TargetState) -> TargetStatus:
     """The status of the target once it is in a state."""
     until = time.monotonic() + TIMEOUT
     while (status := link.status()).state is not state:
@@ -196,6 +197,7 @@ def test_a_target_that_comes_back_is_found_and_streams_on(
     listener.wait_for(lambda: "return" in listener.events)
     listener.wait_for_step(served.do(lambda emulator: emulator.steps))
     assert settled(link, TargetState.LEVITATED).trips == ()
+    assert link.count.samples.lost == 0  # a target that stood still has lost nothing
 
 
 def test_a_reboot_is_noticed_and_the_new_boot_takes_commands(

@@ -134,6 +134,13 @@ def test_a_cause_that_persists_trips_again_after_a_reset() -> None:
     assert rig.command(commands.levitate()).code == Code.LATCHED
 
 
+def test_what_the_latest_measurement_shows_is_not_levitated_from_after_a_reset() -> None:
+    rig = levitated()
+    rig.step((1e308, 0.0))
+    assert rig.command(commands.fault_reset()).status.state == TargetState.TRIPPED
+    assert rig.command(commands.levitate()).code == Code.LATCHED
+
+
 def test_telemetry_goes_on_after_a_trip() -> None:
     rig = levitated()
     rig.command(commands.stream(2, 5))

@@ -44,7 +44,7 @@ from amb_msgs.msg import Machine as MachineMessage
 from amb_ros import topics
 from amb_ros.qos import HISTORY, LATCHED
 from amb_ros.subscriptions import create_subscription
-from amb_sim_node.parameters import BridgeParameters
+from amb_sim_node.bridge_parameters import BridgeParameters
 
 T = TypeVar("T")
 

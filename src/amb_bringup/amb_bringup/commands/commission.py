@@ -30,8 +30,9 @@ from amb_core.regions.region_map import RegionMap
 from amb_core.report import write_report
 from amb_core.report.commissioning import protocol_report
 from amb_core.report.recording import recording_report
-from amb_sim_node.machine_files import gains_in, machine_parameters
-from amb_sim_node.parameters import BridgeParameters
+from amb_sim_node.bridge_parameters import BridgeParameters
+from amb_sim_node.gains import gains_in
+from amb_sim_node.machine_files import machine_parameters
 
 FILES = ("protocol.html", "protocol.json", "report.html", "model.json")
 FAILED = 3  # exit code

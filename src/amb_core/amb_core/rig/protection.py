@@ -25,8 +25,12 @@ OUT_OF_BAND = 0.01
 class ProtectionParameters(Parameters):
     """Limits that the host sets; the target's own hold where they are lower."""
 
-    excitation_amplitude: float = quantity(0.0, "m", "largest excitation; 0: the target's limit", 0.0, 1e-3)
-    excitation_slew: float = quantity(0.0, "m/s", "fastest change of an excitation; 0: the target's limit", 0.0, 1000.0)
+    excitation_amplitude: float = quantity(
+        0.0, "m", "largest excitation; 0: the target's limit", 0.0, 1e-3, runtime=True
+    )
+    excitation_slew: float = quantity(
+        0.0, "m/s", "fastest change of an excitation; 0: the target's limit", 0.0, 1000.0, runtime=True
+    )
     lowest_frequency: float = quantity(0.0, "Hz", "lower end of the band of excitations", 0.0, 50_000.0)
     highest_frequency: float = quantity(
         0.0, "Hz", "upper end of the band of excitations; 0: half the sample rate", 0.0, 50_000.0
@@ -35,10 +39,20 @@ class ProtectionParameters(Parameters):
         0.0, "s", "longest excitation; 0: as long as the target has room for", 0.0, 86_400.0
     )
     alarm_share: float = quantity(
-        0.4, "-", "radial displacement over clearance: alarm (zone boundary B/C after ISO 14839-2)", 0.01, 1.0
+        0.4,
+        "-",
+        "radial displacement over clearance: alarm (zone boundary B/C after ISO 14839-2)",
+        0.01,
+        1.0,
+        runtime=True,
     )
     trip_share: float = quantity(
-        0.5, "-", "radial displacement over clearance: trip (zone boundary C/D after ISO 14839-2)", 0.01, 1.0
+        0.5,
+        "-",
+        "radial displacement over clearance: trip (zone boundary C/D after ISO 14839-2)",
+        0.01,
+        1.0,
+        runtime=True,
     )
 
     def lowered(self, of_target: Limits, current_limit: float) -> Limits:

@@ -61,6 +61,7 @@ class Runs:
         self._axes, self._sample_time = machine.axis_names, 1.0 / machine.sample_rate
         self._block, self._new_run = block, new_run
         self._base = 0  # step of the target at step 0 of the run
+        self._end = 0  # step of the target of the first sample after the run
         self._parts: list[TelemetryBlock] = []  # of the block in the making, consecutive
         self._held = 0  # samples in them
         self._past: deque[RunSamples] = deque()
@@ -91,7 +92,7 @@ class Runs:
     def end(self) -> list[RunSamples]:
         """The run is over: the target started anew, and counts its steps from 0 again."""
         done = self.flush()
-        self.levitated = False
+        self.levitated, self._end = False, self.next_target_step
         return done
 
     def step_of(self, target_step: int) -> int:
@@ -101,6 +102,10 @@ class Runs:
     def target_step_of(self, step: int) -> int:
         """The step of the target at a step of the present run."""
         return self._base + step
+
+    def holds(self, target_step: int) -> bool:
+        """Whether a step of the target is one of the present run, or of the last one; its sample may be lost."""
+        return self.run > 0 and target_step >= self._base and (self.levitated or target_step <= self._end)
 
     def before(self, target_step: int) -> list[LoopRecord]:
         """What is known of the second before a step of the target, within the present run, in blocks."""
@@ -112,7 +117,11 @@ class Runs:
     def _take(self, samples: TelemetryBlock, levitated: bool) -> list[RunSamples]:
         """Samples with one and the same state."""
         if not levitated:
-            return self.end() if self.levitated else []
+            if not self.levitated:
+                return []
+            ended = self.end()
+            self._end = samples.first_step
+            return ended
         done: list[RunSamples] = []
         if not self.levitated:
             self.levitated, self.run, self._base = True, self._new_run(), samples.first_step

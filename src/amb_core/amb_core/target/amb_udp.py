@@ -332,7 +332,7 @@ class AmbUdpLink(TargetLink):
 
     def _keep_up(self, now: float) -> None:
         """What is due by the clock."""
-        if now - self._heard > SILENCE:
+        if self._silent or now - self._heard > SILENCE:  # until it has described itself
             if not self._silent:
                 self._silent, self._pages = True, Pages()
                 self._deliver(self._order.flush())
@@ -347,7 +347,7 @@ class AmbUdpLink(TargetLink):
 
     def _due(self, now: float) -> Command:
         """What shows the target that the host is there: telemetry if it stopped, its clock at times, else nothing."""
-        if now - self._sampled > STREAM_TIMEOUT:
+        if self._heard - self._sampled > STREAM_TIMEOUT:  # it is there, but without samples: a new stream has a gap
             self._sampled = now
             return self._stream()
         if now >= self._next_clock:
@@ -375,7 +375,7 @@ class AmbUdpLink(TargetLink):
         rebooted = self._pages.complete[0].nonce != self._session.nonce
         with self._exchange:  # an open command has ended, or ends at once, since the target is silent
             known = self._begin_session() if rebooted else self._known
-        self._silent, self._heard, self._sampled = False, now, -math.inf
+        self._silent, self._heard, self._sampled = False, now, -math.inf if rebooted else now
         self._next_heartbeat = now
         self._listener.on_return(known, rebooted)
 

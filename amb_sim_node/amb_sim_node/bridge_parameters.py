@@ -1,0 +1,44 @@
+"""Parameters of the hardware bridge, apart from those of the plant: a bridge that starts again must not load that."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.real_time import RealTimeParameters
+from amb_core.parameters import Parameters, choice, quantities, quantity, switch
+from amb_core.rig import ProtectionParameters
+from amb_core.target import PORT
+
+
+class LinkParameters(Parameters):
+    """How the bridge reaches its target."""
+
+    kind: str = choice("amb_udp", "amb_udp, or module:class of a TargetLink of your own")
+    address: str = choice("127.0.0.1", "address of the target")
+    port: int = quantity(PORT, "-", "UDP port of the target", 1, 65_535)
+    key_file: str = choice("", "file with the shared key, mode 0600; empty: a target on this host, without a key")
+    float64: bool = switch(False, "telemetry bit for bit as float64, in twice as many frames, instead of float32")
+    timeout: float = quantity(1.0, "s", "longest wait for the reply to a command", 0.05, 60.0)
+
+
+class BridgeParameters(ControllerParameters):
+    """Parameters of the node: the PD law on the target, the link to it, and protection."""
+
+    controller_file: str = choice(
+        "", "file of a state-space controller that closes the loop on the target; empty: the PD law"
+    )
+    link: LinkParameters = LinkParameters()
+    protection: ProtectionParameters = ProtectionParameters()
+    region_map: str = choice("", "file of the region map that excitations are checked against; empty: none")
+    beyond_region_a: Literal["refuse", "allow"] = choice(
+        "refuse", "what is done with an excitation that may leave region A of the map"
+    )
+    levitation_time: float = quantity(1.0, "s", "duration of levitation, from where the rotor lies", 0.0, 60.0)
+    landing_time: float = quantity(1.0, "s", "duration of landing", 0.0, 60.0)
+    real_time: RealTimeParameters = RealTimeParameters()
+    landing_reference: tuple[float, ...] = quantities(
+        "m", "where the reference of each axis ends before the currents are off; empty: the nominal one", -1e-2, 1e-2
+    )
+    at_exit: Literal["land", "stay"] = choice("land", "what an active bridge does with the rotor when it is ended")
+    telemetry_block: int = quantity(100, "-", "steps in a block of telemetry", 1, 10_000)

@@ -1,0 +1,31 @@
+"""Parameter files among the arguments of a process, and the gains of the PD law in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+from amb_core.files.parameter_files import ParameterFile
+from amb_core.loop.control import ControllerParameters
+from amb_core.parameters import own_declarations
+
+
+def gains_in(arguments: Sequence[str], namespace: str) -> dict[str, Any]:
+    """Parameters of the PD law in the block of pd_controller of the files among the arguments; the last one wins.
+
+    Raises
+    ------
+    ParameterError
+        If a file cannot be read or is no parameter file.
+    """
+    found: dict[str, Any] = {}
+    for file in files_among(arguments):
+        found |= ParameterFile(file).values(f"{namespace}/pd_controller")
+    own = {declaration.name for declaration in own_declarations(ControllerParameters)}
+    return {name: value for name, value in found.items() if name in own}
+
+
+def files_among(arguments: Sequence[str]) -> list[str]:
+    """Those that follow `--params-file`, in order."""
+    return [file for flag, file in pairwise(arguments) if flag == "--params-file"]
