@@ -26,6 +26,15 @@ def test_a_rotor_in_two_bearings_has_four_axes_with_their_places() -> None:
     assert machine_of(PlantParameters()).axis_names == ("x", "y")
 
 
+def test_a_machine_whose_positions_are_not_known_equals_another_description_of_it() -> None:
+    first, second = (
+        replace(RIG, axes=tuple(replace(axis, sensor_position=float("nan")) for axis in RIG.axes)) for _ in range(2)
+    )
+    assert first == second
+    assert hash(first) == hash(second)
+    assert first != RIG
+
+
 def test_a_message_holds_all_of_it() -> None:
     assert machine_from_message(fill_machine(SimpleNamespace(), SimpleNamespace, SimpleNamespace, RIG)) == RIG
 

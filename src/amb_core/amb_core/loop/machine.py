@@ -16,9 +16,9 @@ MOST_AXES = 16
 HIGHEST_SAMPLE_RATE = 1e6  # Hz
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MachineAxis:
-    """One axis of control.
+    """One axis of control. Two are equal if all values are; a position that is not known equals another such one.
 
     Attributes
     ----------
@@ -43,6 +43,17 @@ class MachineAxis:
     direction: tuple[float, float, float]
     bias_current: float
     current_limit: float
+
+    def __eq__(self, other: object) -> bool:
+        return self._values == other._values if isinstance(other, MachineAxis) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._values)
+
+    @property
+    def _values(self) -> tuple[object, ...]:
+        """All values, with None for NaN, which equals nothing."""
+        return tuple(None if value != value else value for value in vars(self).values())
 
 
 @dataclass(frozen=True)
