@@ -13,6 +13,7 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).parents[2]
 PACKAGES = [path.parent for path in sorted([*ROOT.glob("amb_*/setup.py"), *ROOT.glob("src/amb_*/setup.py")])]
 ROSDEP_KEYS = {
+    "h5py": "python3-h5py",
     "jinja2": "python3-jinja2",
     "markupsafe": "python3-markupsafe",
     "matplotlib": "python3-matplotlib",
@@ -25,7 +26,10 @@ ROSDEP_KEYS = {
     "typer": "python3-typer",
     "yaml": "python3-yaml",
 }
-FROM_PYPI = {"control", "ctrlsys", "dask", "distributed", "mcap", "plotly", "pydantic", "threadpoolctl", "zstandard"}
+FROM_PYPI = {
+    *("control", "ctrlsys", "dask", "distributed", "mcap", "plotly", "pyarrow", "pydantic", "threadpoolctl"),
+    "zstandard",
+}
 DISTRIBUTIONS = {"yaml": "pyyaml"}  # names on PyPI that differ from those of the modules
 NOT_IMPORTED = {"amb_ident_node", "launch_ros", "launch_yaml"}  # what launch files need, dependencies of amb_bringup
 

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from amb_bringup.commands.options import declared_options
+from amb_bringup.commands.own_data import DataOptions
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.validate import load_recorded
@@ -52,6 +53,10 @@ def certify(
         Path | None,
         typer.Option(help="Bag or data file of another experiment for the validation; by default --bag."),
     ] = None,
+    description: Annotated[
+        Path | None,
+        typer.Option(help="Description of data files of others, as amb identify --save-description writes it."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for certificate.html and certificate.json.")] = Path(
         "results/certificate"
     ),
@@ -65,17 +70,18 @@ def certify(
     settings = RobustnessSettings(**given)
     known = StateSpaceModel.load(model)
     law = named_controller(controller, sample_rate=1.0 / known.sample_time)
-    sources = {"model": model, "bag": bag, "validation bag": validation_bag}
+    sources = {"model": model, "bag": bag, "validation bag": validation_bag, "description": description}
     if Path(controller).exists():
         sources["controller"] = Path(controller)
     inputs = {f"{what} {path.name}": sha256_of(path) for what, path in sources.items() if path is not None}
     uncertainty = validation = measured = None
     displacement: dict[str, float] = {}
+    files = DataOptions({}, description)
     if bag is not None:
-        loop = load_recorded(console, bag, None, -1, 0)
+        loop = load_recorded(console, files, bag, None, -1, 0)
         with working(console, "uncertainty of the model"):
             uncertainty = _uncertainty(known, loop)
-        judged = loop if validation_bag is None else load_recorded(console, validation_bag, None, -1, 0)
+        judged = loop if validation_bag is None else load_recorded(console, files, validation_bag, None, -1, 0)
         with working(console, "validating"):
             validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
         measured = _measured(console, known, judged)
