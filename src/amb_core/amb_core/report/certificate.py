@@ -5,22 +5,51 @@ from __future__ import annotations
 import math
 
 from amb_core.figures.robustness import mu_chart, sensitivity_chart
-from amb_core.report.document import Block, FigureBlock, Prose, Report, Section, TableBlock
+from amb_core.report.document import Badge, Block, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
 from amb_core.robustness.assessment import Assessment
 from amb_core.robustness.certificate import Certificate
 from amb_core.robustness.margins import DiskMargin
 
+SENSITIVITY = "Sensitivity"
+
 
 def certificate_report(certificate: Certificate, title: str = "Robustness certificate") -> Report:
     """The page of a certificate."""
-    rows = [(one.name, "passed" if one.passed else "failed", one.finding) for one in certificate.checks]
+    rows = [(one.name, _result(one.passed), one.finding) for one in certificate.checks]
     opening: list[Block] = [TableBlock(("check", "result", "finding"), rows, "Checks")]
     opening += [Prose(f"Warning: {text}.") for text in certificate.warnings]
     sections = []
     if certificate.assessment is not None:
         sections = robustness_sections(certificate)
     sections.append(_inputs(certificate))
-    return Report(title, certificate.verdict, opening, sections, "The same inputs give the same certificate.")
+    return Report(
+        title,
+        "What was checked, and what each check found. Sizes of the assumed perturbations and limits are at the end.",
+        opening,
+        sections,
+        "The same inputs give the same certificate.",
+        _strip(certificate),
+    )
+
+
+def _result(passed: bool) -> Badge:
+    return Badge("passed", "good") if passed else Badge("failed", "bad")
+
+
+def _strip(certificate: Certificate) -> VerdictStrip:
+    """The verdict, and the peak sensitivity and zone of each axis."""
+    outcome = Badge("certified", "good") if certificate.certified else Badge("not certified", "bad")
+    found, numbers = certificate.assessment, []
+    if found is not None:
+        bounds = {} if found.bounds is None else {item.name: item for item in found.bounds.axes}
+        for axis in found.axes:
+            one = bounds.get(axis.name)
+            value, zone = (one.sensitivity.value, one.zone) if one else (axis.sensitivity.value, axis.zone)
+            sure = f" with {100.0 * found.settings.confidence:g} %" if one else ""
+            numbers.append(
+                (f"peak sensitivity, {axis.name}{sure}", Badge(f"{value:.3f}, zone {zone}", section=SENSITIVITY))
+            )
+    return VerdictStrip(outcome, certificate.verdict, numbers)
 
 
 def robustness_sections(certificate: Certificate) -> list[Section]:
@@ -72,7 +101,7 @@ def _sensitivity(certificate: Certificate, found: Assessment) -> Section:
         )
     if certificate.displacement:
         blocks.append(TableBlock(("axis", "zone"), list(certificate.displacement.items()), "Zones after ISO 14839-2"))
-    return Section("Sensitivity", blocks)
+    return Section(SENSITIVITY, blocks)
 
 
 def _margins(found: Assessment) -> Section:

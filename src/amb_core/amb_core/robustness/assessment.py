@@ -49,7 +49,7 @@ class AxisResult:
     name : str
         The axis.
     sensitivity, complementary : Peak
-        Peaks of |S| and |T|.
+        Peaks of the magnitudes of S and T.
     margins : ClassicalMargins
         Gain, phase and delay.
     disk : DiskMargin
@@ -75,13 +75,13 @@ class AxisBounds:
     name : str
         The axis.
     sensitivity, complementary, disk : Worst
-        Largest |S|, |T| and |S + (sigma - 1)/2|, each bound for this number alone.
+        Largest magnitudes of S, T and S + (sigma - 1) / 2, each bound for this number alone.
     sensitivity_of_all : Worst
-        Largest |S| over the ellipsoid that holds all parameters at once.
+        Largest magnitude of S over the ellipsoid that holds all parameters at once.
     zone : str
-        Zone after ISO 14839-3 of the bound of |S|.
+        Zone after ISO 14839-3 of the bound of S.
     replayed : float
-        Peak of |S| of the worst model, as a model; infinite if its loop is not stable.
+        Peak of S of the worst model, as a model; infinite if its loop is not stable.
     """
 
     name: str

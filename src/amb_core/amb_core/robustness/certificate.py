@@ -219,6 +219,9 @@ def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | Non
     if validation is not None:
         if not validation.unreserved:
             found.append("residuals depend on past inputs: the bounds hold no systematic error of the model")
+        source = validation.model.source
+        if source and any(f"{item.source},".startswith(f"{source},") for item in validation.data.experiments):
+            found.append("validated on the data of the identification; those of another experiment are more conclusive")
         found.append(f"linearity of the data: {validation.evidence.brief}")
     return tuple(found)
 

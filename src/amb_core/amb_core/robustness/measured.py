@@ -34,7 +34,7 @@ class MeasuredSensitivity:
     response : ndarray of complex, shape (f, p, p)
         S_o.
     deviation : ndarray, shape (f, p)
-        Standard deviation of |S| of each axis by noise.
+        Standard deviation of the magnitude of S of each axis by noise.
     coherence : ndarray, shape (f, p)
         Of each position with the references.
     method : str
@@ -49,7 +49,7 @@ class MeasuredSensitivity:
     method: str
 
     def difference_db(self, feedback: Feedback, highest: float = 1_000.0, coherent: float = 0.9) -> Arrays:
-        """Measured |S| over that of a loop in dB, shape (p, f'), at coherent frequencies up to one (Hz)."""
+        """Measured over computed magnitude of S in dB, shape (p, f'), at coherent frequencies up to one (Hz)."""
         kept = (self.frequency <= highest) & np.all(self.coherence >= coherent, axis=1)
         model = np.abs(np.diagonal(feedback.output_sensitivity.response(self.frequency[kept]), axis1=1, axis2=2))
         return np.asarray(20.0 * np.log10(np.abs(np.diagonal(self.response[kept], axis1=1, axis2=2)) / model).T)

@@ -1,0 +1,49 @@
+"""`amb certify`: exit code and files, from a recording to the certificate; certified only with data."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from amb_bringup.cli import app
+from amb_core.identification import identify
+from amb_core.identification.data import IdentificationData
+from amb_core.loop.control import ControllerParameters
+from tests.unit.test_recording_report import write_bag
+
+
+@pytest.fixture(scope="module")
+def files(bearing, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A model of the bearing's order, and the bag that it was identified from."""
+    folder = tmp_path_factory.mktemp("certify")
+    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
+    bag, model = write_bag(folder / "bag", record), folder / "model.json"
+    data = IdentificationData.from_record(record, source=str(bag))
+    identify(data, 6, controller=ControllerParameters()).model.save(model)
+    return model, bag
+
+
+def amb_certify(model: Path, out: Path, *words: object) -> tuple[Result, dict]:
+    given = ["certify", model, "--controller", "paper", "--out", out, *words]
+    result = CliRunner().invoke(app, [str(word) for word in given], catch_exceptions=False)
+    return result, json.loads((out / "certificate.json").read_text())
+
+
+def test_without_data_margins_are_computed_but_nothing_is_certified(files, tmp_path: Path) -> None:
+    result, found = amb_certify(files[0], tmp_path)
+    assert result.exit_code == 4
+    assert found["certified"] is False and found["peak_sensitivity"]
+    assert "not certified" in (tmp_path / "certificate.html").read_text()
+
+
+def test_with_the_data_of_the_identification_the_certificate_says_so(files, tmp_path: Path) -> None:
+    model, bag = files
+    result, found = amb_certify(model, tmp_path, "--bag", bag)
+    assert result.exit_code == (0 if found["certified"] else 4)
+    assert [check["passed"] for check in found["checks"] if check["name"] == "the model is validated"] == [True]
+    assert any("validated on the data of the identification" in text for text in found["warnings"])
+    assert {name.split()[0] for name in found["inputs"]} == {"model", "bag"}
+    assert found["bounds"]
