@@ -206,6 +206,7 @@ def exchange() -> list[Exchanged]:
     send("controller", rig.writer.write(commands.controller(True)))
     rig.step((math.nan, 0.0))
     take("sensor failed")
+    steps("sensor repaired", 1)  # a reset keeps what the latest measurement still shows
     send("fault reset", rig.writer.write(commands.fault_reset()))
     return frames
 

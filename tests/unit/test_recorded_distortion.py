@@ -305,7 +305,7 @@ def test_validation_and_data_check_name_distortion_as_the_limit_of_the_fit(mixed
 def test_options_of_the_simulation_are_refused_with_a_recording_and_the_other_way_round(tmp_path: Path) -> None:
     for words, reason in (
         (["bag", "--rms", "1e-6"], "--rms is for the simulation only"),
-        (["bag", "--set", "rotor.gravity=0"], "--set is for the simulation only"),
+        (["bag", "--set", "rotor.gravity=0"], "--params or --set is for the simulation only"),
         (["--run", "3"], "--run is for a recording only"),
     ):
         found = CliRunner().invoke(app, ["distortion", *words, "--out", str(tmp_path)])
