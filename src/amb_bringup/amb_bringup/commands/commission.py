@@ -20,7 +20,7 @@ from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commissioning import Session
 from amb_bringup.launcher import Graph, launch_file, own_domain
 from amb_bringup.node_parameters import check_parameter_file
-from amb_core.commissioning import CommissioningSettings, Expected, Step, expected_of, order_for
+from amb_core.commissioning import CommissioningSettings, Expected, Step, expected_of
 from amb_core.figures.saving import write_image
 from amb_core.files.parameter_files import BRIDGE_NODE, NAMESPACE, RIG_NODES, ParameterFile
 from amb_core.loop.control import ControllerParameters
@@ -86,8 +86,7 @@ def commission(
         finally:
             _write(session, out)
     if report and (out / "bag").exists() and not session.protocol.failed:
-        order = order_for(len(session.machine.axes))
-        write_report(recording_report(Recording.read(out / "bag"), None, order), out / "report.html")
+        write_report(recording_report(Recording.read(out / "bag"), None, "auto"), out / "report.html")
     console.print(f"protocol.html, protocol.json, figures, bag: {out}")
     if session.protocol.failed:
         raise typer.Exit(FAILED)

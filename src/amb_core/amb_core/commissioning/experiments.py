@@ -54,7 +54,7 @@ def tone(settings: CommissioningSettings, axis: str) -> Tones:
 
 
 def order_for(axes: int) -> int:
-    """Order of an identified model.
+    """Order of an identified model of data with little noise.
 
     Two states for each rigid coordinate at an axis, and one for its amplifier; the paper's ten for one bearing.
     """
