@@ -75,7 +75,7 @@ def test_it_leads_from_the_connection_to_the_identified_plant(tmp_path: Path, do
     assert len(protocol["about"]["SHA-256 of it"]) == 64
     out = tmp_path / "out"
     assert "No step failed. Skipped: emergency stop, map." in (out / "protocol.html").read_text()
-    assert StateSpaceModel.load(out / "model.json").order >= 4  # the states that the data show; two for each axis at least
+    assert StateSpaceModel.load(out / "model.json").order >= 4  # of each axis two at least
     recording = Recording.read(out / "bag")
     assert not recording.truncated
     kinds = [item.kind for item in recording.excitations(recording.runs[-1])]
