@@ -95,7 +95,7 @@ def test_results_that_cannot_be_kept_are_refused_before_the_work(
 
 
 def test_a_controller_that_is_not_known_is_refused_and_errors_that_are_not_white_are_told(files: list[Path]) -> None:
-    with pytest.raises(AmbError, match="lacks the controller's parameters; name it with --controller: paper, pd:K_P,K_D "):
+    with pytest.raises(AmbError, match="lacks the controller's parameters; name it with --controller: paper, pd:K_P"):
         run(files[0], "--order", "3", controller="")
     with pytest.raises(AmbError, match="controller = 'pd_controller' is not allowed; allowed: paper, pd:K_P,K_D in "):
         run(files[0], "--order", "3", controller="pd_controller")
