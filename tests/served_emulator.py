@@ -39,6 +39,7 @@ class ServedEmulator:
         self.port = self.emulator.port
         self._lock = threading.Lock()
         self._paused = False
+        self._block = BLOCK
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -64,9 +65,13 @@ class ServedEmulator:
         """Let the target stand still, without an answer to anybody."""
         self._paused = paused
 
+    def stop_steps(self, stopped: bool) -> None:
+        """Let the target make no control step, as on a machine that is late; it still answers."""
+        self._block = 0 if stopped else BLOCK
+
     def _run(self) -> None:
         while not self._ended.is_set():
             if not self._paused:
                 with self._lock:
-                    self.emulator.run(BLOCK)
+                    self.emulator.run(self._block)
             time.sleep(5e-4)

@@ -23,6 +23,7 @@ from amb_core.target import (
     TelemetryBlock,
     TooLateError,
 )
+from amb_core.target.amb_udp import STREAM_TIMEOUT
 from tests.served_emulator import ServedEmulator
 from tests.soak.tap import Tap
 
@@ -198,6 +199,18 @@ def test_a_target_that_comes_back_is_found_and_streams_on(
     listener.wait_for_step(served.do(lambda emulator: emulator.steps))
     assert settled(link, TargetState.LEVITATED).trips == ()
     assert link.count.samples.lost == 0  # a target that stood still has lost nothing
+
+
+def test_a_target_that_answers_but_makes_no_steps_loses_no_telemetry(
+    served: ServedEmulator, link: AmbUdpLink, listener: Listener
+) -> None:
+    levitated(link, listener)
+    served.do(lambda emulator: emulator.run(5))  # amid a frame
+    served.stop_steps(True)
+    time.sleep(4.0 * STREAM_TIMEOUT)  # heartbeats are answered, samples do not come
+    served.stop_steps(False)
+    listener.wait_for_step(served.do(lambda emulator: emulator.steps) + 500)
+    assert link.count.samples.lost == 0
 
 
 def test_a_reboot_is_noticed_and_the_new_boot_takes_commands(

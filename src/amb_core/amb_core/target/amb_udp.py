@@ -114,6 +114,7 @@ class AmbUdpLink(TargetLink):
         self._silent = False
         # Times of the monotonic clock (s)
         self._next_hello = self._next_heartbeat = self._next_clock = self._heard = self._sampled = -math.inf
+        self._frame_steps = self._reached = 0  # steps of a frame of telemetry; the step after the last sample
         self._clock: tuple[int, int] | None = None  # of host and target (ns), when the session began
         self._last_known: object = None  # state, excitation and trips in the latest reply
 
@@ -320,6 +321,8 @@ class AmbUdpLink(TargetLink):
             self._reply = answer
             self._replied.set()
         status = answer.status
+        if 0 <= status.step - self._reached < self._frame_steps:  # all that is due has come: the target stood still
+            self._sampled = now
         self._last_known = status.state, status.excitation, status.trips
         self._excited = status.excitation is not ExcitationPhase.NONE
         if self._excited:
@@ -328,6 +331,7 @@ class AmbUdpLink(TargetLink):
 
     def _deliver(self, blocks: list[TelemetryBlock]) -> None:
         for block in blocks:
+            self._reached = block.first_step + block.steps
             self._listener.on_samples(block)
 
     def _keep_up(self, now: float) -> None:
@@ -398,7 +402,8 @@ class AmbUdpLink(TargetLink):
         """Telemetry in frames as large as Ethernet carries."""
         width = 8 if self._options & TelemetryOption.FLOAT64 else 4
         row = width * (3 * self._session.axes + 1)
-        return commands.stream((LARGEST_FRAME - HEADER.size - 8 - CHECKSUM) // row, self._options)
+        self._frame_steps = (LARGEST_FRAME - HEADER.size - 8 - CHECKSUM) // row
+        return commands.stream(self._frame_steps, self._options)
 
     def _say_hello(self, now: float) -> None:
         if now >= self._next_hello:
