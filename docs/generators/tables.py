@@ -5,27 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters, StateSpaceControllerParameters
+from amb_bringup.node_parameters import PARAMETERS
 from amb_core.excitation import KINDS, Excitation
 from amb_core.parameters import Declaration, Parameters, declarations, own_declarations
-from amb_ident_node.identifier import IdentifierParameters
-from amb_ident_node.recorder import RecorderParameters
-from amb_ident_node.region_monitor import RegionMonitorParameters
-from amb_sim_node.bridge_parameters import BridgeParameters
-from amb_sim_node.parameters import SimulatorParameters, TargetEmulatorParameters
-
-NODES: dict[str, type[Parameters]] = {
-    "simulator": SimulatorParameters,
-    "hardware_bridge": BridgeParameters,
-    "target_emulator": TargetEmulatorParameters,
-    "pd_controller": PdControllerParameters,
-    "state_space_controller": StateSpaceControllerParameters,
-    "excitation_generator": GeneratorParameters,
-    "recorder": RecorderParameters,
-    "region_monitor": RegionMonitorParameters,
-    "identifier": IdentifierParameters,
-}
-"""The parameters of each node."""
 
 TABLE = re.compile(r"(<!-- parameters: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -54,7 +36,7 @@ def excitation_table(_: type[Parameters] = Excitation) -> str:
 
 
 TABLES: dict[str, tuple[Callable[[type[Parameters]], str], type[Parameters]]] = {
-    **{parameters.__name__: (parameter_table, parameters) for parameters in NODES.values()},
+    **{parameters.__name__: (parameter_table, parameters) for parameters in PARAMETERS.values()},
     "excitations": (excitation_table, Excitation),
 }
 
@@ -71,7 +53,7 @@ def with_current_tables(text: str) -> str:
 
 def parameter_reference() -> str:
     """A section for each node, with the table of its parameters."""
-    return "\n".join(f"## {node}\n\n{parameter_table(parameters)}" for node, parameters in NODES.items())
+    return "\n".join(f"## {node}\n\n{parameter_table(parameters)}" for node, parameters in PARAMETERS.items())
 
 
 def _value(value: object) -> str:

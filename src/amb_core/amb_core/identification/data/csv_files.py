@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import itertools
 import json
 import math
 import re
@@ -23,6 +22,7 @@ from amb_core.errors import IdentificationError
 from amb_core.files.file_errors import reading
 from amb_core.files.regular_files import open_regular
 from amb_core.identification.data.dataset import IdentificationData
+from amb_core.identification.data.described.clock import clock_of
 from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.matrix_data import needed_sample_time
 
@@ -32,7 +32,6 @@ _LABELS = ("input_names", "output_names", "input_units", "output_units")
 _TRENDS = ("input_trend", "output_trend", "reference_trend")
 _TIME_NAMES = ("time", "t")
 _TIME_UNITS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6}
-_TIME_TOLERANCE = 0.1  # of a sample time, by which a time may miss its sample
 
 
 def write_csv(data: IdentificationData, path: str | Path) -> None:
@@ -157,7 +156,8 @@ def _chosen(
         unit = header[time][1]
         if unit not in _TIME_UNITS:
             raise IdentificationError(f"times are in {unit}; allowed: s, ms, us")
-        sample_time, spans = _spans(table[:, time] * _TIME_UNITS[unit], sample_time)
+        clock = clock_of(table[:, time] * _TIME_UNITS[unit], sample_time)
+        sample_time, spans = clock.sample_time, clock.spans
     experiments = tuple(
         Experiment(
             table[start:stop, ins],
@@ -176,39 +176,6 @@ def _chosen(
         tuple(header[column][1] for column in ins),
         tuple(header[column][1] for column in outs),
     )
-
-
-def _spans(time: NDArray[np.float64], given: float | None) -> tuple[float, list[tuple[int, int, int]]]:
-    """Sample time (s), and first row, row after the last and first step of each stretch without a gap."""
-    if len(time) < 2 or not np.isfinite(time).all():
-        raise IdentificationError("the times must be two or more finite numbers; otherwise leave the column out")
-    intervals = np.diff(time)
-    backward = np.flatnonzero(intervals <= 0.0)
-    if backward.size:
-        row = int(backward[0])
-        raise IdentificationError(
-            f"times must rise; sample {row + 1} is at {time[row + 1]:g} s, the one before at {time[row]:g} s"
-        )
-    typical = float(np.median(intervals))
-    if given is not None and abs(typical - given) > 0.01 * given:
-        raise IdentificationError(
-            f"sample_time {given:g} s is given, but the times are {typical:g} s apart; correct it or leave it out"
-        )
-    if given is None:  # more exact than one interval: from all steps of the whole record
-        regular = intervals[np.abs(intervals - typical) < 0.5 * typical]
-        given = float(f"{regular.mean():.9g}")
-    steps = intervals / given
-    off = np.abs(steps - np.round(steps))
-    worst = int(np.argmax(off))
-    if off[worst] > _TIME_TOLERANCE:
-        raise IdentificationError(
-            f"irregular sample time: between samples {worst} and {worst + 1} are {intervals[worst]:g} s, not a "
-            f"multiple of {given:g} s; resample the record to one rate first"
-        )
-    edges = [0, *(np.flatnonzero(np.round(steps) > 1) + 1).tolist(), len(time)]
-    first = round(float(time[0]) / given)
-    ahead = np.concatenate([[0], np.cumsum(np.round(steps).astype(np.int64))])
-    return given, [(start, stop, first + int(ahead[start])) for start, stop in itertools.pairwise(edges)]
 
 
 def _column(name: str, header: list[tuple[str, str]]) -> int:
