@@ -58,6 +58,8 @@ CASES = (
     Case("missing_rows.csv", NONE),
     Case("holes.csv", NONE, "--repair split"),
     Case("holes.csv", ("--repair", "split", *NONE)),
+    Case("slow_gauge.csv", NONE, "only every 4. row has all"),
+    Case("suffixes.csv", NONE),
     Case("jitter.csv", NONE, "--time none --rate"),
     Case("jitter.csv", ("--time", "none", "--rate", "8000", *NONE)),
     Case("variable_step.csv", NONE, "--repair resample"),

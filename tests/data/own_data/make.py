@@ -92,6 +92,9 @@ def texts() -> None:
     holes = x.copy()
     holes[[120, 121, 407]] = np.nan
     text("holes.csv", ["time [s],i_x [A],x [um]"], [t, i, 1e6 * holes])
+    slow = np.where(np.arange(len(x)) % 4 == 0, x, np.nan)
+    text("slow_gauge.csv", ["time [s],i_x [A],x [um]"], [t, i, 1e6 * slow])
+    text("suffixes.csv", ["time_ms,i_x_mA,x_um"], [1e3 * t, 1e3 * i, 1e6 * x])
     stamps = t + np.random.default_rng(5).uniform(-0.35, 0.35, len(t)) / 8_000.0
     text("jitter.csv", ["time [s],i_x [A],x [um]"], [stamps, i, 1e6 * x], formats=["%.8f", "%.7g", "%.7g"])
     uneven = np.cumsum(np.random.default_rng(6).uniform(0.85, 1.15, 900)) / 40_000.0

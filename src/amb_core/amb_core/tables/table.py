@@ -15,6 +15,8 @@ _PARTS = (
     re.compile(r"^(?P<name>.+?)\s*\((?P<unit>[^)]*)\)$"),
     re.compile(r"^(?P<name>.+?)\s+/\s*(?P<unit>\S+)$"),
 )
+# Only units that are no word of their own: `coil_A` is a coil, `x_min` a minimum.
+_SUFFIX = re.compile(r"^(?P<name>.+)_(?P<unit>[munµμ]m|[muµμ]A|[munµμ]s|mil)$")
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +109,22 @@ class Table:
 
 
 def split_unit(text: str) -> tuple[str, str]:
-    """Name and unit of a heading such as `i_x [A]`, `Time (s)` or `x / um`; the unit is empty where there is none."""
+    """Name and unit of a heading such as `i_x [A]`, `Time (s)`, `x / um` or `time_ms`; no unit is an empty one.
+
+    A name keeps the unit that it ends in: `time_ms` is the name of that column.
+    """
     text = text.strip().strip('"').strip()
     for pattern in _PARTS:
         if found := pattern.match(text):
             return found["name"].strip(), found["unit"].strip()
-    return text, ""
+    suffix = _SUFFIX.match(text)
+    return text, suffix["unit"] if suffix else ""
+
+
+def without_suffix(name: str) -> str:
+    """A name without the unit that it ends in: `time` for `time_ms`."""
+    suffix = _SUFFIX.match(name)
+    return suffix["name"] if suffix else name
 
 
 def _exact(columns: tuple[Column, ...], wanted: str) -> list[Column]:

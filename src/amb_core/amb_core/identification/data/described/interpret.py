@@ -228,13 +228,9 @@ def _complete(
     valid = np.asarray(np.isfinite(values).all(axis=1))
     if valid.all():
         return clock.spans
+    bad = [signal.label for index, signal in enumerate(signals) if not np.isfinite(values[:, index]).all()]
     rows = np.flatnonzero(~valid)
-    if description.repair != "split":
-        bad = [signal.label for index, signal in enumerate(signals) if not np.isfinite(values[:, index]).all()]
-        raise IdentificationError(
-            f"{len(rows)} of {len(values)} rows lack a number in {', '.join(bad)}, the first is row {rows[0]}; give "
-            "--repair split to use the stretches between them"
-        )
+    lack = f"{len(rows)} of {len(values)} rows lack a number in {', '.join(bad)}"
     spans = []
     for start, stop, step in clock.spans:
         edges = np.flatnonzero(np.diff(valid[start:stop], prepend=False, append=False))
@@ -242,9 +238,19 @@ def _complete(
             if last - first >= SHORTEST:
                 spans.append((start + first, start + last, step + first))
     if not spans:
+        every = np.unique(np.diff(np.flatnonzero(valid)))
         raise IdentificationError(
-            f"{len(rows)} of {len(values)} rows lack a number, and no stretch between them has {SHORTEST} samples; "
-            "leave the column with the missing numbers out of --inputs and --outputs"
+            f"{lack}, and no stretch between them has {SHORTEST} samples; "
+            + (
+                f"only every {every[0]}. row has all: write those rows alone to a file, or leave "
+                if len(every) == 1
+                else "leave "
+            )
+            + f"{', '.join(bad)} out of --inputs, --outputs and --reference"
+        )
+    if description.repair != "split":
+        raise IdentificationError(
+            f"{lack}, the first is row {rows[0]}; give --repair split to use the stretches between them"
         )
     used = sum(stop - start for start, stop, _ in spans)
     notes.append(f"{len(rows)} rows lack a number: {len(spans)} experiments between them, {used} samples")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data.described.description import DataDescription
 from amb_core.tables import Column, Table
+from amb_core.tables.table import without_suffix
 from amb_core.tables.units import CURRENTS, LENGTHS, TIMES, spelled
 
 _TIMES = {
@@ -79,14 +81,15 @@ def _time(table: Table, description: DataDescription) -> Column | None:
 
 def _by_name(columns: Sequence[Column]) -> tuple[list[Column], list[Column], list[Column]]:
     """Columns named i_x, x and r_x, for each axis, or u1, y1; none where a name is missing."""
-    by_name = {column.name: column for column in columns if column.named}
+    names = Counter(without_suffix(column.name) for column in columns)
+    by_name = {name: c for c in columns if c.named and names[name := without_suffix(c.name)] == 1}
     axes = [name.removeprefix("i_") for name in by_name if name.startswith("i_") and name.removeprefix("i_") in by_name]
     if axes:
         reference = [by_name[f"r_{axis}"] for axis in axes if f"r_{axis}" in by_name]
         inputs, outputs = [by_name[f"i_{axis}"] for axis in axes], [by_name[axis] for axis in axes]
         return inputs, outputs, reference if len(reference) == len(axes) else []
     roles = {
-        letter: [column for column in columns if re.fullmatch(rf"{letter}(?:_?\d+|\[\d+\])?", column.name)]
+        letter: [c for c in columns if re.fullmatch(rf"{letter}(?:_?\d+|\[\d+\])?", without_suffix(c.name))]
         for letter in "uyr"
     }
     if roles["u"] and roles["y"]:
@@ -103,4 +106,4 @@ def _suggestion(columns: Sequence[Column]) -> str:
 
 
 def _last(name: str) -> str:
-    return name.casefold().rsplit(".", 1)[-1].strip()
+    return without_suffix(name.casefold().rsplit(".", 1)[-1].strip())
