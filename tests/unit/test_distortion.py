@@ -204,6 +204,7 @@ def test_the_command_refuses_a_rotor_that_falls(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("lowest", "end"), [(0.985, 0.9), (0.7, 0.5), (0.2, 0.0)])
 def test_the_scale_of_the_coherence_shows_how_far_it_is_from_1(lowest: float, end: float) -> None:
     values = np.column_stack([[1.0, lowest], [1.0, 1.0]])
-    found = Coherence(np.array([50.0, 100.0]), values, np.array([1e-6, np.nan]), np.array([1e-7, np.nan]), 5.0)
+    known, rest = np.array([1e-6, np.nan]), np.array([1e-7, np.nan])
+    found = Coherence(("x", "y"), np.array([50.0, 100.0]), values, known, rest, 5.0)
     (panel,) = coherence_chart(found).panels
     assert panel.y.limits is not None and panel.y.limits[0] == end and 1.0 < panel.y.limits[1] < 1.06

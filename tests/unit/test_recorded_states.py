@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
+from amb_core.analysis.recorded_data import recorded_data
 from amb_core.analysis.recorded_regions import classify_run
 from amb_core.errors import ParameterError
 from amb_core.loop.records import LoopRecord
@@ -132,6 +133,14 @@ def test_a_run_is_classified_with_the_bearings_of_its_machine(tmp_path: Path) ->
     assert [(bearing.name, bearing.region) for bearing in found.states[-1].bearings] == [
         ("a", Region.A), ("b", Region.D)
     ]  # fmt: skip
+
+
+def test_the_data_of_a_run_have_the_axes_of_its_machine(tmp_path: Path) -> None:
+    data = recorded_data(Recording.read(write_machine(tmp_path / "bag")))
+    assert data.output_names == ("x_a", "y_a", "x_b", "y_b")
+    assert data.input_names == ("i_x_a", "i_y_a", "i_x_b", "i_y_b")
+    assert data.input_units == ("A",) * 4 and data.output_units == ("m",) * 4
+    assert data.experiments[0].outputs.shape == (22_000, 4)
 
 
 def test_a_run_whose_machine_is_not_recorded_has_bearings_by_names(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ Missing steps split the samples into experiments. Topics are found by message ty
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ def recorded_data(
     position_topic: str | None = None,
     current_topic: str | None = None,
 ) -> IdentificationData:
-    """Inputs i_x, i_y (A) and outputs x, y (m) of one run of a recording.
+    """Inputs i_x, i_y ... (A) and outputs x, y ... (m) of one run of a recording.
 
     Parameters
     ----------
@@ -83,13 +84,8 @@ def _from_telemetry(recording: Recording, run: int | None, first_step: int, step
     start, stop = _window(recording, run, spans, first_step, steps)
     source = f"{recording.path}, run {run}"
     records = [recording.telemetry(run, *span) for span in _within(spans, start, stop)]
-    return IdentificationData(
-        tuple(
-            Experiment(record.current, record.position, record.reference, record.first_step, source)
-            for record in records
-        ),
-        records[0].sample_time,
-    )
+    parts = [IdentificationData.from_record(record, source) for record in records]
+    return replace(parts[0], experiments=tuple(item for part in parts for item in part.experiments))
 
 
 def _from_topics(

@@ -23,12 +23,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.distortion.records import require_one_bearing
+from amb_core.distortion.records import axes_of
 from amb_core.errors import SpectrumError
 from amb_core.loop.records import LoopRecord
 
 _DEGREE = 2
-_LINES_PER_BAND = 24
+_LINES_PER_BAND = 24  # at least; two for each unknown of a machine of more axes
 _NARROWEST_BAND = 5.0  # Hz; a narrower one could follow a sweep's harmonics as if they were late answers
 _WIDEST_BAND = 30.0  # Hz, within which a bearing's response is taken as a quadratic
 _REFERENCE_POWER = 0.999  # part of it that lies below the end of the band
@@ -45,17 +45,20 @@ class Coherence:
 
     Attributes
     ----------
+    axes : tuple of str
+        Names of the axes, in the order of the arrays below.
     frequency : ndarray, shape (bands,)
         Centres of the bands (Hz).
-    coherence : ndarray, shape (bands, 2)
-        Multiple coherence of the positions x, y with the references, corrected for the number of lines, 0 to 1.
-    explained, rest : ndarray, shape (2,)
+    coherence : ndarray, shape (bands, axes)
+        Multiple coherence of the positions with the references, corrected for the number of lines, 0 to 1.
+    explained, rest : ndarray, shape (axes,)
         Root mean square of the motion that the references explain in these bands, and of the rest (m); NaN for an axis
         whose reference does not move.
     width : float
         Width of a band (Hz).
     """
 
+    axes: tuple[str, ...]
     frequency: NDArray[np.float64]
     coherence: NDArray[np.float64]
     explained: NDArray[np.float64]
@@ -64,25 +67,25 @@ class Coherence:
 
     @property
     def ratio(self) -> NDArray[np.float64]:
-        """Noise and distortion over the explained motion, shape (2,)."""
+        """Noise and distortion over the explained motion, shape (axes,)."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(self.rest / self.explained)
 
     @property
     def overall(self) -> NDArray[np.float64]:
-        """Coherence of all bands together, weighted by the power of the motion, shape (2,)."""
+        """Coherence of all bands together, weighted by the power of the motion, shape (axes,)."""
         return np.asarray(1.0 / (1.0 + self.ratio**2))
 
     @property
     def brief(self) -> str:
         """The number of each axis in a few words."""
-        known = [(name, ratio) for name, ratio in zip("xy", self.ratio, strict=True) if not np.isnan(ratio)]
+        known = [(name, ratio) for name, ratio in zip(self.axes, self.ratio, strict=True) if not np.isnan(ratio)]
         return "noise and distortion together " + ", ".join(f"{100.0 * ratio:.2g} % on {name}" for name, ratio in known)
 
     @property
     def summary(self) -> str:
         """One line for people."""
-        known = [(name, value) for name, value in zip("xy", self.overall, strict=True) if not np.isnan(value)]
+        known = [(name, value) for name, value in zip(self.axes, self.overall, strict=True) if not np.isnan(value)]
         values = ", ".join(f"{value:.3f} on {name}" for name, value in known)
         return f"coherence of the position with the reference: {values} ({self.brief} of the explained motion)"
 
@@ -94,12 +97,12 @@ class Coherence:
                 "lowest_coherence": _plain(self.coherence[:, axis].min()),
                 "noise_and_distortion_percent": _plain(100.0 * self.ratio[axis]),
             }
-            for axis, name in enumerate("xy")
+            for axis, name in enumerate(self.axes)
         }
 
 
 def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
-    """Measure the coherence of the positions with the references over the band of the references.
+    """Measure the coherence of the positions with all references together over the band of the references.
 
     Parameters
     ----------
@@ -109,12 +112,12 @@ def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
     Raises
     ------
     SpectrumError
-        If a sample is not finite, the axes are not those of one bearing, the reference does not move, or it has too few
+        If a sample is not finite, the records are not of one machine, the reference does not move, or it has too few
         lines.
     """
     if not records:
         raise SpectrumError("no coherence: there are no samples")
-    require_one_bearing(records)
+    axes = axes_of(records)
     record = max(records, key=lambda item: item.steps)
     if not (np.isfinite(record.reference).all() and np.isfinite(record.position).all()):
         raise SpectrumError("no coherence: a reference or position is not finite")
@@ -133,6 +136,7 @@ def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
     for values in (coherence, answered, rest):
         values[:, ~moving] = np.nan
     return Coherence(
+        axes=axes,
         frequency=resolution * np.array([1 + 0.5 * (b.start + b.stop - 1) for b in bands]),
         coherence=coherence,
         explained=np.sqrt(np.maximum(answered.sum(axis=0), 0.0)),
@@ -156,7 +160,8 @@ def _bands(reference: Complex, resolution: float) -> list[slice]:
     power = np.abs(reference) ** 2
     share = np.cumsum(power.sum(axis=1))
     end = int(np.searchsorted(share, _REFERENCE_POWER * share[-1])) + 1
-    width = max(_LINES_PER_BAND, round(_NARROWEST_BAND / resolution))
+    fewest = max(_LINES_PER_BAND, 2 * (_DEGREE + 1) * (reference.shape[1] + 1))
+    width = max(fewest, round(_NARROWEST_BAND / resolution))
     widest = max(width, int(_WIDEST_BAND / resolution))
     while True:
         edges = np.linspace(0, end, max(1, end // width) + 1).astype(int)
@@ -174,7 +179,7 @@ def _bands(reference: Complex, resolution: float) -> list[slice]:
     if resolution * width > _WIDEST_BAND:
         raise SpectrumError(
             f"no coherence: the record is too short for bands of {_WIDEST_BAND:g} Hz; "
-            f"needed: {_LINES_PER_BAND / _WIDEST_BAND:g} s or more"
+            f"needed: {fewest / _WIDEST_BAND:g} s or more"
         )
     return bands
 

@@ -63,13 +63,13 @@ class Evidence:
 
     @property
     def best_fit(self) -> NDArray[np.float64]:
-        """Largest NRMSE fit of a linear loop to x and y (percent), shape (2,); NaN where not known.
+        """Largest NRMSE fit of a linear loop to each axis (percent); NaN where not known, one NaN without a measure.
 
         A simulation in which the controller limits the current is no linear loop, and can fit better.
         """
         measures = [item.ratio for item in (self.distortion, self.coherence) if item is not None]
         if not measures:
-            return np.full(2, np.nan)
+            return np.full(1, np.nan)
         ratio = np.fmax.reduce(measures)
         return np.asarray(100.0 * (1.0 - ratio / np.sqrt(1.0 + ratio**2)))
 
@@ -94,10 +94,6 @@ def find_evidence(records: Sequence[LoopRecord], window: Sequence[LoopRecord] | 
     window : sequence of LoopRecord, optional
         The samples for the coherence, by default the same.
     """
-    axes = len(records[0].axes)
-    if axes != 2:
-        only_two = f"distortion and coherence are measured for two axes, the machine has {axes}"
-        return Evidence(None, None, only_two, only_two)
     distortion, coherence, problem, coherence_problem = None, None, "", ""
     try:
         distortion = measure_recorded(records)

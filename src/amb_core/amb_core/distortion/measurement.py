@@ -42,9 +42,9 @@ class PeriodicResponse:
 
     Attributes
     ----------
-    reference : ndarray, shape (steps, 2)
-        One period of the reference, x and y (m).
-    current, position : ndarray, shape (periods, steps, 2)
+    reference : ndarray, shape (steps, axes)
+        One period of the reference (m).
+    current, position : ndarray, shape (periods, steps, axes)
         Control currents (A) and positions (m) over consecutive periods.
     """
 
@@ -54,7 +54,7 @@ class PeriodicResponse:
 
 
 def measure_distortion(responses: Sequence[Sequence[PeriodicResponse]], lines: Lines, sample_time: float) -> Distortion:
-    """Measure the distortions of a loop.
+    """Measure the distortions of the loop of a bearing of two axes, x and y.
 
     Parameters
     ----------
@@ -83,7 +83,9 @@ def measure_distortion(responses: Sequence[Sequence[PeriodicResponse]], lines: L
     return distortion_of([item for pair in responses for item in pair], lines, sample_time)
 
 
-def distortion_of(experiments: Sequence[PeriodicResponse], lines: Lines, sample_time: float) -> Distortion:
+def distortion_of(
+    experiments: Sequence[PeriodicResponse], lines: Lines, sample_time: float, axes: Sequence[str] = ("x", "y")
+) -> Distortion:
     """Measure the distortions from experiments whose references are realisations of one kind of signal.
 
     With more experiments than axes excited at once, distortions at excited lines are measured (robust method).
@@ -97,6 +99,8 @@ def distortion_of(experiments: Sequence[PeriodicResponse], lines: Lines, sample_
         Which lines are excited and which are not.
     sample_time : float
         Sample time (s).
+    axes : sequence of str
+        Names of the axes.
 
     Raises
     ------
@@ -112,9 +116,14 @@ def distortion_of(experiments: Sequence[PeriodicResponse], lines: Lines, sample_
     reference = np.stack([_amplitudes(item.reference) for item in experiments])
 
     at = lines.excited
-    moving = np.ptp(np.concatenate([item.reference for item in experiments]), axis=0) > 0.0
+    together = np.concatenate([item.reference for item in experiments])
+    moving = np.ptp(together, axis=0) > 0.0
     r, y, u = (np.moveaxis(part[:, at], 0, -1) for part in (reference[..., moving], mean, current))
-    columns = r.shape[1]  # r: line, moving axis, experiment
+    directions = _directions(together[:, moving])
+    independent = len(directions) == r.shape[1]
+    if not independent:  # some references move only together, as those of a rigid mode do
+        r = directions @ r
+    columns = r.shape[1]  # r: line, moving axis or direction, experiment
     by_lines = not _dependent(r).any()
     method: Method = "robust" if by_lines and len(experiments) > columns else "fast"
     complete = method == "robust" or _shows_all(lines)
@@ -140,15 +149,17 @@ def distortion_of(experiments: Sequence[PeriodicResponse], lines: Lines, sample_
     of_odd, of_even = odd.sum(axis=0) + stochastic.sum(axis=0), even.sum(axis=0)
     separate = 1.0 if only_odd(lines) else np.nan
     variance = np.maximum(spread, left)[:, :, np.newaxis] * np.einsum("lii->li", weights).real[:, np.newaxis, :]
+    unknown = np.full_like(y[..., :1] * moving, np.nan)
     every: NDArray[np.float64] = np.arange(lines.steps) / (lines.steps * sample_time)
     last = max(int(part[-1]) for part in (lines.excited, lines.odd, lines.even) if len(part))
     return Distortion(
+        axes=tuple(axes),
         frequency=every[at],
         odd_frequency=every[lines.odd],
         even_frequency=every[lines.even],
-        closed_loop=_spread_out(closed_loop, moving),
-        deviation=_spread_out(np.sqrt(variance), moving),
-        plant=closed_loop @ _inverse(to_current) if moving.all() else np.full_like(y[..., :1] * moving, np.nan),
+        closed_loop=_spread_out(closed_loop, moving) if independent else unknown,
+        deviation=_spread_out(np.sqrt(variance), moving) if independent else unknown.real,
+        plant=closed_loop @ _inverse(to_current) if moving.all() and independent else unknown,
         linear=np.sqrt(response),
         stochastic=_root(stochastic),
         odd=_root(odd),
@@ -185,6 +196,12 @@ def _dependent(references: NDArray[np.complex128]) -> NDArray[np.bool_]:
         return np.ones(len(references), dtype=bool)
     strengths = np.linalg.svd(references, compute_uv=False)
     return np.asarray(~(strengths[..., -1] > INDEPENDENT * strengths.max()))
+
+
+def _directions(references: Values) -> Values:
+    """Orthonormal directions, shape (n, axes), in which references (steps, axes) move."""
+    _, strengths, directions = np.linalg.svd(np.linalg.qr(references - references.mean(axis=0), mode="r"))
+    return np.asarray(directions[strengths > INDEPENDENT * strengths[0]])
 
 
 def _shows_all(lines: Lines) -> bool:

@@ -68,7 +68,7 @@ def settled_responses(
         left_out = min(wanted, part.periods - 2)
         record, start = records[part.record], part.start + left_out * period
         stop = part.start + part.periods * period
-        shape = (part.periods - left_out, period, 2)
+        shape = (part.periods - left_out, period, len(record.axes))
         responses.append(
             PeriodicResponse(
                 record.reference[start : start + period],

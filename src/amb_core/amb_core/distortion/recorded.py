@@ -14,7 +14,7 @@ from amb_core.distortion.periods import (
     settled_responses,
     without_repetitions,
 )
-from amb_core.distortion.records import require_one_bearing
+from amb_core.distortion.records import axes_of
 from amb_core.distortion.result import Distortion
 from amb_core.errors import SpectrumError
 from amb_core.loop.records import LoopRecord
@@ -42,9 +42,9 @@ def measure_recorded(records: Sequence[LoopRecord]) -> Distortion:
     Raises
     ------
     SpectrumError
-        If the recording does not permit it, or has the axes of more than one bearing; the message says what is needed.
+        If the recording does not permit it, or the records are not of one machine; the message says what is needed.
     """
-    require_one_bearing(records)
+    axes = axes_of(records)
     records = [record for record in records if np.isfinite(record.reference).all()]
     period, parts = find_periodic_parts([record.reference for record in records])
     if not parts:
@@ -62,7 +62,7 @@ def measure_recorded(records: Sequence[LoopRecord]) -> Distortion:
             f"has {FEWEST_LINES} or more; {NEEDED}"
         )
     try:
-        return distortion_of(responses, lines, sample_time)
+        return distortion_of(responses, lines, sample_time, axes)
     except SpectrumError as problem:
         raise SpectrumError(f"{problem}; its period is {period * sample_time:g} s; {NEEDED}") from None
 

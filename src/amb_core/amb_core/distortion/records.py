@@ -8,17 +8,18 @@ from amb_core.errors import SpectrumError
 from amb_core.loop.records import LoopRecord
 
 
-def require_one_bearing(records: Sequence[LoopRecord]) -> None:
-    """Refuse records of other machines than one bearing.
+def axes_of(records: Sequence[LoopRecord]) -> tuple[str, ...]:
+    """The axes of the machine that all records are of.
 
     Raises
     ------
     SpectrumError
-        If a record has more or fewer axes than two.
+        If a record has other axes than the first one.
     """
+    axes = tuple(records[0].axes)
     for record in records:
-        if len(record.axes) != 2:
+        if tuple(record.axes) != axes:
             raise SpectrumError(
-                f"the record has the axes {', '.join(record.axes)}; distortion and coherence are measured on one "
-                "bearing with two axes"
+                f"the records are of different machines: axes {', '.join(axes)} and {', '.join(record.axes)}"
             )
+    return axes

@@ -18,29 +18,32 @@ class Distortion:
 
     Attributes
     ----------
+    axes : tuple of str
+        Names of the axes, in the order of the arrays below.
     frequency, odd_frequency, even_frequency : ndarray
         Frequencies of the excited lines, of the odd lines that are not, and of the even lines that are not (Hz).
-    closed_loop : ndarray, shape (excited, 2, 2)
-        T: from the references x, y to the positions x, y (-); NaN for a reference that does not move.
-    deviation : ndarray, shape (excited, 2, 2)
+    closed_loop : ndarray, shape (excited, axes, axes)
+        T: from the references to the positions (-); NaN for a reference that does not move, and for all where the
+        references move only together.
+    deviation : ndarray, shape (excited, axes, axes)
         Standard deviation of T from noise and distortions together.
-    plant : ndarray, shape (excited, 2, 2)
-        G: from the control currents x, y to the positions x, y (m/A); NaN unless both references move.
-    linear : ndarray, shape (excited, 2)
+    plant : ndarray, shape (excited, axes, axes)
+        G: from the control currents to the positions (m/A); NaN unless all references move, independently.
+    linear : ndarray, shape (excited, axes)
         The linear response T R, root mean square over the experiments (m).
-    stochastic : ndarray, shape (excited, 2)
+    stochastic : ndarray, shape (excited, axes)
         Distortions at the excited lines (m); by the fast method those of the nearest lines that are not excited.
-    odd, even : ndarray, shapes (odd, 2), (even, 2)
+    odd, even : ndarray, shapes (odd, axes), (even, axes)
         Distortions at the odd and even lines that are not excited (m).
-    noise : ndarray, shape (excited, 2)
+    noise : ndarray, shape (excited, axes)
         Noise at the excited lines, of the mean over the periods (m).
-    ratio : ndarray, shape (2,)
-        Root mean square of all distortions over that of the linear response, x and y (-); NaN for an axis whose
+    ratio : ndarray, shape (axes,)
+        Root mean square of all distortions over that of the linear response (-); NaN for an axis whose
         reference does not move.
-    odd_ratio, even_ratio : ndarray, shape (2,)
+    odd_ratio, even_ratio : ndarray, shape (axes,)
         The parts of odd and even order, likewise; NaN if even lines are excited, as the orders then share lines, and
         for the odd order if it is hidden.
-    noise_ratio : ndarray, shape (2,)
+    noise_ratio : ndarray, shape (axes,)
         The noise of one period, likewise.
     method : {"robust", "fast"}
         Whether distortions at excited lines were measured, or taken from the lines beside them.
@@ -55,6 +58,7 @@ class Distortion:
         Period of the reference (s).
     """
 
+    axes: tuple[str, ...]
     frequency: NDArray[np.float64]
     odd_frequency: NDArray[np.float64]
     even_frequency: NDArray[np.float64]
@@ -78,7 +82,7 @@ class Distortion:
 
     @property
     def decibel(self) -> NDArray[np.float64]:
-        """`ratio` in dB, shape (2,); minus infinity where no distortion was found."""
+        """`ratio` in dB, shape (axes,); minus infinity where no distortion was found."""
         with np.errstate(divide="ignore"):
             return np.asarray(20.0 * np.log10(self.ratio))
 
@@ -87,7 +91,7 @@ class Distortion:
         """The number of each axis in a few words."""
         parts = [
             f"{_percent(ratio)} on {axis}"
-            for axis, ratio in zip("xy", self.ratio, strict=True)
+            for axis, ratio in zip(self.axes, self.ratio, strict=True)
             if not math.isnan(ratio)
         ]
         return f"{self._measured} {', '.join(parts)}"
@@ -96,7 +100,7 @@ class Distortion:
     def summary(self) -> str:
         """One line for people."""
         parts = []
-        for axis, name in enumerate("xy"):
+        for axis, name in enumerate(self.axes):
             if math.isnan(self.ratio[axis]):
                 parts.append(f"{name} not excited")
                 continue
@@ -120,7 +124,7 @@ class Distortion:
                 "odd_percent": _plain(100.0 * self.odd_ratio[axis]),
                 "noise_percent": _plain(100.0 * self.noise_ratio[axis]),
             }
-            for axis, name in enumerate("xy")
+            for axis, name in enumerate(self.axes)
         }
 
 

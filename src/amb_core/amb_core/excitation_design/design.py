@@ -103,8 +103,8 @@ class DesignedExcitation:
         seeds = len(self.certificate.trials)
         shown = f"region A and a deviation from the linear response of {deviation}"
         if self.distortion is not None:
-            ratio = {axis: self.distortion.ratio["xy".index(axis)] for axis in (item.axis for item in worst)}
-            shown += ", nonlinear distortion " + ", ".join(f"{axis} {100.0 * r:.2g} %" for axis, r in ratio.items())
+            of_axis = dict(zip(self.distortion.axes, 100.0 * self.distortion.ratio, strict=True))
+            shown += ", nonlinear distortion " + ", ".join(f"{item.axis} {of_axis[item.axis]:.2g} %" for item in worst)
         return (
             f"{1e6 * self.amplitude:.4g} um: {shown}, in {seeds} simulation{'s' if seeds > 1 else ''}; "
             f"a larger amplitude is limited by {self.limited_by}"

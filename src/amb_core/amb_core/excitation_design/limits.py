@@ -64,8 +64,8 @@ def use_of_distortion(distortion: Distortion, axes: tuple[str, ...], limits: Lim
     return max(
         (
             Use(
-                float(distortion.ratio["xy".index(axis)]) / limits.distortion_limit,
-                f"nonlinear distortion on {axis}: {100.0 * distortion.ratio['xy'.index(axis)]:.2g} %, "
+                float(distortion.ratio[distortion.axes.index(axis)]) / limits.distortion_limit,
+                f"nonlinear distortion on {axis}: {100.0 * distortion.ratio[distortion.axes.index(axis)]:.2g} %, "
                 f"limit {100.0 * limits.distortion_limit:g} %",
             )
             for axis in axes

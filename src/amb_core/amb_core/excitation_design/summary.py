@@ -73,7 +73,7 @@ def design_summary(design: DesignedExcitation) -> dict[str, Any]:
         "axes": {measure.axis: measure_summary(measure) for measure in worst},
         "distortion_percent": None
         if distortion is None
-        else {item.axis: round(100.0 * float(distortion.ratio["xy".index(item.axis)]), 4) for item in worst},
+        else {item.axis: round(100.0 * float(distortion.ratio[distortion.axes.index(item.axis)]), 4) for item in worst},
         "identifiable_order": design.excited_order.order,
         "identifiable_order_tried": design.excited_order.tried,
         "tried": [

@@ -26,7 +26,7 @@ def coherence_chart(coherence: Coherence, title: str = "Coherence of position an
     frequency = coherence.frequency
     across = Axis("frequency (Hz)", log=True, limits=(0.8 * frequency[0], 1.2 * frequency[-1]))
     panels, rows, lowest = [], [], []
-    for axis, name in enumerate("xy"):
+    for axis, name in enumerate(coherence.axes):
         if np.isnan(coherence.ratio[axis]):
             continue
         values, ratio = coherence.coherence[:, axis], 100.0 * coherence.ratio[axis]
@@ -39,4 +39,4 @@ def coherence_chart(coherence: Coherence, title: str = "Coherence of position an
         rows.append((name, f"{coherence.overall[axis]:.4f}", f"{np.min(values):.4f}", f"{ratio:.3g}"))
     table = Table(("axis", "coherence", "lowest of a band", "noise and distortion (%)"), tuple(rows))
     alt = f"Coherence over frequency, from {frequency[0]:.4g} to {frequency[-1]:.4g} Hz; lowest: {', '.join(lowest)}."
-    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 6.0), table=table)
+    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 3.0 * max(2, len(panels))), table=table)

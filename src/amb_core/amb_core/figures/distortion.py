@@ -34,7 +34,7 @@ def distortion_chart(distortion: Distortion, title: str = "Linear response and n
         ("even distortion", distortion.even_frequency, distortion.even, VERMILION, "diamond"),
         ("noise", distortion.frequency, distortion.noise, REFERENCE.colour, "cross"),
     )
-    for axis, name in enumerate("xy"):
+    for axis, name in enumerate(distortion.axes):
         items: list[Item] = []
         for label, frequency, level, colour, marker in kinds:
             seen = UM * level[:, axis] > FLOOR
@@ -58,4 +58,4 @@ def distortion_chart(distortion: Distortion, title: str = "Linear response and n
     highest = float(UM * np.max(distortion.linear))
     alt = f"Lines of the position: the linear response reaches {highest:.3g} µm. {sentence(distortion.summary)}."
     table = Table(("axis", "part", "share of the linear response (%)"), tuple(rows))
-    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 7.0), table=table)
+    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 3.5 * len(panels)), table=table)
