@@ -104,7 +104,7 @@ class Distortion:
             if math.isnan(self.ratio[axis]):
                 parts.append(f"{name} not excited")
                 continue
-            orders = [f"{self.decibel[axis]:.0f} dB"]
+            orders = [f"{self.decibel[axis]:.0f} dB" if self.ratio[axis] > 0.0 else "none beyond the noise"]
             if not math.isnan(self.odd_ratio[axis]):
                 orders.append(f"even {_percent(self.even_ratio[axis])}, odd {_percent(self.odd_ratio[axis])}")
             parts.append(f"{name} {_percent(self.ratio[axis])} ({'; '.join(orders)})")
