@@ -19,6 +19,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.yaml"))),
+        (f"share/{NAME}/layouts", sorted(glob("layouts/*.xml") + glob("layouts/*.json"))),  # of PlotJuggler, Foxglove
         (f"share/{NAME}/config", sorted(glob("config/*.yaml") + glob("config/*.npz"))),
         ("bin", ["bin/amb"]),  # colcon puts bin/ on PATH, so `amb` works wherever the workspace is sourced
     ],

@@ -103,7 +103,7 @@ COMMANDS = {
     ),
     "bag": (
         "bag:app",
-        "Inspect, play and recover bags.",
+        "Inspect, play, recover and export bags.",
     ),
     "excitation": (
         "excitation:app",

@@ -1,4 +1,4 @@
-"""`amb bag info`, `amb bag play`, `amb bag recover`: show, play and recover bags."""
+"""`amb bag`: show, play, recover and export bags."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.table import Table
 
+from amb_bringup.commands import bag_export
 from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import Stages
 from amb_core.errors import BagError
 from amb_core.recording import Recording, TopicInfo, inspect_bag, recover_bag
 from amb_ros.bag_player import BagPlayer
 
-app = typer.Typer(help="Inspect, play and recover bags.", no_args_is_help=True)
+app = typer.Typer(help="Inspect, play, recover and export bags.", no_args_is_help=True)
 
 
 @app.callback()
 def bag() -> None:
-    """Inspect, play and recover bags."""
+    """Inspect, play, recover and export bags."""
 
 
 @app.command()
@@ -88,6 +89,9 @@ def recover(
         target = out or bag.absolute().with_name(f"{bag.absolute().stem}_recovered")
         made = recover_bag(state, target, lambda done, total: stages.update("copying", done, total))
     console.print(f"recovered bag: {made}", highlight=False, markup=False, soft_wrap=True)
+
+
+app.command()(bag_export.export)
 
 
 def _topics(topics: list[TopicInfo]) -> Table:

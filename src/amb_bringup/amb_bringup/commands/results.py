@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from amb_core.errors import AmbError
 from amb_core.files.regular_files import is_folder, shown
+from amb_core.files.whole_files import whole_file
 
 
 class ResultError(AmbError):
@@ -49,6 +51,24 @@ def make_place(path: Path, endings: Sequence[str] = (".json",)) -> None:
     if path.suffix.lower() not in endings:
         raise ResultError(f"{path}: the file name must end in {', '.join(endings)}")
     make_folder(path.parent)
+
+
+@contextmanager
+def new_file(path: Path, overwrite: bool = False) -> Iterator[Path]:
+    """Give the path to write to; the file has its name only if the block ends without an exception.
+
+    Raises
+    ------
+    ResultError
+        If there is a file of this name that is not to be overwritten, or it cannot be written.
+    """
+    try:
+        with whole_file(path, overwrite) as part:
+            yield part
+    except FileExistsError:
+        raise ResultError(f"{path}: exists already; give another name, or --overwrite") from None
+    except OSError as problem:
+        raise ResultError(f"{path}: cannot be written: {problem.strerror or problem}") from None
 
 
 def write_json(path: Path, content: Any) -> None:

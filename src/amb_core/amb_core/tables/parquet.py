@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,15 @@ def read_parquet_table(path: Path) -> Table:
     columns = [column for name in content.column_names for column in _columns(content, name)]
     if not columns:
         raise IdentificationError(f"no column is of numbers; there are {', '.join(content.column_names) or 'none'}")
-    return Table(str(path), tuple(columns))
+    return Table(str(path), tuple(columns), _sample_time(content.schema.metadata or {}))
+
+
+def _sample_time(metadata: Mapping[bytes, bytes]) -> float | None:
+    """Sample time (s) in the metadata of a file of `amb bag export`; None if there is none."""
+    try:
+        return float(metadata[b"sample_time"])
+    except (KeyError, ValueError):
+        return None
 
 
 def _columns(content: Any, heading: str) -> Iterator[Column]:

@@ -1,0 +1,297 @@
+"""Exported runs: one stamped sample per row or message, bit for bit, and gaps stay gaps."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from typer.testing import CliRunner
+
+from amb_bringup.cli import app
+from amb_bringup.commands.results import new_file
+from amb_core.analysis.own_files import read_own
+from amb_core.errors import AmbError, BagError
+from amb_core.export import RunTelemetry, write_foxglove, write_plotjuggler, write_table
+from amb_core.files.matlab import load_variables
+from amb_core.identification.data.described import DataDescription
+from amb_core.loop.records import LoopRecord, axis_names
+from amb_core.recording import BagWriter, Recording
+from tests.bag_messages import TELEMETRY, TYPES, definition, telemetry
+
+NO_LOOP = DataDescription.of(controller="none")
+ENDINGS = (".csv", ".mat", ".parquet")
+RATE = 10_000.0
+
+
+def samples(axes: int = 2, steps: int = 1000, first_step: int = 0, rate: float = RATE) -> LoopRecord:
+    """Noise of the size of a bearing's signals: every bit of a double is used."""
+    random = np.random.default_rng(axes)
+    return LoopRecord(
+        first_step,
+        1.0 / rate,
+        *(random.normal(scale=scale, size=(first_step + steps, axes))[first_step:] for scale in (1e-5, 5e-5, 0.7)),
+    )
+
+
+def write_bag(folder: Path, record: LoopRecord, blocks: list[tuple[int, int]], run: int = 7) -> Path:
+    """A bag with the blocks (first step, steps) of a record, in this order."""
+    with BagWriter(folder) as bag:
+        bag.add_topic("/amb/telemetry", TELEMETRY, definition(TELEMETRY))
+        for number, (first, steps) in enumerate(blocks):
+            bag.write("/amb/telemetry", telemetry(record.window(first, steps), run), 10**18 + number)
+    return folder
+
+
+def whole(steps: int, size: int = 100) -> list[tuple[int, int]]:
+    return [(first, size) for first in range(0, steps, size)]
+
+
+def export(bag: Path, out: Path, topics: tuple[str, ...] = ()) -> Path:
+    writers = {"_plotjuggler.mcap": write_plotjuggler, "_foxglove.mcap": write_foxglove}
+    write = next((writer for end, writer in writers.items() if out.name.endswith(end)), write_table)
+    write(RunTelemetry(bag), out, topics)
+    return out
+
+
+@pytest.mark.parametrize("axes", [2, 4, 5])
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_table_identified_again_has_the_same_data_bit_for_bit(ending: str, axes: int, tmp_path: Path) -> None:
+    record = samples(axes)
+    bag = write_bag(tmp_path / "bag", record, whole(1000))
+    table = read_own(export(bag, tmp_path / f"run{ending}"), NO_LOOP).loop.data
+    (experiment,) = table.experiments
+    assert table.sample_time == record.sample_time
+    assert table.output_names == axis_names(axes)
+    assert table.input_names == tuple(f"i_{axis}" for axis in axis_names(axes))
+    assert experiment.inputs.tobytes() == record.current.tobytes()
+    assert experiment.outputs.tobytes() == record.position.tobytes()
+    assert experiment.reference.tobytes() == record.reference.tobytes()
+
+
+@pytest.mark.parametrize("ending", [".mat", ".parquet"])
+def test_an_odd_sample_time_comes_back_bit_for_bit(ending: str, tmp_path: Path) -> None:
+    record = samples(rate=3000.0)
+    bag = write_bag(tmp_path / "bag", record, whole(1000))
+    assert read_own(export(bag, tmp_path / f"run{ending}"), NO_LOOP).loop.data.sample_time == 1.0 / 3000.0
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_missing_samples_stay_missing_in_a_table(ending: str, tmp_path: Path) -> None:
+    record = samples()
+    bag = write_bag(tmp_path / "bag", record, [(0, 300), (500, 500)])
+    data = read_own(export(bag, tmp_path / f"run{ending}"), NO_LOOP).loop.data
+    assert [(one.first_step, len(one.outputs)) for one in data.experiments] == [(0, 300), (500, 500)]
+    assert data.experiments[1].outputs.tobytes() == record.position[500:].tobytes()
+
+
+def test_blocks_out_of_order_and_doubled_come_once_and_in_order(tmp_path: Path) -> None:
+    record = samples()
+    bag = write_bag(tmp_path / "bag", record, [(100, 100), (0, 100), (50, 200), (600, 400), (250, 350), (600, 400)])
+    batches = list(RunTelemetry(bag).batches(steps=300))
+    assert np.concatenate([batch.position for batch in batches]).tobytes() == record.position.tobytes()
+    assert [batch.first_step for batch in batches] == sorted(batch.first_step for batch in batches)
+
+
+def test_a_part_has_the_samples_from_its_start_up_to_its_end(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", samples(), whole(1000))
+    run = RunTelemetry(bag, start=0.0123, end=0.05)
+    (part,) = run.batches()
+    assert (part.first_step, part.steps, run.steps) == (123, 377, 377)
+    with pytest.raises(BagError, match=r"no samples from 1 s to the end; it has samples from 0 s to 0\.1 s"):
+        RunTelemetry(bag, start=1.0)
+
+
+def test_the_last_run_is_exported_unless_another_is_named(tmp_path: Path) -> None:
+    record = samples()
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/amb/telemetry", TELEMETRY, definition(TELEMETRY))
+        for run, first in ((3, 0), (2, 400)):
+            bag.write("/amb/telemetry", telemetry(record.window(first, 100), run), 10**18 + first)
+    assert RunTelemetry(tmp_path / "bag").spans == [(400, 500)]
+    assert RunTelemetry(tmp_path / "bag", run=3).spans == [(0, 100)]
+    with pytest.raises(BagError, match="holds no run 5; its runs: 3, 2"):
+        RunTelemetry(tmp_path / "bag", run=5)
+
+
+def test_matlab_gets_columns_with_names_and_units(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", samples(), whole(1000))
+    content = load_variables(export(bag, tmp_path / "run.mat", ("position",)))
+    assert content["x"].shape == (1000, 1)
+    assert content["Ts"].item() == 1e-4
+    assert [name.item() for name in content["names"].ravel()] == ["time", "x", "y"]
+    assert [name.item() for name in content["units"].ravel()] == ["s", "m", "m"]
+
+
+# -- PlotJuggler and Foxglove
+
+
+def test_plotjuggler_gets_a_standard_message_for_each_sample(tmp_path: Path) -> None:
+    record = samples(5)
+    bag = write_bag(tmp_path / "bag", record, whole(1000))
+    path = export(bag, tmp_path / "run_plotjuggler.mcap")
+    found = Recording.read(path)
+    assert {topic.type.split("/")[0] for topic in found.topics} <= {"sensor_msgs", "std_msgs"}
+    messages = list(found.timed_messages_of("/amb/loop"))
+    assert len(messages) == 1000
+    time, message = messages[999]
+    assert time == 99_900_000
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (0, 99_900_000)
+    assert message.name == list(record.axes)
+    assert message.position.tobytes() == record.position[999].tobytes()
+    assert message.effort.tobytes() == record.current[999].tobytes()
+
+
+def test_a_bag_for_plotjuggler_is_identified_as_any_bag_of_joint_states(tmp_path: Path) -> None:
+    record = samples()
+    bag = write_bag(tmp_path / "bag", record, whole(1000))
+    path = export(bag, tmp_path / "run_plotjuggler.mcap")
+    described = DataDescription.of(
+        topics="/amb/loop", inputs="effort[x],effort[y]", outputs="position[x],position[y]", controller="none"
+    )
+    (experiment,) = read_own(path, described).loop.data.experiments
+    assert experiment.inputs.tobytes() == record.current.tobytes()
+    assert experiment.outputs.tobytes() == record.position.tobytes()
+
+
+@pytest.mark.parametrize("axes", [2, 4, 5])
+def test_foxglove_gets_a_field_for_each_axis(axes: int, tmp_path: Path) -> None:
+    record = samples(axes)
+    bag = write_bag(tmp_path / "bag", record, whole(1000))
+    path = export(bag, tmp_path / "run_foxglove.mcap")
+    with AnyReader([path]) as reader:  # definitions are in the file
+        found = [
+            (time, reader.deserialize(data, connection.msgtype))
+            for connection, time, data in reader.messages()
+            if connection.topic == "/amb/telemetry"
+        ]
+    assert [message.step for _, message in found] == list(range(1000))
+    assert [time for time, _ in found] == list(range(0, 100_000_000, 100_000))
+    for index, axis in enumerate(record.axes):
+        for name in ("reference", "position", "current"):
+            values = np.array([getattr(getattr(message, axis), name) for _, message in found])
+            assert values.tobytes() == np.ascontiguousarray(getattr(record, name)[:, index]).tobytes()
+
+
+def test_a_gap_breaks_the_lines_of_foxglove_and_is_counted_for_plotjuggler(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", samples(), [(0, 300), (500, 500)])
+    fox = list(Recording.read(export(bag, tmp_path / "a_foxglove.mcap")).messages_of("/amb/telemetry"))
+    assert len(fox) == 801
+    assert [message.step for message in fox if np.isnan(message.x.position)] == [300]
+    missing = Recording.read(export(bag, tmp_path / "a_plotjuggler.mcap")).timed_messages_of("/amb/status/missing")
+    assert [(time, message.data) for time, message in missing] == [(0, 0), (50_000_000, 200), (99_900_000, 200)]
+
+
+def test_the_spectrum_shows_the_peak_amplitude_of_a_line(tmp_path: Path) -> None:
+    record = samples(steps=20_000)
+    line = 3e-5 * np.sin(2.0 * np.pi * 1000.0 * record.time)
+    record = LoopRecord(0, record.sample_time, record.reference, np.column_stack([line, 0.1 * line]), record.current)
+    bag = write_bag(tmp_path / "bag", record, whole(20_000))
+    spectra = list(
+        Recording.read(export(bag, tmp_path / "a_foxglove.mcap", ("spectrum",))).messages_of("/amb/spectrum")
+    )
+    assert len(spectra) == 3  # 8192 samples each, half of them new
+    largest = int(np.argmax(spectra[0].x))
+    assert spectra[0].frequency[largest] == pytest.approx(1000.0, rel=0.02)  # upper end of the range of the point
+    assert spectra[0].x[largest] == pytest.approx(3e-5, rel=0.15)  # a line between two bins of a Hann window
+    assert spectra[0].y[largest] == pytest.approx(3e-6, rel=0.15)
+    found = Recording.read(export(bag, tmp_path / "a_plotjuggler.mcap", ("spectrum",)))
+    assert max(message.data for message in found.messages_of("/amb/spectrum/x")) == pytest.approx(3e-5, rel=0.15)
+
+
+# -- what may go wrong
+
+
+def test_a_bag_of_others_is_refused_with_its_topics(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/joints", "std_msgs/msg/Float64", "float64 data\n")
+        message = TYPES.types["std_msgs/msg/Float64"](1.0)
+        bag.write("/joints", bytes(TYPES.serialize_cdr(message, "std_msgs/msg/Float64")), 1)
+    with pytest.raises(BagError, match=r"holds no telemetry of this workbench .*; its topics: /joints"):
+        RunTelemetry(tmp_path / "bag")
+
+
+def test_steps_that_came_twice_with_different_samples_are_refused_and_nothing_is_left(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/amb/telemetry", TELEMETRY, definition(TELEMETRY))
+        for number, record in enumerate((samples(), samples(steps=900, first_step=100))):
+            changed = LoopRecord(
+                record.first_step, record.sample_time, record.reference, record.position + number, record.current
+            )
+            bag.write("/amb/telemetry", telemetry(changed), 10**18 + number)
+    with pytest.raises(AmbError, match="came twice"), new_file(tmp_path / "run.csv") as part:
+        write_table(RunTelemetry(tmp_path / "bag"), part)
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.mat", "run.parquet", "run_plotjuggler.mcap", "run_foxglove.mcap"])
+def test_an_interrupted_export_leaves_the_file_of_before(name: str, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", samples(steps=5000), whole(5000))
+    (tmp_path / name).write_text("before")
+
+    def interrupt(stage: str, done: int, total: int | None) -> None:
+        if stage == "exporting" and done > 3000:
+            raise KeyboardInterrupt
+
+    writers: dict[str, Callable[..., None]] = {
+        "run_plotjuggler.mcap": write_plotjuggler,
+        "run_foxglove.mcap": write_foxglove,
+    }
+    with pytest.raises(KeyboardInterrupt), new_file(tmp_path / name, overwrite=True) as part:
+        writers.get(name, write_table)(RunTelemetry(bag, progress=interrupt), part)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", name]
+    assert (tmp_path / name).read_text() == "before"
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.mat", "run.parquet", "run_foxglove.mcap"])
+def test_memory_does_not_grow_with_the_recording(name: str, tmp_path: Path) -> None:
+    peaks = []
+    for steps in (20_000, 80_000):
+        bag = write_bag(tmp_path / f"bag_{steps}", samples(steps=steps), whole(steps))
+        tracemalloc.start()
+        export(bag, tmp_path / f"{steps}_{name}")
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.5 * peaks[0]  # the samples alone have four times the size
+
+
+# -- the command
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    found = CliRunner().invoke(app, ["bag", "export", *arguments])
+    return found.exit_code, str(found.exception or "") + found.output
+
+
+def test_the_command_writes_beside_the_bag_and_overwrites_only_if_told(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", samples(), [(0, 300), (500, 500)])
+    code, shown = run(str(bag), "--foxglove", "--layout")
+    assert code == 0, shown
+    assert "missing in the bag, and left out: steps 300 to 499" in " ".join(shown.split())
+    assert {path.name for path in tmp_path.iterdir()} == {"bag", "bag_foxglove.mcap", "bag_foxglove.json"}
+    before = (tmp_path / "bag_foxglove.mcap").stat().st_mtime_ns
+    assert "exists already; give another name, or --overwrite" in run(str(bag), "--foxglove")[1]
+    assert (tmp_path / "bag_foxglove.mcap").stat().st_mtime_ns == before
+    assert run(str(bag), "--foxglove", "--layout", "--overwrite", "--from", "10ms")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((), "give one format: --csv, --mat, --parquet, --plotjuggler, --foxglove"),
+        (("--csv", "--mat"), "give one format"),
+        (("--csv", "--layout"), "--layout is for --plotjuggler and --foxglove"),
+        (("--csv", "--out", "run.mat"), "the file name must end in .csv"),
+        (("--csv", "--topics", "region"), "--topics region: there is no such topic in this format; allowed: reference"),
+        (("--csv", "--from", "2"), "has no samples from 2 s to the end"),
+    ],
+)
+def test_wrong_requests_are_named_and_leave_nothing(arguments: tuple[str, ...], text: str, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", samples(), whole(1000))
+    code, shown = run(str(bag), *arguments)
+    assert code == 1
+    assert text in shown
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
