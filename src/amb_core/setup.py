@@ -39,6 +39,7 @@ setup(
         NAME: [
             "py.typed",
             *("figures/*.j2", "figures/page.css", "figures/draw.js"),
+            "export/templates/*.j2",
             *("report/*.j2", "report/page.css", "report/page.js"),
         ]
     },

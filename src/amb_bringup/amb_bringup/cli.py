@@ -105,6 +105,10 @@ COMMANDS = {
         "bag:app",
         "Inspect, play, recover and export bags.",
     ),
+    "model": (
+        "model:app",
+        "Export models.",
+    ),
     "excitation": (
         "excitation:app",
         "Check or design an excitation on a region map.",
