@@ -12,7 +12,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 from amb_core.export import plotjuggler
-from amb_core.export.foxglove import SPECTRUM_TOPIC, STATES, TELEMETRY_TOPIC, field_names
+from amb_core.export.axis_messages import field_names
+from amb_core.export.foxglove import SPECTRUM_TOPIC, STATES, TELEMETRY_TOPIC
 from amb_core.recording.content import REGION_STATE
 
 COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#ff7f0e", "#9467bd", "#8c564b", "#17becf", "#bcbd22")

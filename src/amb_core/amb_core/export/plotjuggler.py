@@ -14,6 +14,7 @@ import numpy as np
 
 from amb_core.export.columns import chosen_signals
 from amb_core.export.message_rows import MessageRows
+from amb_core.export.message_types import MessageTypes
 from amb_core.export.run_telemetry import RunTelemetry
 from amb_core.export.sample_file import SampleFile
 from amb_core.export.spectra import RunSpectra
@@ -54,9 +55,9 @@ def write_plotjuggler(telemetry: RunTelemetry, path: Path, topics: Collection[st
     chosen = chosen_signals(topics, OTHERS)
     loop = [name for name in ("position", "current") if name in chosen]
     wanted = [(LOOP, loop)] * bool(loop) + [(REFERENCE, ["reference"])] * ("reference" in chosen)
-    with SampleFile(path, telemetry.sample_time) as file:
+    with SampleFile(path, telemetry.sample_time, MessageTypes()) as file:
         joints = [_Joints(file, telemetry.axes, topic, names) for topic, names in wanted]
-        spectra = RunSpectra(telemetry) if "spectrum" in chosen else None
+        spectra = RunSpectra.of(telemetry) if "spectrum" in chosen else None
         for record in telemetry.batches() if joints or spectra else ():
             for topic in joints:
                 topic.write(record)
@@ -75,13 +76,14 @@ class _Joints:
 
     def __init__(self, file: SampleFile, axes: Sequence[str], topic: str, signals: Sequence[str]) -> None:
         self._file, self._topic, self._signals = file, topic, signals
+        types = file.types
 
         def serialize(seconds: int, nanoseconds: int, _: list[int], numbers: list[float]) -> bytes:
             of_signal = {name: numbers[len(axes) * place :][: len(axes)] for place, name in enumerate(signals)}
             effort = of_signal.pop("current", [])
             position = next(iter(of_signal.values()), [])
             arrays = (np.array(values, dtype=np.float64) for values in (position, [], effort))
-            return file.serialize(file.message(JOINTS, file.header(seconds, nanoseconds), list(axes), *arrays))
+            return types.serialize(types.message(JOINTS, types.header(seconds, nanoseconds), list(axes), *arrays))
 
         self._rows = MessageRows(serialize, 0, len(axes) * len(signals))
         file.add_topic(topic, JOINTS)
@@ -89,7 +91,8 @@ class _Joints:
     def write(self, record: LoopRecord) -> None:
         """Write the messages of samples."""
         columns = [getattr(record, name)[:, axis] for name in self._signals for axis in range(len(record.axes))]
-        self._file.write_rows(self._topic, self._rows, record.first_step + np.arange(record.steps), columns)
+        times = self._file.times(record.first_step + np.arange(record.steps))
+        self._file.write_all(self._topic, times, self._rows.messages(times, columns))
 
 
 def _write_spectrum(file: SampleFile, telemetry: RunTelemetry, spectra: RunSpectra) -> None:
@@ -102,7 +105,7 @@ def _write_spectrum(file: SampleFile, telemetry: RunTelemetry, spectra: RunSpect
     for topic, values in columns.items():
         file.add_topic(topic, NUMBER)
         for place, value in enumerate(values.tolist()):
-            file.write(topic, file.message(NUMBER, value), first + place)
+            file.write(topic, file.types.message(NUMBER, value), first + place)
 
 
 def _write_regions(file: SampleFile, telemetry: RunTelemetry) -> None:
@@ -118,20 +121,20 @@ def _write_regions(file: SampleFile, telemetry: RunTelemetry) -> None:
                 if topic not in known:
                     file.add_topic(topic, kind)
                     known.add(topic)
-                file.write(topic, file.message(kind, value), found.step)
+                file.write(topic, file.types.message(kind, value), found.step)
 
 
 def _write_status(file: SampleFile, telemetry: RunTelemetry) -> None:
     """Write how many samples are missing so far, and the mode of simulator or bridge."""
     file.add_topic(MISSING, COUNT)
     first, stop = telemetry.spans[0][0], telemetry.spans[-1][1] - 1
-    file.write(MISSING, file.message(COUNT, 0), first)
+    file.write(MISSING, file.types.message(COUNT, 0), first)
     lost = 0
     for start, end in telemetry.missing:
         lost += end - start
-        file.write(MISSING, file.message(COUNT, lost), end)
-    file.write(MISSING, file.message(COUNT, lost), stop)
+        file.write(MISSING, file.types.message(COUNT, lost), end)
+    file.write(MISSING, file.types.message(COUNT, lost), stop)
     for number, found in enumerate(state_messages(telemetry, MODES)):
         if not number:
             file.add_topic(MODE, SMALL)
-        file.write(MODE, file.message(SMALL, int(found.message.mode)), found.step)
+        file.write(MODE, file.types.message(SMALL, int(found.message.mode)), found.step)

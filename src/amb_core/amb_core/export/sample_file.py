@@ -5,7 +5,7 @@ Definitions of all message types are in the file, so a reader needs no message p
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -13,12 +13,9 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from amb_core.export.message_rows import SECOND, MessageRows
+from amb_core.export.message_types import MessageTypes, step_times
 from amb_core.recording.mcap_file import McapFile, StoredTopic
-
-STAMP, HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
 
 
 class SampleFile:
@@ -30,15 +27,13 @@ class SampleFile:
         The file; must not exist.
     sample_time : float
         Sample time (s).
-    definitions : mapping of str to str, optional
-        Message types beside the standard ones: their texts by name, those that others use first.
+    types : MessageTypes
+        Types of its messages.
     """
 
-    def __init__(self, path: Path, sample_time: float, definitions: Mapping[str, str] | None = None) -> None:
-        self._types = get_typestore(Stores.ROS2_JAZZY)
-        for name, text in (definitions or {}).items():
-            self._types.register(get_types_from_msg(text, name))
-        self._rate = 1.0 / sample_time
+    def __init__(self, path: Path, sample_time: float, types: MessageTypes) -> None:
+        self.types = types
+        self._sample_time = sample_time
         self._topics: dict[str, StoredTopic] = {}
         self._file = McapFile(path)
 
@@ -54,15 +49,19 @@ class SampleFile:
             with suppress(OSError):  # the first error counts
                 self._file.close()
 
-    def time(self, steps: NDArray[np.int64] | int) -> Any:
-        """Time of steps since step 0 of the run (ns), rounded as in the stamps of telemetry."""
-        return np.round(np.asarray(steps, dtype=np.float64) * SECOND / self._rate).astype(np.int64)
+    def times(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Times of steps (ns)."""
+        return step_times(steps, self._sample_time)
+
+    def time(self, step: int) -> int:
+        """Time of a step (ns)."""
+        return int(step_times(step, self._sample_time))
 
     def add_topic(self, name: str, kind: str) -> None:
-        """Add a topic before its first message; `kind` is a standard type or one of the definitions."""
-        definition, _ = self._types.generate_msgdef(kind, ros_version=2)
-        metadata = {"offered_qos_profiles": "", "topic_type_hash": self._types.hash_rihs01(kind)}
-        self._topics[name] = StoredTopic(name, kind, "ros2msg", definition.encode(), metadata=metadata)
+        """Add a topic before its first message; `kind` is one of the types."""
+        metadata = {"offered_qos_profiles": "", "topic_type_hash": self.types.type_hash(kind)}
+        definition = self.types.definition(kind).encode()
+        self._topics[name] = StoredTopic(name, kind, "ros2msg", definition, metadata=metadata)
         self._file.add_topic(self._topics[name])
 
     def add_stored_topic(self, name: str, topic: StoredTopic) -> None:
@@ -70,40 +69,17 @@ class SampleFile:
         self._topics[name] = StoredTopic(name, topic.type, topic.encoding, topic.definition)
         self._file.add_topic(self._topics[name])
 
-    def message(self, kind: str, *fields: Any) -> Any:
-        """A message of a type with its fields in their order."""
-        return self._types.types[kind](*fields)
-
-    def header(self, seconds: int, nanoseconds: int) -> Any:
-        """A header with a stamp and no frame."""
-        return self.message(HEADER, self.message(STAMP, seconds, nanoseconds), "")
-
-    def header_at(self, step: int) -> Any:
-        """A header with the time of a step."""
-        time = int(self.time(step))
-        return self.header(time // SECOND, time % SECOND)
-
-    def serialize(self, message: Any) -> bytes:
-        """A message as bytes (CDR)."""
-        return bytes(self._types.serialize_cdr(message, message.__msgtype__))
-
     def write(self, topic: str, message: Any, step: int) -> None:
         """Append a message at the time of a step."""
-        self.write_stored(topic, self.serialize(message), step)
+        self.write_stored(topic, self.types.serialize(message), step)
 
     def write_stored(self, topic: str, data: bytes, step: int) -> None:
         """Append a serialized message at the time of a step."""
-        time = int(self.time(step))
+        time = self.time(step)
         self._file.write(self._topics[topic], data, time, time)
 
-    def write_rows(
-        self, topic: str, rows: MessageRows, steps: NDArray[np.int64], columns: Sequence[NDArray[Any]]
-    ) -> None:
-        """Append a message for each step; `columns` as for `MessageRows.messages`."""
-        times = self.time(steps)
-        self._append(topic, times.tolist(), rows.messages(times, columns))
-
-    def _append(self, topic: str, times: Iterable[int], messages: Iterable[bytes]) -> None:
+    def write_all(self, topic: str, times: NDArray[np.int64], messages: Iterable[bytes]) -> None:
+        """Append serialized messages at their times (ns)."""
         stored, write = self._topics[topic], self._file.write
-        for time, data in zip(times, messages, strict=True):
+        for time, data in zip(times.tolist(), messages, strict=True):
             write(stored, data, time, time)

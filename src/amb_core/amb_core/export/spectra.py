@@ -38,22 +38,35 @@ class Spectrum(NamedTuple):
 class RunSpectra:
     """Spectra of the last `length` samples, one for every half of them; none over a gap.
 
+    Parameters
+    ----------
+    axes : int
+        Number of axes.
+    sample_time : float
+        Sample time (s).
+    length : int, optional
+        Samples of one spectrum; 0 for no spectra.
+
     Attributes
     ----------
     length : int
-        Samples of one spectrum; 0 if the run is too short for any.
+        Samples of one spectrum; 0 for no spectra, of a run that is too short.
     peak : Spectrum or None
         The largest amplitude of each point in all spectra so far.
     """
 
-    def __init__(self, telemetry: RunTelemetry) -> None:
-        longest = max(stop - first for first, stop in telemetry.spans)
-        self.length = min(LENGTH, 1 << (longest.bit_length() - 1)) if longest >= SHORTEST else 0
+    def __init__(self, axes: int, sample_time: float, length: int = LENGTH) -> None:
+        self.length = length
         self.peak: Spectrum | None = None
-        self._running = (
-            RunningSpectrum(len(telemetry.axes), telemetry.sample_time, self.length) if self.length else None
-        )
+        self._running = RunningSpectrum(axes, sample_time, length) if length else None
         self._next = self._since = 0
+
+    @classmethod
+    def of(cls, telemetry: RunTelemetry) -> RunSpectra:
+        """Those of a run, as long as its longest stretch allows."""
+        longest = max(stop - first for first, stop in telemetry.spans)
+        length = min(LENGTH, 1 << (longest.bit_length() - 1)) if longest >= SHORTEST else 0
+        return cls(len(telemetry.axes), telemetry.sample_time, length)
 
     def add(self, record: LoopRecord) -> Iterator[Spectrum]:
         """Take in the next samples of the run, and give the spectra that they complete."""
