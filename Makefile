@@ -8,7 +8,7 @@ help:  ## print this
 	@grep -E '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
 
 EXTRAS ?=
-setup:  ## make .venv with ROS 2 Jazzy, build the packages (EXTRAS=ross adds ROSS)
+setup:  ## make .venv with ROS 2 Jazzy, build the packages (EXTRAS="ross foxglove" adds ROSS, the server for Foxglove)
 	@EXTRAS="$(EXTRAS)" bash scripts/setup.sh
 
 demo: setup  ## the paper's main experiment over ROS topics; leaves results/demo

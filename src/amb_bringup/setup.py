@@ -24,6 +24,7 @@ setup(
         ("bin", ["bin/amb"]),  # colcon puts bin/ on PATH, so `amb` works wherever the workspace is sourced
     ],
     install_requires=["setuptools"],
+    extras_require={"foxglove": ["foxglove-sdk>=0.30,<0.31"]},  # pinned in requirements-foxglove.txt
     zip_safe=False,
     entry_points={
         "console_scripts": [

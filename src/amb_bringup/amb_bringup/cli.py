@@ -29,6 +29,10 @@ COMMANDS = {
         "view:view",
         "Show a running graph live in the browser: motion, spectrum, regions, trips and log, until Ctrl-C.",
     ),
+    "foxglove": (
+        "foxglove:foxglove",
+        "Show a running graph live in Foxglove, every sample of it, until Ctrl-C; needs the extra foxglove.",
+    ),
     "run": (
         "graph:run",
         "Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...).",
