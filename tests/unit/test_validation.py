@@ -205,7 +205,6 @@ def with_outputs(data: IdentificationData, outputs: np.ndarray) -> Identificatio
     [
         (lambda data: replace(data, sample_time=2e-4), r"sample time of 0\.0002 s, the model of 0\.0001 s"),
         (lambda data: replace(data, output_names=("x", "z")), "the data have the outputs x, z, the model x, y"),
-        (lambda data: data.window(0, 150), "horizons from 1 to 100 steps are not allowed"),
         (lambda data: data.window(0, 220), "220 samples are too few to test residuals over 25 lags"),
         (lambda data: with_outputs(data, np.full((6_000, 2), np.nan)), "experiment 0 holds values that are not finite"),
         (lambda data: with_outputs(data, np.zeros((6_000, 2))), "output 0 is constant"),
@@ -219,6 +218,17 @@ def test_data_that_do_not_fit_are_refused(
 ) -> None:
     with pytest.raises(IdentificationError, match=reason):
         validate(model, change(data), CONTROLLER)
+
+
+def test_horizons_are_those_that_the_shortest_experiment_allows_unless_they_are_given(
+    data: IdentificationData, model: StateSpaceModel
+) -> None:
+    short = replace(
+        data.window(0, 260), experiments=(*data.window(0, 260).experiments, *data.window(300, 450).experiments)
+    )
+    assert validate(model, short, CONTROLLER).horizons == (1, 5, 20)
+    with pytest.raises(IdentificationError, match="horizons from 1 to 100 steps are not allowed"):
+        validate(model, short, CONTROLLER, horizons=(1, 100))
 
 
 def test_a_model_without_stable_predictor_is_refused(data: IdentificationData, model: StateSpaceModel) -> None:

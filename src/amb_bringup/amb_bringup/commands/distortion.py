@@ -83,7 +83,7 @@ def _simulate(
 def _measure(console: Console, files: DataOptions, path: Path, chosen: dict[str, int], out: Path) -> None:
     found = _evidence(console, files, path, chosen)
     if found.distortion is None and found.coherence is None:
-        raise SpectrumError(f"{path}: {found.problem}; {found.coherence_problem}")
+        raise SpectrumError(f"{path}: {'; '.join(dict.fromkeys([found.problem, found.coherence_problem]))}")
     make_folder(out)
     if found.distortion is not None:
         console.print(_table(found.distortion))

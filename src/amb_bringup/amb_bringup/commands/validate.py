@@ -18,7 +18,6 @@ from amb_core.figures import save_validation_figures
 from amb_core.figures.entries import entries_from
 from amb_core.identification import StateSpaceModel
 from amb_core.identification.controller_choice import NO_CONTROLLER, needs_controller
-from amb_core.identification.validation import HORIZONS
 from amb_core.identification.validation import validate as judge
 
 RunOption = Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")]
@@ -68,7 +67,7 @@ def validate(
     loop = load_recorded(console, files, bag, run, first_step, steps)
     drawn = entries_from(entries, loop.data.input_names, loop.data.output_names)
     with working(console, f"validating order {known.order} on {loop.data.samples} samples"):
-        found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or HORIZONS)
+        found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or None)
     typer.echo(found.report())
     if results is not None:
         write_json(results, found.as_dict())

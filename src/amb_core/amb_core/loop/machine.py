@@ -117,8 +117,8 @@ class Machine:
 
 
 def radial_bearings(record: LoopRecord) -> list[LoopRecord]:
-    """The samples of each radial bearing, two axes each; those of a thrust bearing are left out."""
-    if len(record.axes) <= 2:
+    """The samples of each radial bearing, two axes each; those of a thrust bearing, or of one axis, are left out."""
+    if len(record.axes) == 2:
         return [record]
     pairs = [slice(first, first + 2) for first in range(0, len(record.axes) - 1, 2)]
     return [

@@ -17,6 +17,7 @@ from amb_core.figures.distortion import distortion_chart
 from amb_core.figures.loop import orbit_chart
 from amb_core.figures.style import region_label, sentence
 from amb_core.figures.sweep import onset_text, rises, sweep_chart
+from amb_core.loop.machine import radial_bearings
 from amb_core.loop.telemetry import describe_gaps
 from amb_core.regions import Region
 from amb_core.regions.stretches import shares, stretches
@@ -211,17 +212,16 @@ def _distortion(evidence: Evidence) -> Section:
 def _motion(record: LoopRecord) -> Section:
     reach = UM * np.nanmax(np.abs(record.position), axis=0)
     mean = UM * np.nanmean(record.position, axis=0)
-    return Section(
-        "Motion",
-        [
-            TableBlock(
-                ("axis", "mean", "farthest from the centre"),
-                [(name, f"{mean[axis]:z.1f} µm", f"{reach[axis]:.1f} µm") for axis, name in enumerate(record.axes)],
-                "Rotor position",
-            ),
-            FigureBlock(orbit_chart(record).page(), "Orbit"),
-        ],
-    )
+    blocks: list[Block] = [
+        TableBlock(
+            ("axis", "mean", "farthest from the centre"),
+            [(name, f"{mean[axis]:z.1f} µm", f"{reach[axis]:.1f} µm") for axis, name in enumerate(record.axes)],
+            "Rotor position",
+        )
+    ]
+    if radial_bearings(record):
+        blocks.append(FigureBlock(orbit_chart(record).page(), "Orbit"))
+    return Section("Motion", blocks)
 
 
 def _identified(

@@ -137,7 +137,7 @@ def validate(
     *,
     uncertainty: ModelUncertainty | None = None,
     plant: PlantParameters | None = None,
-    horizons: Sequence[int] = HORIZONS,
+    horizons: Sequence[int] | None = None,
     lags: int = LAGS,
 ) -> Validation:
     """Validate a model, ideally on data that it was not identified from.
@@ -154,8 +154,8 @@ def validate(
         Uncertainty of the model, for its frequency response.
     plant : PlantParameters, optional
         The plant, if it is known, such as that of the simulator.
-    horizons : sequence of int
-        Prediction horizons (steps).
+    horizons : sequence of int, optional
+        Prediction horizons (steps); by default those of `HORIZONS` that are at most half the shortest experiment.
     lags : int
         Lags over which residuals are tested.
 
@@ -165,6 +165,9 @@ def validate(
         If model and data do not fit together, the predictor is unstable, or the data are too short or do not move.
     """
     data = restore(_fitting(data, model))
+    if horizons is None:
+        shortest = min(item.steps for item in data.experiments)
+        horizons = [horizon for horizon in HORIZONS if 2 * horizon <= shortest]
     if controller is not None:
         controller.require_axes(len(data.output_names))
     # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
