@@ -129,7 +129,8 @@ def axis_peak(feedback: Feedback, axis: int) -> float:
 def gap(feedback: Feedback, scale: float, other) -> float:
     """nu-gap of a model to the plant of a loop."""
     nominal = feedback.plant.response(GRID)
-    return float(gap_objective(nominal, scale)(plant_of(other).response(GRID) - nominal)[0].max())
+    change = plant_of(other).response(GRID) - nominal
+    return float(gap_objective(nominal, scale)(change, np.arange(len(GRID)))[0].max())
 
 
 def _mahalanobis(error: complex, spread: np.ndarray) -> float:

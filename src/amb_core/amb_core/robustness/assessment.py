@@ -310,7 +310,7 @@ class WorstCases:
     def scaled(self, out: Arrays, into: Arrays, plus: Arrays) -> Worst:
         """Worst bound of mu of out H into + plus over independent complex perturbations, with the estimate's D."""
         nominal = out @ self.feedback.closed.response(self.plants.frequency) @ into + plus
-        scale = np.array([balancing(matrix) for matrix in nominal])
+        scale = balancing(nominal)
         left, right = scale[:, :, np.newaxis] * out, into / scale[:, np.newaxis, :]
         shift = scale[:, :, np.newaxis] * plus / scale[:, np.newaxis, :]
         objective = closed_loop_objective(self.feedback, self.plants.frequency, left, right, shift)

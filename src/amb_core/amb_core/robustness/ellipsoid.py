@@ -25,6 +25,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from amb_core.identification.frequency_response import normal_quantile, transfers
@@ -33,11 +34,15 @@ from amb_core.identification.uncertainty.directions import response_changes
 from amb_core.robustness.feedback import Feedback
 from amb_core.robustness.lti import Arrays, Complexes
 
+Places = NDArray[np.intp]
 _STEPS = 15
+_FIRST_STEPS = 5  # at all frequencies
 _STARTS = 4  # the gradient at the estimate, its opposite, and random ones
+_HIGH = 0.8  # of the largest value: frequencies at which all starts are tried
 
-Objective = Callable[[Complexes], tuple[Arrays, Complexes]]
-"""From dP, shape (f, p, m), to the value (f,) and to G (f, p, m) with d value = Re sum conj(G) d(dP)."""
+Objective = Callable[[Complexes, Places], tuple[Arrays, Complexes]]
+"""From dP, shape (f, p, m), at some of the frequencies, to the value (f,) and to G (f, p, m) with d value = Re sum
+conj(G) d(dP)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,30 +99,39 @@ class PlantSet:
         u, size, into = np.linalg.svd(np.concatenate([flat.real, flat.imag], axis=1), full_matrices=False)
         return cls(frequency, np.concatenate(nominal), u * size[:, np.newaxis, :], into)
 
-    def change(self, place: Arrays) -> Complexes:
-        """DP of places within the ellipsoid, shapes (f, k) to (f, p, m)."""
-        parts = np.einsum("fik,fk->fi", self.axes, place)
+    def change(self, factors: Arrays, places: Places) -> Complexes:
+        """DP at some of the frequencies from factors of the semi-axes, shapes (f', k) to (f', p, m)."""
+        parts = (self.axes[places] @ factors[:, :, np.newaxis])[:, :, 0]
         half = parts.shape[1] // 2
-        return np.asarray((parts[:, :half] + 1j * parts[:, half:]).reshape(self.nominal.shape))
+        return np.asarray((parts[:, :half] + 1j * parts[:, half:]).reshape(-1, *self.nominal.shape[1:]))
 
-    def slope(self, gradient: Complexes) -> Arrays:
+    def slope(self, gradient: Complexes, places: Places) -> Arrays:
         """Gradient over the semi-axes, from that over dP."""
-        flat = gradient.reshape(len(gradient), -1)
-        return np.einsum("fik,fi->fk", self.axes, np.concatenate([flat.real, flat.imag], axis=1))
+        flat = gradient.reshape(len(gradient), 1, -1)
+        return (np.concatenate([flat.real, flat.imag], axis=2) @ self.axes[places])[:, 0]
 
     def worst(self, objective: Objective, radius: float, seed: int = 0) -> Worst:
         """The largest value of an objective over the ellipsoid of a radius."""
-        random, shape = np.random.default_rng(seed), self.axes.shape[::2]
-        best, at = np.full(shape[0], -np.inf), np.zeros(shape)
-        _, slope = objective(self.change(1e-6 * radius * random.normal(size=shape)))  # at the estimate it may have none
-        first = _unit(self.slope(slope))
-        for start in range(_STARTS):
-            place = radius * (first, -first)[start] if start < 2 else radius * _unit(random.normal(size=shape))
-            for _ in range(_STEPS):
-                value, slope = objective(self.change(place))
-                better = value > best
-                best, at = np.where(better, value, best), np.where(better[:, np.newaxis], place, at)
-                place = radius * _unit(self.slope(slope))
+        random, (count, _, size) = np.random.default_rng(seed), self.axes.shape
+        best, at = np.full(count, -np.inf), np.zeros((count, size))
+
+        def climb(start: Arrays, places: Places, steps: int) -> None:
+            factors = radius * start
+            for _ in range(steps):
+                value, slope = objective(self.change(factors, places), places)
+                better = value > best[places]
+                best[places[better]], at[places[better]] = value[better], factors[better]
+                factors = radius * _unit(self.slope(slope, places))
+
+        every = np.arange(count)
+        little = 1e-6 * radius * random.normal(size=(count, size))  # at the estimate there may be no slope
+        first = _unit(self.slope(objective(self.change(little, every), every)[1], every))
+        for start in (first, -first):
+            climb(start, every, _FIRST_STEPS)
+        high = np.flatnonzero(best >= _HIGH * best.max())
+        climb(_unit(at[high]), high, _STEPS)
+        for _ in range(_STARTS - 2):
+            climb(_unit(random.normal(size=(len(high), size))), high, _STEPS)
         top = int(np.argmax(best))
         return Worst(float(best[top]), float(self.frequency[top]), best, at[top] @ self.into[top])
 
@@ -154,14 +168,14 @@ def closed_loop_objective(
     nominal = left @ closed @ right + plus
     into, out = left @ closed[:, :, m:], closed[:, :m] @ right
 
-    def objective(change: Complexes) -> tuple[Arrays, Complexes]:
-        kept = np.linalg.inv(np.eye(m) - loop @ change)
-        found = nominal + into @ change @ kept @ out
-        u, size, v = np.linalg.svd(found)
+    def objective(change: Complexes, places: Places) -> tuple[Arrays, Complexes]:
+        at = loop[places]
+        kept = np.linalg.inv(np.eye(m) - at @ change)
+        seen = kept @ out[places]
         # d found = L d(dP) R with L = into (1 + dP kept loop), R = kept out.
-        a = np.einsum("fi,fij->fj", u[:, :, 0].conj(), into @ (np.eye(change.shape[1]) + change @ kept @ loop))
-        b = np.einsum("fij,fj->fi", kept @ out, v[:, 0, :].conj())
-        return size[:, 0], (a[:, :, np.newaxis] * b[:, np.newaxis, :]).conj()
+        size, u, v = _largest(nominal[places] + into[places] @ change @ seen)
+        a = (u[:, np.newaxis].conj() @ into[places] @ (np.eye(change.shape[1]) + change @ kept @ at))[:, 0]
+        return size, (a[:, :, np.newaxis] * (seen @ v[:, :, np.newaxis].conj())[:, np.newaxis, :, 0]).conj()
 
     return objective
 
@@ -171,15 +185,24 @@ def gap_objective(nominal: Complexes, scale: float) -> Objective:
     p0 = nominal * scale
     right = _inverse_root(np.eye(p0.shape[2]) + p0.conj().transpose(0, 2, 1) @ p0)
 
-    def objective(change: Complexes) -> tuple[Arrays, Complexes]:
-        moved = p0 + change * scale
+    def objective(change: Complexes, places: Places) -> tuple[Arrays, Complexes]:
+        moved = p0[places] + change * scale
         left = _inverse_root(np.eye(p0.shape[1]) + moved @ moved.conj().transpose(0, 2, 1))
-        u, size, v = np.linalg.svd(left @ (moved - p0) @ right)
-        a = np.einsum("fi,fij->fj", u[:, :, 0].conj(), left)
-        b = np.einsum("fij,fj->fi", right, v[:, 0, :].conj())
-        return size[:, 0], (a[:, :, np.newaxis] * b[:, np.newaxis, :]).conj() * scale
+        size, u, v = _largest(left @ (moved - p0[places]) @ right[places])
+        a = (u[:, np.newaxis].conj() @ left)[:, 0]
+        b = (right[places] @ v[:, :, np.newaxis].conj())[:, :, 0]
+        return size, (a[:, :, np.newaxis] * b[:, np.newaxis, :]).conj() * scale
 
     return objective
+
+
+def _largest(matrices: Complexes) -> tuple[Arrays, Complexes, Complexes]:
+    """Largest singular values, their left vectors u and rows v of the right ones, shapes (f,), (f, r), (f, c)."""
+    if matrices.shape[1:] == (1, 1):
+        size = np.abs(matrices[:, 0, 0])
+        return size, matrices[:, 0] / (size[:, np.newaxis] + np.finfo(float).tiny), np.ones((len(size), 1), complex)
+    u, sizes, v = np.linalg.svd(matrices, full_matrices=False)
+    return sizes[:, 0], u[:, :, 0], v[:, 0]
 
 
 def _inverse_root(matrices: Complexes) -> Complexes:

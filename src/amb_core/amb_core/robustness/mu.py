@@ -2,9 +2,8 @@
 
     1/mu(M) = the smallest max |delta_i| for which I - M diag(delta) is singular.
 
-The upper bound uses D and G scalings (`mu_upper`). The lower bound is a perturbation: a power iteration with several
-starts gives a direction, and a scale and a common phase are then solved for, so that I - M Delta is singular to
-rounding. So every lower bound is attained, and the perturbation can be replayed.
+The upper bound uses D and G scalings (`mu_upper`). The lower bound is a perturbation (`mu_lower`) for which I - M Delta
+is singular to rounding. So every lower bound is attained, and the perturbation can be replayed.
 
 Sources: M. K. H. Fan, A. L. Tits and J. C. Doyle, Robustness in the presence of mixed parametric uncertainty and
 unmodeled dynamics, IEEE Transactions on Automatic Control 36 (1991); A. Packard and J. C. Doyle, The complex structured
@@ -24,10 +23,12 @@ from scipy.optimize import minimize_scalar
 from amb_core.errors import RobustnessError
 from amb_core.robustness.lti import Arrays, Complexes, Lti
 from amb_core.robustness.mu_lower import lower_bound
-from amb_core.robustness.mu_upper import upper_bound, upper_curve
+from amb_core.robustness.mu_upper import top_of_mixed, upper_bound, upper_curve
 
-_PEAKS = 4  # local peaks of the upper bound that are refined
-_FEW = 6  # frequencies per refined peak at which the lower bound is sought
+_PEAKS = 4  # local peaks of the upper bound that are refined at most
+_HIGH = 0.95  # of the largest: lower peaks are not refined
+_ZOOM = 40  # frequencies between the neighbours of a peak, and again between those of its top
+_CLOSE = 0.9999  # of the upper bound: a lower bound that is so large ends the search
 
 
 @dataclass(frozen=True)
@@ -93,31 +94,45 @@ def mu_peak(system: Lti, blocks: Sequence[Block], frequency: Arrays) -> MuPeak:
     if system.d.shape != (len(blocks), len(blocks)):
         raise RobustnessError(f"{len(blocks)} perturbations need as many inputs and outputs, not {system.d.shape}")
     real = np.array([block.real for block in blocks])
-    curve = upper_curve(system.response(frequency), real)
-    found = [_refine(system, real, frequency, curve, place) for place in _summits(curve)]
+    if np.all(real):  # mu of real perturbations alone may jump at frequencies at which the response is real
+        frequency = np.concatenate([[0.0], frequency, [0.5 / system.sample_time]])
+    curve, scalings = upper_curve(system.response(frequency), real)
+    found = [_refine(system, real, frequency, curve, scalings[place], place) for place in _summits(curve)]
     upper, at = max(found)
     best = (0.0, at, np.zeros(0, dtype=np.complex128))
-    tried = sorted({at for _, at in sorted(found, reverse=True)[:_FEW]}, key=lambda f: abs(f - at))
+    tried = [at for _, at in sorted(found, reverse=True)]
     for one in tried:
-        best = max(best, lower_bound(system, real, one), key=lambda item: item[0])
+        if best[0] >= _CLOSE * upper:
+            break
+        best = max(best, lower_bound(system, real, one, upper), key=lambda item: item[0])
     return MuPeak(max(upper, best[0]), best[0], at, best[1], best[2], np.asarray(frequency), curve)
 
 
 def _summits(curve: Arrays) -> list[int]:
     """Places of the highest local peaks."""
     padded = np.concatenate([[-np.inf], curve, [-np.inf]])
-    places = np.flatnonzero((padded[1:-1] >= padded[:-2]) & (padded[1:-1] >= padded[2:]))
+    peaks = (padded[1:-1] >= padded[:-2]) & (padded[1:-1] >= padded[2:])
+    places = np.flatnonzero(peaks & (curve >= _HIGH * curve.max()))
     return [int(place) for place in places[np.argsort(-curve[places])][:_PEAKS]]
 
 
-def _refine(system: Lti, real: NDArray[np.bool_], frequency: Arrays, curve: Arrays, place: int) -> tuple[float, float]:
+def _refine(
+    system: Lti, real: NDArray[np.bool_], frequency: Arrays, curve: Arrays, start: Arrays, place: int
+) -> tuple[float, float]:
     """The largest upper bound between the neighbours of a frequency, and where it is."""
-    low, high = frequency[max(place - 1, 0)], frequency[min(place + 1, len(frequency) - 1)]
-    found = minimize_scalar(
-        lambda at: -upper_bound(system.response(np.array([at]))[0], real),
-        bounds=(float(low), float(high)),
-        method="bounded",
-        options={"xatol": 1e-4 * (high - low), "maxiter": 25},
-    )
-    again = upper_bound(system.response(frequency[place : place + 1])[0], real)  # the curve is coarser
-    return max((float(-found.fun), float(found.x)), (min(again, float(curve[place])), float(frequency[place])))
+    low, high = float(frequency[max(place - 1, 0)]), float(frequency[min(place + 1, len(frequency) - 1)])
+    if np.any(real):
+        at, width = float(frequency[place]), max(high - low, 0.0)
+        for span in (width, width / _ZOOM):
+            near = np.clip(at + span * np.linspace(-0.5, 0.5, _ZOOM + 1), low, high)
+            top, at, start = top_of_mixed(system.response(near), real, near, start)
+        inside = top, at
+    else:
+        found = minimize_scalar(
+            lambda at: -upper_bound(system.response(np.array([at]))[0], real),
+            bounds=(low, high),
+            method="bounded",
+            options={"xatol": 1e-4 * (high - low), "maxiter": 25},
+        )
+        inside = float(-found.fun), float(found.x)
+    return max(inside, (float(curve[place]), float(frequency[place])))

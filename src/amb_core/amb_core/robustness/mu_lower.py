@@ -1,29 +1,44 @@
 """Lower bound of mu: a perturbation that makes a loop singular at a frequency.
 
 With Q = diag(q), |q_i| <= 1, real where the perturbation is real, an eigenvalue of M Q that is real and positive, of
-value lambda, is a lower bound, and Q/lambda the perturbation. Candidates for Q come from the power iteration of Young
-and Doyle with several starts and are improved by coordinate ascent. Where a perturbation is complex, all complex q are
-turned together until the eigenvalue is real; where none is, the frequency is moved instead.
+value lambda, is a lower bound, and Q/lambda the perturbation. The largest one is sought:
+
+- Where all perturbations are complex, by the power iteration for alignment, from several starts. A common phase then
+  makes the eigenvalue real.
+- Where some are real, by sequential quadratic programming from several starts: the largest Re lambda with Im lambda = 0
+  over real q in [-1, 1], phases of complex q, and, where all perturbations are real, the frequency. A simple eigenvalue
+  has the gradient d lambda = w' M dQ v for its left and right eigenvectors with w' v = 1. Newton's method in a common
+  phase of the complex q, or in the frequency, then brings the imaginary part to rounding.
+
+The power iteration of Young and Doyle for real perturbations often does not converge where a real perturbation lies
+inside its range at the optimum; the programming does.
+
+Sources: A. Packard and J. C. Doyle, The complex structured singular value, Automatica 29 (1993); P. M. Young and J. C.
+Doyle, Computation of mu with real and complex uncertainties, Conference on Decision and Control (1990).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import minimize
 
 from amb_core.robustness.lti import Arrays, Complexes, Lti
+from amb_core.robustness.mu_upper import balancing
 
 _STARTS = 12
-_STEPS = 60  # of the power iteration
-_TURNS = 24  # angles at which an eigenvalue is followed through a turn of the complex perturbations
+_STEPS = 60  # of each search
 _SPAN = 0.3  # of the frequency, either way, within which real perturbations may find another
-_POINTS = 241
+_NEWTON = 8
+_REAL = 1e-9  # imaginary part at most, relative, of an eigenvalue that is taken as real
+_ENOUGH = 1e-4  # a lower bound so close to the upper one ends the search over real perturbations, relative
 
 Found = tuple[float, float, Complexes]
 
 
-def lower_bound(system: Lti, real: NDArray[np.bool_], frequency: float, seed: int = 0) -> Found:
+def lower_bound(system: Lti, real: NDArray[np.bool_], frequency: float, upper: float = np.inf, seed: int = 0) -> Found:
     """Lower bound of mu near a frequency.
 
     Parameters
@@ -34,6 +49,8 @@ def lower_bound(system: Lti, real: NDArray[np.bool_], frequency: float, seed: in
         Which perturbations are real.
     frequency : float
         Frequency (Hz).
+    upper : float
+        Known upper bound, at which the search may end.
     seed : int
         Of the starts.
 
@@ -43,147 +60,185 @@ def lower_bound(system: Lti, real: NDArray[np.bool_], frequency: float, seed: in
         The bound, its frequency (Hz), and the perturbation, shape (n,); 0 and an empty one if none was found.
     """
     matrix = system.response(np.array([frequency]))[0]
+    scale = balancing(matrix)
+    size = float(np.linalg.norm(matrix * scale[:, np.newaxis] / scale, 2))
+    if size == 0.0:
+        return 0.0, frequency, np.zeros(0, dtype=np.complex128)
+    # The same eigenvalues, near 1: D M D^-1 over its norm.
+    scaled = Lti(
+        system.a, system.b / scale, scale[:, np.newaxis] * system.c / size,
+        scale[:, np.newaxis] * system.d / scale / size, system.sample_time,
+    )  # fmt: skip
     random = np.random.default_rng(seed)
-    candidates = [_iterated(matrix, real, random) for _ in range(_STARTS)]
-    if np.all(real):
-        return _along_frequency(system, candidates, frequency, random)
-    found = [_turned(matrix, real, q) for q in candidates]
-    value, q = max(found, key=lambda item: item[0])
-    if np.any(real):
-        value, q = _improved(matrix, real, value, q, random)
-    return (value, frequency, q / value) if value > 0.0 else (0.0, frequency, np.zeros(0, dtype=np.complex128))
-
-
-def _iterated(matrix: Complexes, real: NDArray[np.bool_], random: np.random.Generator) -> Complexes:
-    """Power iteration for alignment of z = M w and its dual; returns Q."""
-    n = len(matrix)
-    b = random.normal(size=n) + 1j * random.normal(size=n)
-    w = random.normal(size=n) + 1j * random.normal(size=n)
-    b, w = b / np.linalg.norm(b), w / np.linalg.norm(w)
-    q = np.where(real, np.sign(random.normal(size=n)), np.exp(2j * np.pi * random.uniform(size=n)))
-    tiny = np.finfo(float).tiny
-    for _ in range(_STEPS):
-        a = matrix @ b
-        a = a / (np.linalg.norm(a) + tiny)
-        z = _new_z(q, w, a, real)
-        w = matrix.conj().T @ z
-        w = w / (np.linalg.norm(w) + tiny)
-        q = _new_q(q, w, a, real)
-        b = q * a
-        b = b / (np.linalg.norm(b) + tiny)
-    return q
-
-
-def _new_z(q: Complexes, w: Complexes, a: Complexes, real: NDArray[np.bool_]) -> Complexes:
-    size = np.abs(a) + np.finfo(float).tiny
-    return np.where(real, q.real * w, np.abs(w) * a / size)
-
-
-def _new_q(q: Complexes, w: Complexes, a: Complexes, real: NDArray[np.bool_]) -> Complexes:
-    aligned = np.real(np.conj(a) * w)
-    share = np.abs(a) / (np.abs(w) + np.finfo(float).tiny)
-    moved = np.clip(np.sign(q.real) * share + aligned / (np.abs(w) ** 2 + np.finfo(float).tiny), -1.0, 1.0)
-    moved = np.where(moved == 0.0, 1.0, moved)
-    phase = w * np.conj(a)
-    return np.where(real, moved, phase / (np.abs(phase) + np.finfo(float).tiny))
-
-
-def _turned(matrix: Complexes, real: NDArray[np.bool_], q: Complexes) -> tuple[float, Complexes]:
-    """The largest positive real eigenvalue of M Q over common turns of the complex entries of Q."""
     if not np.any(real):
-        values = np.linalg.eigvals(matrix * q)
-        best = values[np.argmax(np.abs(values))]
-        return (float(abs(best)), q * np.exp(-1j * np.angle(best))) if abs(best) > 0.0 else (0.0, q)
-
-    def turned(angle: float) -> Complexes:
-        return np.asarray(np.where(real, q, q * np.exp(1j * angle)))
-
-    angles = np.linspace(0.0, 2.0 * np.pi, _TURNS + 1)
-    values = np.linalg.eigvals(matrix[np.newaxis] * np.array([turned(angle) for angle in angles])[:, np.newaxis, :])
-    best, at = 0.0, q
-    for step in range(_TURNS):
-        for start in values[step]:
-            follower = values[step + 1][np.argmin(np.abs(values[step + 1] - start))]
-            if (start.real <= best and follower.real <= best) or start.imag * follower.imag > 0.0:
-                continue
-            solved = _real_eigenvalue(matrix, turned, angles[step], angles[step + 1], complex(start), complex(follower))
-            if solved is not None and solved[0] > best:
-                best, at = solved[0], turned(solved[1])
-    return best, at
+        found = _aligned(scaled, frequency, random)
+    else:
+        found = _programmed(scaled, real, frequency, upper / size * (1.0 - _ENOUGH), random)
+    value, at, q = found
+    if value <= 0.0:
+        return 0.0, frequency, np.zeros(0, dtype=np.complex128)
+    return value * size, at, q / (value * size)
 
 
-def _real_eigenvalue(matrix, turned, low, high, start, follower):  # type: ignore[no-untyped-def]
-    """An angle between two at which the eigenvalue that leads from one value to another is real and positive."""
-
-    def nearest(angle: float) -> complex:
-        share = (angle - low) / (high - low)
-        values = np.linalg.eigvals(matrix * turned(angle))
-        return complex(values[np.argmin(np.abs(values - (1.0 - share) * start - share * follower))])
-
-    if nearest(low).imag * nearest(high).imag > 0.0:
-        return None
-    angle = brentq(lambda at: nearest(at).imag, low, high, xtol=1e-15, rtol=1e-14)
-    value = nearest(angle)
-    return (value.real, angle) if value.real > 0.0 and abs(value.imag) < 1e-9 * value.real else None
-
-
-def _improved(
-    matrix: Complexes, real: NDArray[np.bool_], value: float, q: Complexes, random: np.random.Generator
-) -> tuple[float, Complexes]:
-    """Random search around a candidate, with steps that shrink, and signs of real entries exchanged."""
-    for place in np.flatnonzero(real):
-        trial = q.copy()
-        trial[place] = -trial[place]
-        value, q = max((value, q), _turned(matrix, real, trial), key=lambda item: item[0])
-    for step in np.repeat([1.0, 0.3, 0.1, 0.03], 4):
-        trial = np.where(
-            real,
-            np.clip(q.real + step * random.normal(size=len(q)), -1.0, 1.0),
-            q * np.exp(1j * step * random.normal(size=len(q))),
-        )
-        value, q = max((value, q), _turned(matrix, real, trial), key=lambda item: item[0])
-    return value, q
+def _aligned(system: Lti, frequency: float, random: np.random.Generator) -> Found:
+    """The largest eigenvalue of M Q found with |q_i| = 1, and Q turned so that it is real; all starts at once."""
+    matrix = system.response(np.array([frequency]))[0]
+    n, tiny = len(matrix), np.finfo(float).tiny
+    b, w = (random.normal(size=(_STARTS, n, 2)) @ np.array([1.0, 1j]) for _ in range(2))
+    q = np.ones((_STARTS, n), dtype=np.complex128)
+    for _ in range(_STEPS):
+        a = _unit(b @ matrix.T)
+        w = _unit(np.abs(w) * a / (np.abs(a) + tiny) @ matrix.conj())
+        phase = w * a.conj()
+        q = phase / (np.abs(phase) + tiny)
+        b = _unit(q * a)
+    values = np.linalg.eigvals(matrix * q[:, np.newaxis, :])
+    start, place = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
+    best, phases = values[start, place], np.angle(q[start])
+    eigenvalue = _Eigenvalue(system, np.zeros(n, dtype=bool), frequency, False, complex(best))
+    if best != 0.0:  # the iteration can be slow; the gradient is not
+        try:
+            phases = minimize(eigenvalue.size, phases, jac=True, method="BFGS", options={"maxiter": _STEPS}).x
+        except np.linalg.LinAlgError:
+            eigenvalue.followed = complex(best)
+        best = eigenvalue.at(phases)[0]
+    return float(abs(best)), frequency, np.exp(1j * (phases - np.angle(best)))
 
 
-def _along_frequency(system: Lti, candidates: list[Complexes], frequency: float, random: np.random.Generator) -> Found:
-    """The largest real eigenvalue of M Q for real Q, over frequencies about one."""
-    half = 0.5 / system.sample_time
-    grid = np.clip(frequency * np.linspace(1.0 - _SPAN, 1.0 + _SPAN, _POINTS), 0.0, half)
-    responses = system.response(grid)
-    n = len(system.c)
-    corners = [np.sign(q.real) for q in candidates] + [np.ones(n), -np.ones(n)]
-    corners += [random.choice([-1.0, 1.0], size=n) for _ in range(4 * n)]
+def _unit(vectors: Complexes) -> Complexes:
+    return np.asarray(vectors / (np.linalg.norm(vectors, axis=-1, keepdims=True) + np.finfo(float).tiny))
+
+
+@dataclass(eq=False)
+class _Eigenvalue:
+    """One eigenvalue of M Q and its gradient, followed from call to call.
+
+    The unknowns are the real q, the phases of the complex q, and the frequency (relative to the first) if `moving`.
+    """
+
+    system: Lti
+    real: NDArray[np.bool_]
+    frequency: float
+    moving: bool
+    followed: complex | None = None
+    kept: tuple[Arrays, complex, Complexes] | None = None
+    matrix: Complexes = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.matrix = self.system.response(np.array([self.frequency]))[0]
+
+    def factors(self, unknown: Arrays) -> Complexes:
+        """The diagonal of Q."""
+        q = np.empty(len(self.real), dtype=np.complex128)
+        count = int(self.real.sum())
+        q[self.real] = unknown[:count]
+        q[~self.real] = np.exp(1j * unknown[count : len(self.real)])
+        return q
+
+    def at(self, unknown: Arrays) -> tuple[complex, Complexes]:
+        """The eigenvalue and its gradient."""
+        if self.kept is not None and np.array_equal(self.kept[0], unknown):
+            return self.kept[1], self.kept[2]
+        matrix, change = self._response(unknown)
+        q = self.factors(unknown)
+        values, right = np.linalg.eig(matrix * q)
+        by = np.abs(values) if self.followed is None else -np.abs(values - self.followed)
+        place = int(np.argmax(by))
+        left = np.linalg.inv(right)[place]
+        share = (left @ matrix) * right[:, place]  # d lambda / d q; the sum of share q = lambda
+        slope = [share[self.real], (1j * q * share)[~self.real]]
+        if change is not None:
+            slope.append(np.array([left @ (change * q) @ right[:, place]]))
+        self.followed = complex(values[place])
+        self.kept = unknown.copy(), self.followed, np.concatenate(slope)
+        return self.kept[1], self.kept[2]
+
+    def size(self, unknown: Arrays) -> tuple[float, Arrays]:
+        """-|lambda| and its gradient."""
+        value, slope = self.at(unknown)
+        return -abs(value), np.asarray(-(slope * np.conj(value)).real / abs(value))
+
+    def real_part(self, unknown: Arrays) -> tuple[float, Arrays]:
+        """-Re lambda and its gradient."""
+        value, slope = self.at(unknown)
+        return -value.real, -slope.real
+
+    def _response(self, unknown: Arrays) -> tuple[Complexes, Complexes | None]:
+        """M, and its derivative by the relative frequency if that is unknown."""
+        if not self.moving:
+            return self.matrix, None
+        system = self.system
+        turn = 2.0 * np.pi * self.frequency * system.sample_time
+        z = np.exp(1j * turn * unknown[-1])
+        shifted = z * np.eye(system.order) - system.a
+        states = np.linalg.solve(shifted, system.b.astype(np.complex128))
+        change = -1j * turn * z * system.c @ np.linalg.solve(shifted, states)
+        return np.asarray(system.c @ states + system.d), np.asarray(change)
+
+
+def _programmed(
+    system: Lti, real: NDArray[np.bool_], frequency: float, enough: float, random: np.random.Generator
+) -> Found:
+    """The largest real eigenvalue of M Q over Q, and over frequencies about one if all perturbations are real."""
+    count, n, half = int(real.sum()), len(real), 0.5 / system.sample_time
+    at_end = frequency <= 0.0 or frequency >= half  # M is real: so are the eigenvalues of M Q that count
+    moving = count == n and not at_end
     best: Found = (0.0, frequency, np.zeros(0, dtype=np.complex128))
-    for q in {tuple(corner): corner for corner in corners}.values():
-        best = max(best, _real_crossing(system, responses, grid, np.asarray(q)), key=lambda item: item[0])
+    limits: list[tuple[float | None, float | None]] = [(-1.0, 1.0)] * count
+    limits += [(None, None)] * (n - count)
+    if moving:
+        limits.append((1.0 - _SPAN, min(1.0 + _SPAN, half / frequency)))
+    for start in range(_STARTS):
+        eigenvalue = _Eigenvalue(system, real, frequency, moving)
+        corner = random.choice([-1.0, 1.0], size=count) if start % 2 else random.uniform(-1.0, 1.0, count)
+        unknown = np.concatenate([corner, random.uniform(0.0, 2.0 * np.pi, n - count), np.ones(int(moving))])
+        try:
+            found = _solved(eigenvalue, unknown, limits, constrained=not (at_end and count == n))
+        except np.linalg.LinAlgError:  # eigenvectors that do not span the space: another start
+            continue
+        if found[0] > best[0]:
+            best = found
+        if best[0] >= enough:
+            break
     return best
 
 
-def _real_crossing(system: Lti, responses: Complexes, grid: Arrays, q: Arrays) -> Found:
-    values = np.linalg.eigvals(responses * q)
-    best: Found = (0.0, float(grid[0]), np.zeros(0, dtype=np.complex128))
-    for step in range(len(grid) - 1):
-        for start in values[step]:
-            follower = values[step + 1][np.argmin(np.abs(values[step + 1] - start))]
-            if max(start.real, follower.real) <= best[0] or start.imag * follower.imag > 0.0:
-                continue
-            found = _crossing_between(system, grid[step], grid[step + 1], q, complex(start), complex(follower))
-            if found is not None and found[0] > best[0]:
-                best = found
-    return best
+def _solved(
+    eigenvalue: _Eigenvalue, unknown: Arrays, limits: list[tuple[float | None, float | None]], constrained: bool
+) -> Found:
+    """A local optimum, with an eigenvalue that is real to rounding; 0 if there is none."""
+    count = int(eigenvalue.real.sum())
+    phases = slice(count, len(eigenvalue.real))
+    first = eigenvalue.at(unknown)[0]
+    unknown[phases] -= np.angle(first)
+    eigenvalue.followed = complex(abs(first)) if count < len(eigenvalue.real) else first
 
-
-def _crossing_between(system, low, high, q, start, follower):  # type: ignore[no-untyped-def]
-    def nearest(at: float) -> complex:
-        share = (at - low) / (high - low)
-        values = np.linalg.eigvals(system.response(np.array([at]))[0] * q)
-        return complex(values[np.argmin(np.abs(values - (1.0 - share) * start - share * follower))])
-
-    ends = nearest(low), nearest(high)
-    if ends[0].imag * ends[1].imag > 0.0 or high <= low:
-        return None
-    at = low if ends[0].imag == 0.0 else brentq(lambda one: nearest(one).imag, low, high, xtol=1e-12, rtol=1e-14)
-    value = nearest(at)
-    if value.real <= 0.0 or abs(value.imag) > 1e-8 * value.real:
-        return None
-    return value.real, float(at), (q / value.real).astype(np.complex128)
+    found = minimize(
+        eigenvalue.real_part,
+        unknown,
+        jac=True,
+        method="SLSQP",
+        bounds=limits,
+        constraints={
+            "type": "eq",
+            "fun": lambda at: eigenvalue.at(at)[0].imag,
+            "jac": lambda at: eigenvalue.at(at)[1].imag,
+        }
+        if constrained
+        else (),
+        options={"maxiter": _STEPS, "ftol": 1e-10},
+    )
+    at = found.x.copy()
+    at[:count] = np.clip(at[:count], -1.0, 1.0)
+    value, slope = eigenvalue.at(at)
+    for _ in range(_NEWTON if constrained else 0):  # in the common phase, or in the frequency
+        rate = float(slope[phases].imag.sum()) if count < len(eigenvalue.real) else float(slope[-1].imag)
+        if rate == 0.0 or value.imag == 0.0:
+            break
+        step = np.clip(value.imag / rate, -0.1, 0.1)
+        at[phases if count < len(eigenvalue.real) else -1] -= step
+        value, slope = eigenvalue.at(at)
+    if not value.real > 0.0 or abs(value.imag) > _REAL * value.real:
+        return 0.0, eigenvalue.frequency, np.zeros(0, dtype=np.complex128)
+    frequency = eigenvalue.frequency * (float(at[-1]) if eigenvalue.moving else 1.0)
+    return value.real, frequency, eigenvalue.factors(at)
