@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import time
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from loops import random_loop
 from monte_carlo import Bearing, Rotor, coverage, rotor_controller
+from records import records, say
 from scipy.linalg import block_diag
 from swept import swept
 
@@ -31,71 +34,65 @@ from amb_core.robustness.feedback import plant_of
 from amb_core.robustness.replay import distance_from_circle
 from amb_core.robustness.structure import uncertain_loop
 
-MIXED = 40  # loops whose mixed perturbations are bounded too
 GRID = np.geomspace(0.5, 4_999.0, 300)
-
-
-def say(text: str) -> None:
-    """Progress, to the terminal."""
-    print(text, file=sys.stderr, flush=True)
 
 
 def unstable(loops: int) -> dict[str, int]:
     """Unstable loops for which margins are given."""
-    certified = 0
-    for seed in range(loops):
-        plant, control = random_loop(seed, False)
+
+    def one(seed: int) -> dict[str, bool]:
         try:
-            assess(plant, control)
-            certified += 1
+            assess(*random_loop(seed, False))
         except RobustnessError:
-            pass
-    return {"loops": loops, "certified": certified}
+            return {"certified": False}
+        return {"certified": True}
+
+    return {"loops": loops, "certified": sum(item["certified"] for item in records("unstable", loops, one))}
 
 
 def mu(loops: int) -> dict[str, float]:
     """Bounds of mu for complex perturbations of all inputs and outputs, and for the mixed ones of a certificate."""
-    gaps, mixed, on_circle, replayed, ordered = [], [], 0, 0, 0
     settings = RobustnessSettings()
-    for seed in range(loops):
+
+    def bounded(system: Lti, blocks: Sequence[Block]) -> dict[str, float]:
+        peak = mu_peak(system, blocks, GRID)
+        found = len(peak.perturbation) > 0
+        apart = distance_from_circle(system, peak.perturbation, peak.lower_frequency) if found else math.inf
+        return {"gap": 100.0 * (peak.upper - peak.lower) / peak.upper, "found": found, "on_circle": apart < 1e-6}
+
+    def one(seed: int) -> dict[str, object]:
         feedback = feedback_of(*random_loop(seed, True))
         size = len(feedback.closed.c)
-        cases = [(feedback.closed.plus(-0.5 * np.eye(size)), [Block(f"f{n}") for n in range(size)], gaps)]
-        if seed < MIXED:
-            of_all = uncertain_loop(feedback, settings)
-            cases.append((of_all.system, of_all.blocks, mixed))
-        for system, blocks, into in cases:
-            peak = mu_peak(system, blocks, GRID)
-            into.append(100.0 * (peak.upper - peak.lower) / peak.upper)
-            ordered += peak.lower <= peak.upper * (1.0 + 1e-9)
-            if len(peak.perturbation):
-                replayed += into is gaps
-                on_circle += (
-                    into is gaps and distance_from_circle(system, peak.perturbation, peak.lower_frequency) < 1e-6
-                )
-        if seed % 20 == 19:
-            say(f"mu: {seed + 1} loops, gap {np.median(gaps):.2f} % median, {np.max(gaps):.2f} % worst; mixed "
-                f"{np.median(mixed):.2f} %, {np.max(mixed):.2f} %")  # fmt: skip
+        of_all = uncertain_loop(feedback, settings)
+        return {
+            "complex": bounded(feedback.closed.plus(-0.5 * np.eye(size)), [Block(f"f{n}") for n in range(size)]),
+            "mixed": bounded(of_all.system, of_all.blocks),
+        }
+
+    kept = records("mu", loops, one)
+    gaps, mixed = ([item[kind]["gap"] for item in kept] for kind in ("complex", "mixed"))
     return {
         "loops": loops,
         "median_gap_percent": float(np.median(gaps)),
         "worst_gap_percent": float(np.max(gaps)),
-        "replayed": replayed,
-        "on_circle": on_circle,
-        "ordered": ordered,
+        "replayed": sum(item["complex"]["found"] for item in kept),
+        "on_circle": sum(item["complex"]["on_circle"] for item in kept),
+        "ordered": sum(gap >= -1e-7 for gap in gaps + mixed),
         "mixed_loops": len(mixed),
         "median_mixed_gap_percent": float(np.median(mixed)),
         "worst_mixed_gap_percent": float(np.max(mixed)),
+        "mixed_on_circle": sum(item["mixed"]["on_circle"] for item in kept),
     }
 
 
 def peaks(loops: int) -> dict[str, float]:
     """Largest relative error of peaks against a search that is fine everywhere and finer at its top."""
-    worst = 0.0
-    for seed in range(loops):
+
+    def one(seed: int) -> dict[str, float]:
         system = feedback_of(*random_loop(seed, True)).output_sensitivity
-        worst = max(worst, abs(peak_gain(system).value / _fine_search(system) - 1.0))
-    return {"loops": loops, "error": worst}
+        return {"error": abs(peak_gain(system).value / _fine_search(system) - 1.0)}
+
+    return {"loops": loops, "error": max(item["error"] for item in records("peak", loops, one))}
 
 
 def _fine_search(system: Lti) -> float:
@@ -212,7 +209,7 @@ def main() -> None:
 
 
 def _coverage(runs: int) -> dict[str, object]:
-    cases = {case.name: coverage(case, runs, say) for case in (Bearing(), Rotor())}
+    cases = {case.name: coverage(case, runs) for case in (Bearing(), Rotor())}
     return {
         "runs": runs,
         "inside": min(one["inside"] for one in cases.values()),

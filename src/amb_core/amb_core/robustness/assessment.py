@@ -75,7 +75,7 @@ class AxisBounds:
     name : str
         The axis.
     sensitivity, complementary, disk : Worst
-        Largest magnitudes of S, T and S + (sigma - 1) / 2, each bound for this number alone.
+        Largest magnitudes of S, T and S + (sigma - 1) / 2; each kind of bound holds for all axes together.
     sensitivity_of_all : Worst
         Largest magnitude of S over the ellipsoid that holds all parameters at once.
     zone : str
@@ -113,6 +113,23 @@ class Gap:
 
 
 @dataclass(frozen=True, eq=False)
+class PoleBounds:
+    """Bounds of unstable poles of the plant.
+
+    Attributes
+    ----------
+    poles : ndarray of complex, shape (r,)
+        Estimated poles, z plane: one, or several that the data do not separate.
+    lowest, highest : float
+        Bounds of their magnitudes, which hold for all groups together.
+    """
+
+    poles: Complexes
+    lowest: float
+    highest: float
+
+
+@dataclass(frozen=True, eq=False)
 class Bounds:
     """What the covariance of the model leaves open.
 
@@ -124,12 +141,15 @@ class Bounds:
         Bound of mu of the disk margin of all outputs, and of the perturbations at all signals of the settings.
     gap : Gap
         nu-gap.
+    poles : tuple of PoleBounds
+        Unstable poles, fastest first; of two complex conjugate ones that in the upper half plane.
     """
 
     axes: tuple[AxisBounds, ...]
     outputs: Worst
     all_signals: Worst | None
     gap: Gap
+    poles: tuple[PoleBounds, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +279,7 @@ def _bounds(
     signals = None
     if len(uncertain.direct):
         signals = search.scaled(uncertain.out, uncertain.into, uncertain.direct)
-    return Bounds(found, search.scaled(outputs, outputs.T, shift), signals, search.gap())
+    return Bounds(found, search.scaled(outputs, outputs.T, shift), signals, search.gap(), search.poles())
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,8 +293,8 @@ class WorstCases:
 
     def axis(self, axis: int, name: str) -> AxisBounds:
         """Bounds of one axis."""
-        one, count = radius_of_one(self.settings.confidence), self.uncertainty.root.shape[1]
-        whole = radius_of_all(self.settings.confidence, count)
+        confidence, count = self.settings.confidence, self.uncertainty.root.shape[1]
+        one, whole = radius_of_one(confidence, self.feedback.outputs), radius_of_all(confidence, count)
         half = 0.5 * (self.settings.skew - 1.0)
         sensitivity = self._of_axis(axis, 0.0, one)
         moved = self.feedback.with_plant(self.uncertainty.moved(sensitivity.factors))
@@ -322,6 +342,12 @@ class WorstCases:
         parts = 2 * self.plants.nominal[0].size
         radius = radius_of_all(self.settings.confidence, parts)
         return Gap(self.plants.worst(gap_objective(self.plants.nominal, scale), radius), margin, scale)
+
+    def poles(self) -> tuple[PoleBounds, ...]:
+        """Bounds of the unstable poles."""
+        groups = self.uncertainty.unstable_poles
+        radius = radius_of_one(self.settings.confidence, max(len(groups), 1))
+        return tuple(PoleBounds(group.poles, *group.magnitudes(radius)) for group in groups)
 
 
 def stability_margin(feedback: Feedback, frequency: Arrays) -> tuple[float, float]:

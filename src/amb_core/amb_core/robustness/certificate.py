@@ -312,6 +312,13 @@ def _values(certificate: Certificate) -> dict[str, Any]:
             "disk_margin_outputs": 1.0 / found.bounds.outputs.value,
             "nu_gap": found.bounds.gap.worst.value,
             "stability_margin_b": found.bounds.gap.margin,
+            "unstable_poles": [
+                {
+                    "poles": [[pole.real, pole.imag] for pole in one.poles.tolist()],
+                    "magnitude": [one.lowest, one.highest],
+                }
+                for one in found.bounds.poles
+            ],
         }
     return values
 

@@ -10,7 +10,8 @@ Wolfe, repeated from several starts. The maximum over frequency and over the ell
 worst peak over all models of the ellipsoid.
 
 Two sizes of the ellipsoid answer two questions. With rho the normal quantile the bound holds, at the confidence, for
-that one number (a profile of the likelihood: Wilks); with rho^2 the quantile of chi^2 with as many degrees of freedom
+that one number (a profile of the likelihood: Wilks), or for a few numbers together if the confidence is shared among
+them; with rho^2 the quantile of chi^2 with as many degrees of freedom
 as the model has parameters, for all numbers and all frequencies at once (Bombois and Gevers).
 
 Sources: X. Bombois, M. Gevers, G. Scorletti and B. D. O. Anderson, Robustness analysis tools for an uncertainty set
@@ -136,9 +137,9 @@ class PlantSet:
         return Worst(float(best[top]), float(self.frequency[top]), best, at[top] @ self.into[top])
 
 
-def radius_of_one(confidence: float) -> float:
-    """Radius for a bound of one number."""
-    return normal_quantile(confidence)
+def radius_of_one(confidence: float, count: int = 1) -> float:
+    """Radius for a bound of one number, or of each of `count` numbers so that all bounds hold together (Bonferroni)."""
+    return normal_quantile(1.0 - (1.0 - confidence) / count)
 
 
 def radius_of_all(confidence: float, count: int) -> float:

@@ -11,7 +11,6 @@ Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 9
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from amb_core.errors import IdentificationError
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, normal_quantile, response_of, transfers
 from amb_core.identification.uncertainty.directions import Directions, response_changes
+from amb_core.identification.uncertainty.poles import PoleGroup, pole_groups
 from amb_core.identification.uncertainty.samples import Sampler
 from amb_core.model.state_space import StateSpaceModel
 
@@ -69,12 +69,7 @@ class ModelUncertainty:
     @property
     def summary(self) -> str:
         """One line of text: the unstable poles with their 99 % intervals, and whether they are reliable."""
-        reach = normal_quantile(LEVEL)
-        intervals = [
-            f"{_number(pole)} ± {reach * math.hypot(*deviation):.1g}"
-            for pole, deviation in zip(self.model.poles(), self.pole_deviations(), strict=True)
-            if abs(pole) > 1.0
-        ]
+        intervals = [_interval(group) for group in self.unstable_poles]
         text = f"unstable poles z = {', '.join(intervals)} at 99 %" if intervals else "no unstable poles"
         if not self.white:
             taken = "are taken" if self.robust else "should be taken (robust)"
@@ -87,10 +82,9 @@ class ModelUncertainty:
 
     @property
     def poles_at_one(self) -> NDArray[np.complex128]:
-        """Poles whose 99 % interval holds z = 1: the data do not decide whether they are stable."""
-        poles, reach = self.model.poles(), normal_quantile(LEVEL) * self.pole_deviations()
-        apart = np.column_stack([np.abs(poles.real - 1.0), np.abs(poles.imag)])
-        return np.asarray(poles[np.all(apart <= reach, axis=1)])
+        """Poles whose 99 % region holds z = 1: the data do not decide whether they are stable."""
+        near = [group for group in self.pole_groups() if group.holds(1.0, LEVEL)]
+        return np.concatenate([np.zeros(0, dtype=np.complex128), *(group.poles for group in near)])
 
     @property
     def at_one(self) -> str:
@@ -122,7 +116,7 @@ class ModelUncertainty:
         """Covariance of real and imaginary part of each of `model.poles()`, z plane, shape (n, 2, 2).
 
         Poles of a complex pair have the same covariance except for the sign. For poles closer together than their
-        deviations it means little: a multiple pole has no derivative.
+        deviations it means little, as a multiple pole has no derivative: see `pole_groups`.
         """
         by_direction = self._pole_changes()
         parts = np.stack([by_direction.real, by_direction.imag], axis=1)
@@ -131,6 +125,28 @@ class ModelUncertainty:
     def pole_deviations(self) -> NDArray[np.float64]:
         """Standard deviation of real and imaginary part of each of `model.poles()`, z plane, shape (n, 2)."""
         return np.sqrt(np.diagonal(self.pole_covariance, axis1=1, axis2=2))
+
+    def pole_groups(self) -> list[PoleGroup]:
+        """The poles, those together that are too close for `pole_covariance`; largest magnitude first.
+
+        Raises
+        ------
+        IdentificationError
+            If the poles cannot be separated.
+        """
+        try:
+            return pole_groups(self.model.a, self.deviations.a)
+        except np.linalg.LinAlgError as problem:
+            raise IdentificationError(f"the poles of the model cannot be separated: {problem}") from None
+
+    @property
+    def unstable_poles(self) -> list[PoleGroup]:
+        """The groups with a pole outside the unit circle; of two complex conjugate ones that in the upper half."""
+        return [
+            group
+            for group in self.pole_groups()
+            if np.abs(group.poles).max() > 1.0 and (group.real or group.poles.imag.sum() > 0.0)
+        ]
 
     def response(self, frequencies: ArrayLike, label: str = "") -> FrequencyResponse:
         """The model's frequency response with standard deviations.
@@ -204,6 +220,16 @@ class ModelUncertainty:
         except np.linalg.LinAlgError:
             raise IdentificationError("the model has a multiple pole, which has no standard deviation") from None
         return np.asarray(np.einsum("in,qnm,mi->iq", left, self.deviations.a, right, optimize=True)[order])
+
+
+def _interval(group: PoleGroup) -> str:
+    """Poles of a group with their 99 % interval: of each pole, or of the magnitude of close ones."""
+    reach = normal_quantile(LEVEL)
+    if len(group.poles) == 1:
+        return f"{_number(complex(group.poles[0]))} ± {reach * float(np.linalg.norm(group.changes)):.1g}"
+    low, high = group.magnitudes(reach)
+    poles = ", ".join(_number(complex(pole)) for pole in group.poles)
+    return f"{poles} (close poles, magnitudes {low:.6f} to {high:.6f})"
 
 
 def _number(pole: complex) -> str:

@@ -64,10 +64,11 @@ class PoleGroup:
         """Whether the group is its own complex conjugate."""
         return not np.iscomplexobj(self.matrix)
 
-    def distance(self, pole: complex) -> float:
+    def distance(self, pole: complex, enough: float = 0.0) -> float:
         """Distance of a value from the estimate in standard deviations: of the nearest F with this eigenvalue.
 
-        Infinite if no F of the group has it, such as a complex value for a single real pole.
+        Infinite if no F of the group has it, such as a complex value for a single real pole. The search ends at the
+        first F that is not farther than `enough`.
         """
         size = len(self.matrix)
         by_real = self.real and complex(pole).imag == 0.0
@@ -92,7 +93,7 @@ class PoleGroup:
         rough = squared(np.array([vector(start) for start in starts]))
         best = float(rough.min())
         for place in np.argsort(rough)[:_BEST]:
-            if math.isfinite(rough[place]):
+            if best > enough**2 and math.isfinite(rough[place]):
                 found = minimize(lambda at: float(squared(vector(at)[np.newaxis])[0]), starts[place], method="BFGS")
                 best = min(best, float(found.fun))
         return math.sqrt(best)
@@ -100,7 +101,8 @@ class PoleGroup:
     def holds(self, pole: complex, confidence: float) -> bool:
         """Whether a value lies in the confidence region of the group's poles."""
         freedom = 1 if self.real and complex(pole).imag == 0.0 else 2
-        return self.distance(pole) <= math.sqrt(chi2.ppf(confidence, freedom))
+        limit = math.sqrt(chi2.ppf(confidence, freedom))
+        return self.distance(pole, limit) <= limit
 
     def magnitudes(self, radius: float) -> tuple[float, float]:
         """Smallest and largest magnitude of a pole of the group within so many standard deviations."""
@@ -127,8 +129,8 @@ class PoleGroup:
 def pole_groups(a: Arrays, changes: Arrays) -> list[PoleGroup]:
     """The poles of a matrix, those together whose derivatives fail; groups with the largest magnitudes first.
 
-    By second-order perturbation a pole i moves by c_ij c_ji / (pole_i - pole_j) through pole j, where c = W' dA V is the
-    change of the matrix in the coordinates of its eigenvectors. Two poles are taken together if this is not small
+    By second-order perturbation pole i moves by c_ij c_ji / (pole_i - pole_j) through pole j, where c = W' dA V is
+    the change of the matrix in the coordinates of its eigenvectors. Two poles are taken together if this is not small
     against the first-order deviations of both.
 
     Parameters
