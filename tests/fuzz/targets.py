@@ -124,6 +124,7 @@ def valid_messages(run: int, step: int) -> dict[str, list[dict[str, Any]]]:
         "recorder/stop": [{"wait_for_run": run, "wait_for_step": step, "timeout": 0.1}],
         "identifier/identify": [{"order": 2, "method": "ssarx", "controller": "paper"}],
         "identifier/validate": [{"controller": "paper"}],
+        "identifier/certify": [{"controller": "paper", "frequencies": 50.0}, {"on_telemetry": True}],
         # Too large for the clearance, which is found out after everything else: no goal starts a cluster.
         "region_monitor/build_map": [{"amplitude_high": 300e-6, "parameter_file": str(PAPER_FILE)}],
         "position": [

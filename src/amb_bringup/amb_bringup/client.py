@@ -9,28 +9,26 @@ with AmbClient() as amb:
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from amb_bringup.connection import ClientError, GraphConnection
+from amb_bringup.connection import ClientError
 from amb_bringup.experiment import Experiment, ExperimentRun, Progress, carry_out
+from amb_bringup.identifier_calls import IdentifierCalls
+from amb_bringup.request_fields import absolute, known_settings
 from amb_bringup.rig import Rig
 from amb_core.excitation import excitation_from_request
 from amb_core.files.parameter_files import BRIDGE_NODE, NODES
-from amb_core.identification import IdentificationProgress, StateSpaceModel
 from amb_core.recording.messages.region_map import region_map_from_message
 from amb_core.recording.messages.region_state import region_state_from_message
-from amb_core.recording.messages.state_space_model import model_from_message
-from amb_msgs.action import BuildMap, Identify
+from amb_msgs.action import BuildMap
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import (
-    GetModel,
     Pause,
     PreviewExcitation,
     Reset,
@@ -39,7 +37,6 @@ from amb_msgs.srv import (
     StartRecording,
     StopExcitation,
     StopRecording,
-    Validate,
 )
 from amb_ros import topics
 from amb_ros.qos import HISTORY, LATCHED
@@ -72,7 +69,7 @@ class StartedExcitation:
     steps: int
 
 
-class AmbClient(GraphConnection):
+class AmbClient(IdentifierCalls):
     """Calls the nodes of one graph; see `GraphConnection` for parameters, errors and further methods."""
 
     def __init__(
@@ -115,7 +112,7 @@ class AmbClient(GraphConnection):
             working directory of the caller; the simulator must be able to read it.
         """
         self._require_simulator("simulator/reset")
-        self._run = self.call(Reset, "simulator/reset", parameter_file=_absolute(parameter_file or "")).run
+        self._run = self.call(Reset, "simulator/reset", parameter_file=absolute(parameter_file or "")).run
         return self._run
 
     def pause(self) -> int:
@@ -187,7 +184,7 @@ class AmbClient(GraphConnection):
             kind=kind,
             first_step=first_step,
             run=self._run,
-            **_known(StartExcitation.Request, settings),
+            **known_settings(StartExcitation.Request, settings),
         )
         return StartedExcitation(answer.run, answer.first_step, answer.steps)
 
@@ -215,8 +212,8 @@ class AmbClient(GraphConnection):
             "excitation_generator/preview",
             repeated=True,
             kind=kind,
-            map=_absolute(region_map),
-            **_known(PreviewExcitation.Request, settings),
+            map=absolute(region_map),
+            **known_settings(PreviewExcitation.Request, settings),
         )
 
     # -- experiments
@@ -316,10 +313,10 @@ class AmbClient(GraphConnection):
                 progress(MapProgress(told.done, told.total, told.reused, region_map))
 
         goal = BuildMap.Goal(
-            **_known(BuildMap.Goal, settings),
-            parameter_file=_absolute(parameter_file),
+            **known_settings(BuildMap.Goal, settings),
+            parameter_file=absolute(parameter_file),
             scheduler=scheduler,
-            path=_absolute(path),
+            path=absolute(path),
         )
         result = self.act(BuildMap, "region_monitor/build_map", goal, on_feedback, cancelled or (lambda: False))
         if not result.map.amplitude:
@@ -334,7 +331,7 @@ class AmbClient(GraphConnection):
         First waits for all nodes of the graph, so that no message is missing from the bag.
         """
         self.wait_for_nodes()
-        return self.call(StartRecording, "recorder/start", uri=_absolute(uri)).uri
+        return self.call(StartRecording, "recorder/start", uri=absolute(uri)).uri
 
     def stop_recording(self, run: int = 0, step: int = 0) -> str:
         """Close the bag once the telemetry of this run before this step has arrived. Returns its path."""
@@ -342,105 +339,7 @@ class AmbClient(GraphConnection):
             StopRecording, "recorder/stop", wait_for_run=run, wait_for_step=step, timeout=0.5 * self.timeout
         ).uri
 
-    # -- identification
-
-    def identify(
-        self,
-        bag: str | Path = "",
-        order: int | Literal["auto"] = 0,
-        method: str = "",
-        focus: str = "",
-        first_step: int = -1,
-        steps: int = 0,
-        progress: Callable[[IdentificationProgress], None] | None = None,
-        cancelled: Callable[[], bool] | None = None,
-        controller: str | Path = "",
-    ) -> StateSpaceModel:
-        """Identify from the last experiment or from a bag, without a time limit.
-
-        Parameters
-        ----------
-        bag : str or Path, optional
-            The bag; by default the telemetry of the current run.
-        order : int or "auto", optional
-            Number of states, or "auto" to choose it from the data; 0 for the identifier's default.
-        method, focus : str, optional
-            As in `amb_core.identification.identify`; empty for the identifier's default, and for prediction.
-        first_step, steps : int, optional
-            Steps used; by default those of the last excitation.
-        progress : callable, optional
-            Called with an `IdentificationProgress` at every stage and iteration.
-        cancelled : callable, optional
-            Called while waiting; when it returns true the identification is cancelled, which raises an error.
-        controller : str or Path, optional
-            Controller of the experiment: `paper`, a ROS parameter file (.yaml), or the name of a running node; by
-            default the running one, or the one recorded in the bag. An error if that is not known.
-        """
-
-        def on_feedback(message: Any) -> None:
-            told = message.feedback
-            if progress is not None:
-                cost = None if math.isnan(told.cost) else told.cost
-                progress(IdentificationProgress(told.stage, told.done, told.total, cost))
-
-        goal = Identify.Goal(
-            bag=_absolute(bag),
-            order=0 if order == "auto" else order,
-            auto_order=order == "auto",
-            method=method,
-            focus=focus,
-            first_step=first_step,
-            steps=steps,
-            controller=_controller(controller),
-        )
-        result = self.act(Identify, "identifier/identify", goal, on_feedback, cancelled or (lambda: False))
-        if not result.success:
-            raise ClientError(result.message)
-        return model_from_message(result.model)
-
-    def validate(
-        self,
-        bag: str | Path = "",
-        model: str | Path = "",
-        first_step: int = -1,
-        steps: int = 0,
-        timeout: float = 300.0,
-        controller: str | Path = "",
-    ) -> Validate.Response:
-        """Validate a model on the last experiment or a bag, ideally with data that it was not identified from.
-
-        Parameters
-        ----------
-        bag : str or Path, optional
-            The bag; by default the telemetry of the current run.
-        model : str or Path, optional
-            File of the model; by default the last identified one.
-        first_step, steps : int, optional
-            Steps used; by default those of the last excitation.
-        timeout : float, optional
-            Longest wait (s).
-        controller : str or Path, optional
-            Controller of the experiment, as for `identify`.
-
-        Returns
-        -------
-        Validate.Response
-            Its fields are described in `amb_msgs/srv/Validate`.
-        """
-        return self.call(
-            Validate,
-            "identifier/validate",
-            timeout=timeout,
-            bag=_absolute(bag),
-            model=_absolute(model),
-            first_step=first_step,
-            steps=steps,
-            controller=_controller(controller),
-        )
-
-    def get_model(self) -> StateSpaceModel:
-        """The last identified model."""
-        return model_from_message(self.call(GetModel, "identifier/get_model", repeated=True).model)
+    # -- messages
 
     def _listen_to_regions(self) -> None:
         if self._region_subscription is None:
@@ -454,22 +353,3 @@ class AmbClient(GraphConnection):
     def _on_state(self, message: SimulatorState) -> None:
         self._state = message
         self.use_run(message.run)
-
-
-def _absolute(path: str | Path) -> str:
-    """A path as text for a node in another folder; empty for none."""
-    return str(Path(path).absolute()) if path else ""
-
-
-def _controller(name: str | Path) -> str:
-    """The name of a controller; the path of a parameter file made absolute."""
-    return _absolute(name) if str(name).lower().endswith((".yaml", ".yml")) else str(name)
-
-
-def _known(request: Any, settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings of a request, after a check that it has fields of these names."""
-    known = request.get_fields_and_field_types()
-    for name in settings:
-        if name not in known:
-            raise ClientError(f"unknown setting '{name}'; allowed: {', '.join(known)}")
-    return settings

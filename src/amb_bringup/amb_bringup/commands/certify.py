@@ -6,33 +6,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.console import Console
 
 from amb_bringup.commands.options import declared_options
 from amb_bringup.commands.own_data import DataOptions
-from amb_bringup.commands.progress import working
-from amb_bringup.commands.results import make_folder, write_json
+from amb_bringup.commands.progress import Stages
+from amb_bringup.commands.results import make_folder
 from amb_bringup.commands.validate import load_recorded
 from amb_bringup.exit_codes import NOT_CERTIFIED
 from amb_core.analysis import RecordedLoop
-from amb_core.errors import AmbError
-from amb_core.identification import StateSpaceModel, estimate_uncertainty
+from amb_core.identification import StateSpaceModel
 from amb_core.identification.controller_choice import named_controller
-from amb_core.identification.uncertainty import ModelUncertainty
-from amb_core.identification.validation import validate
-from amb_core.report import write_report
-from amb_core.report.certificate import certificate_report
-from amb_core.robustness import (
-    MeasuredSensitivity,
-    RobustnessSettings,
-    certificate_values,
-    feedback_of,
-    measured_sensitivity,
-    sha256_of,
-)
-from amb_core.robustness import certify as certificate_of
+from amb_core.report.certificate import write_certificate
+from amb_core.robustness import Recorded, RobustnessSettings, certify_from_data, sha256_of
 
 
 @declared_options({"Assumptions and limits": [RobustnessSettings]})
@@ -74,52 +61,19 @@ def certify(
     if Path(controller).exists():
         sources["controller"] = Path(controller)
     inputs = {f"{what} {path.name}": sha256_of(path) for what, path in sources.items() if path is not None}
-    uncertainty = validation = measured = None
-    displacement: dict[str, float] = {}
     files = DataOptions({}, description)
-    if bag is not None:
-        loop = load_recorded(console, files, bag, None, -1, 0)
-        with working(console, "uncertainty of the model"):
-            uncertainty = _uncertainty(known, loop)
-        judged = loop if validation_bag is None else load_recorded(console, files, validation_bag, None, -1, 0)
-        with working(console, "validating"):
-            validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
-        measured = _measured(console, known, judged)
-        displacement = _displacement(judged)
-    with working(console, "margins, worst cases and bounds"):
-        found = certificate_of(
-            known, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
-            measured=measured, displacement=displacement,
-        )  # fmt: skip
-    write_json(out / "certificate.json", certificate_values(found))
-    write_report(certificate_report(found), out / "certificate.html")
+    used, judged = (
+        None if path is None else _recorded(load_recorded(console, files, path, None, -1, 0))
+        for path in (bag, validation_bag)
+    )
+    with Stages(console) as stages:
+        found = certify_from_data(known, law, used, judged, settings=settings, inputs=inputs, progress=stages.update)
+    write_certificate(found, out)
     typer.echo(found.verdict)
     console.print(f"certificate.html and certificate.json: {out}")
     if not found.certified:
         raise typer.Exit(NOT_CERTIFIED)
 
 
-def _uncertainty(model: StateSpaceModel, loop: RecordedLoop) -> ModelUncertainty:
-    """With the measured scatter of the innovations where they are not white."""
-    found = estimate_uncertainty(model, loop.data)
-    return found if found.white else estimate_uncertainty(model, loop.data, robust=True)
-
-
-def _measured(console: Console, model: StateSpaceModel, loop: RecordedLoop) -> MeasuredSensitivity | None:
-    """The sensitivity that the data show, under the controller of the experiment; a remark where they show none."""
-    if loop.controller is None:
-        return None
-    try:
-        return measured_sensitivity(loop.data, loop.controller, feedback_of(model, loop.controller))
-    except AmbError as problem:
-        console.print(f"[yellow]sensitivity not measured: {problem}[/yellow]")
-        return None
-
-
-def _displacement(loop: RecordedLoop) -> dict[str, float]:
-    """Largest displacement over clearance, where the bag has the parameters of the plant."""
-    if loop.plant is None:
-        return {}
-    clearance = loop.plant.rotor.backup_bearing_radius
-    largest = np.max([np.abs(item.outputs).max(axis=0) for item in loop.data.experiments], axis=0)
-    return {name: float(value / clearance) for name, value in zip(loop.data.output_names, largest, strict=True)}
+def _recorded(loop: RecordedLoop) -> Recorded:
+    return Recorded(loop.data, loop.controller, loop.plant)

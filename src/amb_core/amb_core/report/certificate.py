@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
+from amb_core.errors import AmbError
 from amb_core.figures.robustness import mu_chart, sensitivity_chart
 from amb_core.report.document import Badge, Block, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
+from amb_core.report.writer import write_report
 from amb_core.robustness.assessment import Assessment
-from amb_core.robustness.certificate import Certificate
+from amb_core.robustness.certificate import Certificate, certificate_json
 from amb_core.robustness.margins import DiskMargin
 
 SENSITIVITY = "Sensitivity"
@@ -30,6 +33,23 @@ def certificate_report(certificate: Certificate, title: str = "Robustness certif
         "The same inputs give the same certificate.",
         _strip(certificate),
     )
+
+
+def write_certificate(certificate: Certificate, folder: str | Path) -> Path:
+    """Write certificate.html and certificate.json into a folder, which is made; returns the page.
+
+    Raises
+    ------
+    AmbError
+        If they cannot be written.
+    """
+    page = Path(folder) / "certificate.html"
+    write_report(certificate_report(certificate), page)
+    try:
+        page.with_suffix(".json").write_text(certificate_json(certificate))
+    except OSError as problem:
+        raise AmbError(f"{page.with_suffix('.json')}: cannot be written: {problem.strerror}") from None
+    return page
 
 
 def _result(passed: bool) -> Badge:

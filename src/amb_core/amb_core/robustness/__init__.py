@@ -7,6 +7,13 @@
 from amb_core.robustness.assessment import Assessment, assess, assess_loop
 from amb_core.robustness.certificate import Certificate, Check, certificate_values, certify, sha256_of
 from amb_core.robustness.feedback import Feedback, feedback_of
+from amb_core.robustness.from_data import (
+    Recorded,
+    certify_from_data,
+    sha256_of_controller,
+    sha256_of_data,
+    sha256_of_model,
+)
 from amb_core.robustness.lti import Lti, Peak, peak_gain
 from amb_core.robustness.margins import classical_margins, disk_margin_of_axis, disk_margins
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
@@ -22,11 +29,13 @@ __all__ = [
     "Lti",
     "MeasuredSensitivity",
     "Peak",
+    "Recorded",
     "RobustnessSettings",
     "assess",
     "assess_loop",
     "certificate_values",
     "certify",
+    "certify_from_data",
     "classical_margins",
     "disk_margin_of_axis",
     "disk_margins",
@@ -35,5 +44,8 @@ __all__ = [
     "mu_peak",
     "peak_gain",
     "sha256_of",
+    "sha256_of_controller",
+    "sha256_of_data",
+    "sha256_of_model",
     "zone_of",
 ]

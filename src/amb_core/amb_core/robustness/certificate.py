@@ -6,6 +6,7 @@ The word certified stands only where every check passed. A loop that is not stab
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +20,8 @@ from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
-from amb_core.robustness.assessment import Assessment, assess
+from amb_core.robustness.assessment import Assessment, assess_loop
+from amb_core.robustness.feedback import feedback_of
 from amb_core.robustness.measured import MeasuredSensitivity
 from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
 
@@ -131,18 +133,21 @@ def certify(
 
     Raises
     ------
-    IdentificationError, ParameterError
-        If model and controller do not fit together.
+    IdentificationError, ParameterError, RobustnessError
+        If model and controller do not fit together, or limits of zones do not rise.
     """
     settings = settings or RobustnessSettings()
     checks = [_validated(validation)]
+    zone_of(0.0, settings.sensitivity_limits)  # refuses limits that do not rise
+    feedback = feedback_of(model, controller, round(settings.extra_delay))
+    assessment: Assessment | None = None
     try:
-        assessment: Assessment | None = assess(model, controller, settings, uncertainty)
+        feedback.require_stable()
         checks.append(Check("the loop is stable", True, "all poles lie inside the unit circle"))
     except RobustnessError as problem:
-        assessment = None
         checks.append(Check("the loop is stable", False, str(problem)))
-    if assessment is not None:
+    else:
+        assessment = assess_loop(feedback, settings, uncertainty)
         checks += _checks(assessment, uncertainty)
     zones = {name: zone_of(value, settings.displacement_limits) for name, value in (displacement or {}).items()}
     return Certificate(
@@ -153,7 +158,7 @@ def certify(
 def _validated(validation: Validation | None) -> Check:
     name = "the model is validated"
     if validation is None:
-        return Check(name, False, "the model was not validated; give the bag of its data with --bag")
+        return Check(name, False, "the model was not validated; give the bag of its data (bag)")
     return Check(name, validation.validated, validation.summary)
 
 
@@ -250,6 +255,11 @@ def sha256_of(path: str | Path) -> str:
 def certificate_values(certificate: Certificate) -> dict[str, Any]:
     """All numbers as plain values for strict JSON; values that are not finite are None."""
     return dict(_strict(_values(certificate)))
+
+
+def certificate_json(certificate: Certificate) -> str:
+    """The content of certificate.json."""
+    return json.dumps(certificate_values(certificate), indent=2, allow_nan=False) + "\n"
 
 
 def _values(certificate: Certificate) -> dict[str, Any]:

@@ -1,0 +1,149 @@
+"""Where requests of the identifier find their data and controllers: bags, files, the telemetry, running nodes."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from rclpy.node import Node
+
+from amb_core.analysis import RecordedLoop, read_loop
+from amb_core.errors import AmbError, BagError, IdentificationError, ParameterError
+from amb_core.files.parameter_files import BRIDGE_NODE, CONTROLLERS
+from amb_core.identification.controller_choice import ALLOWED, is_named_set, named_controller, needs_controller
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.experiments import controller_of_bridge, linear_controller_of
+from amb_core.loop.known_controller import KnownController
+from amb_core.parameters import Parameters, part_of
+from amb_core.plant import PlantParameters
+from amb_core.recording.messages.state_space_model import model_from_message
+from amb_ident_node.listening import LiveExperiment
+from amb_msgs import msg
+from amb_ros import topics
+from amb_ros.qos import LATCHED
+from amb_ros.remote_parameters import RemoteParameters
+from amb_ros.subscriptions import create_subscription
+
+NAME_A_CONTROLLER = f"name it in `controller`: {ALLOWED}, or a running node"
+
+P = TypeVar("P", bound=Parameters)
+
+
+class LoopSources:
+    """Data and controllers for requests.
+
+    Parameters
+    ----------
+    node : Node
+        The identifier.
+    live : LiveExperiment
+        What it has heard of the current run.
+    controller, simulator : str
+        Nodes whose parameters describe controller and plant.
+    timeout : float
+        Longest wait for the parameters of either (s).
+    """
+
+    def __init__(self, node: Node, live: LiveExperiment, controller: str, simulator: str, timeout: float) -> None:
+        self._live = live
+        self._controller, self._simulator, self._timeout = controller, simulator, timeout
+        self._logger = node.get_logger()
+        self._remote_parameters = RemoteParameters(node)
+        self._published: msg.StateSpaceModel | None = None  # the last linear controller
+        self._subscription = create_subscription(
+            node, msg.StateSpaceModel, topics.CONTROLLER, self._on_controller, LATCHED
+        )
+
+    def check(self, request: Any) -> None:
+        """Refuse impossible steps, a bag that does not exist, and an invalid parameter file."""
+        if request.first_step < -1:
+            raise IdentificationError(f"first_step = {request.first_step} is not allowed; allowed: -1 or more")
+        if request.bag and not os.path.exists(request.bag):  # noqa: PTH110  # Path.exists raises on long names
+            raise BagError(f"bag {request.bag}: there is no such file or folder")
+        if is_named_set(request.controller):
+            self.named_controller(request.controller, None)
+
+    def loop(self, request: Any, with_plant: bool = False) -> tuple[RecordedLoop, str]:
+        """The requested data, from a bag or from the current run, and a remark on them.
+
+        Raises
+        ------
+        BagError, IdentificationError
+            If there are no such data, or their controller is not known.
+        ParameterError
+            If the parameters of the requested controller are not available.
+        """
+        if request.bag:
+            named = request.controller if is_named_set(request.controller) else ""
+            loop = read_loop(request.bag, named, first_step=request.first_step, steps=request.steps)
+        else:
+            data = self._live.data(request.first_step, request.steps)
+            running = None if request.controller else self._running_controller(data.sample_rate)
+            loop = RecordedLoop(
+                data,
+                running,
+                self._read(PlantParameters, self._simulator) if with_plant else None,
+            )
+        remark = f"; bag is truncated: {loop.damage}" if loop.damage else ""
+        if request.controller:
+            if not (request.bag and is_named_set(request.controller)):
+                loop = replace(loop, controller=self.named_controller(request.controller, loop.data.sample_rate))
+            remark += f"; controller: {request.controller}, as requested"
+        elif loop.controller is None and needs_controller(loop.data):
+            source = f"bag {request.bag} lacks" if request.bag else f"node {self._controller} does not give"
+            raise IdentificationError(f"{source} the parameters of the controller; {NAME_A_CONTROLLER}")
+        return loop, remark
+
+    def named_controller(self, name: str, sample_rate: float | None) -> KnownController:
+        """The controller named in a request, at the sample rate of its data (Hz) if that is known."""
+        if is_named_set(name):
+            return named_controller(name, self._controller.rsplit("/", 1)[-1], sample_rate)
+        found = self._controller_of(name)
+        return found if sample_rate is None else found.at_rate(sample_rate)
+
+    def _running_controller(self, sample_rate: float) -> KnownController | None:
+        """The controller of the running loop; None if there is none that reports its parameters.
+
+        That of the node in the parameter `controller` or, if it does not run, that of another node that closes a loop.
+        """
+        names = [self._controller]
+        running = {name.rsplit("/", 1)[-1] for name in self._remote_parameters.nodes()}
+        others = [name for name in (*CONTROLLERS, BRIDGE_NODE) if name in running]
+        if names[0] in CONTROLLERS and names[0] not in running and others:
+            names = others[:1]
+        try:
+            return self._controller_of(names[0]).at_rate(sample_rate)
+        except AmbError as problem:
+            self._logger.warning(str(problem))
+            return None
+
+    def _controller_of(self, node: str) -> KnownController:
+        """The controller of a running node: the PD law, or the linear one that it has taken.
+
+        Raises
+        ------
+        AmbError
+            If the node does not report its parameters, or has no controller.
+        """
+        values = self._remote_parameters.read_all(node, self._timeout)
+        if "controller_file" not in values:
+            return part_of(ControllerParameters, values)
+        if node.rsplit("/", 1)[-1] == BRIDGE_NODE:
+            return controller_of_bridge(values, None)
+        published = None if self._published is None else model_from_message(self._published)
+        found = linear_controller_of(values, published)
+        if found is None:
+            raise ParameterError(f"node {node} has no controller yet")
+        return found
+
+    def _on_controller(self, message: msg.StateSpaceModel) -> None:
+        self._published = message
+
+    def _read(self, parameters: type[P], node: str) -> P | None:
+        """Parameters of a running node; None if it does not report them."""
+        try:
+            return self._remote_parameters.read_set(parameters, node, self._timeout)
+        except ParameterError as problem:
+            self._logger.warning(str(problem))
+            return None

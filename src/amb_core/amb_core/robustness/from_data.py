@@ -1,0 +1,157 @@
+"""A certificate from recorded data: the uncertainty of the model, its validation, what was measured, and the verdict.
+
+`amb certify`, the service `identifier/certify` and `amb report --certify` all come here, so they give one answer.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from amb_core.errors import AmbError
+from amb_core.identification.data import IdentificationData
+from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
+from amb_core.identification.validation import Validation, validate
+from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.model import StateSpaceModel
+from amb_core.plant import PlantParameters
+from amb_core.robustness.certificate import Certificate, certify
+from amb_core.robustness.feedback import feedback_of
+from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
+from amb_core.robustness.settings import RobustnessSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """Data of a loop and what is known of it.
+
+    Attributes
+    ----------
+    data : IdentificationData
+        The data.
+    controller : KnownController or None
+        Of the experiment.
+    plant : PlantParameters or None
+        The simulated plant, for its clearance; None for a real bearing.
+    """
+
+    data: IdentificationData
+    controller: KnownController | None
+    plant: PlantParameters | None = None
+
+
+def certify_from_data(
+    model: StateSpaceModel,
+    law: KnownController,
+    identified_from: Recorded | None = None,
+    judged_on: Recorded | None = None,
+    *,
+    settings: RobustnessSettings | None = None,
+    inputs: Mapping[str, str] | None = None,
+    validation: Validation | None = None,
+    uncertainty: ModelUncertainty | None = None,
+    measured: MeasuredSensitivity | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Certificate:
+    """Certify a model and a controller with the data that there are.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The identified model.
+    law : KnownController
+        The controller to certify; it may differ from that of the experiments.
+    identified_from : Recorded, optional
+        What the model was identified from, for its uncertainty. Without it nothing is certified.
+    judged_on : Recorded, optional
+        What the model is validated on; by default `identified_from`.
+    settings : RobustnessSettings, optional
+        What is assumed and demanded.
+    inputs : mapping, optional
+        Name and SHA-256 of everything that was read.
+    validation, uncertainty : Validation, ModelUncertainty, optional
+        Where they are known already; otherwise they are computed from the data.
+    measured : MeasuredSensitivity, optional
+        Where it was measured by itself; by default it is taken from the data of the validation.
+    progress : callable, optional
+        Called with the name of each stage.
+
+    Raises
+    ------
+    AmbError
+        If model, controller and data do not fit together.
+    """
+    judged = judged_on or identified_from
+    displacement: dict[str, float] = {}
+    remarks: tuple[str, ...] = ()
+    if uncertainty is None and identified_from is not None:
+        progress("uncertainty of the model")
+        uncertainty = _uncertainty(model, identified_from.data)
+    if judged is not None:
+        if validation is None:
+            progress("validating")
+            validation = validate(model, judged.data, judged.controller, uncertainty=uncertainty)
+        if measured is None and judged.controller is not None:
+            try:
+                loop = feedback_of(model, judged.controller)
+                measured = measured_sensitivity(judged.data, judged.controller, loop)
+            except AmbError as problem:
+                remarks = (f"sensitivity not measured: {problem}",)
+        displacement = _displacement(judged)
+    progress("margins, worst cases and bounds")
+    found = certify(
+        model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
+        measured=measured, displacement=displacement,
+    )  # fmt: skip
+    return replace(found, warnings=(*found.warnings, *remarks))
+
+
+def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncertainty:
+    """With the measured scatter of the innovations where they are not white."""
+    found = estimate_uncertainty(model, data)
+    return found if found.white else estimate_uncertainty(model, data, robust=True)
+
+
+def _displacement(loop: Recorded) -> dict[str, float]:
+    """Largest displacement over clearance, where the parameters of the plant are known."""
+    if loop.plant is None:
+        return {}
+    clearance = loop.plant.rotor.backup_bearing_radius
+    largest = np.max([np.abs(item.outputs).max(axis=0) for item in loop.data.experiments], axis=0)
+    return {name: float(value / clearance) for name, value in zip(loop.data.output_names, largest, strict=True)}
+
+
+def sha256_of_model(model: StateSpaceModel) -> str:
+    """SHA-256 of the matrices of a model that is in no file, and of its sample time."""
+    arrays = (model.a, model.b, model.c, model.d, model.k, model.innovation_covariance, np.array(model.sample_time))
+    return _sha256(arrays)
+
+
+def sha256_of_data(data: IdentificationData) -> str:
+    """SHA-256 of the samples of data that are in no file, and of their sample time."""
+    signals = [
+        signal
+        for item in data.experiments
+        for signal in (item.inputs, item.outputs, item.reference)
+        if signal is not None
+    ]
+    return _sha256((*signals, np.array(data.sample_time)))
+
+
+def sha256_of_controller(controller: KnownController) -> str:
+    """SHA-256 of a controller that is in no file: of its matrices, or of its parameters as JSON."""
+    if isinstance(controller, LinearControl):
+        return sha256_of_model(controller.model)
+    return hashlib.sha256(json.dumps(controller.model_dump(), sort_keys=True).encode()).hexdigest()
+
+
+def _sha256(arrays: tuple[np.ndarray, ...]) -> str:
+    found = hashlib.sha256()
+    for array in arrays:
+        found.update(f"{array.shape}".encode())
+        found.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    return found.hexdigest()
