@@ -22,7 +22,7 @@ from amb_core.robustness import (
     sha256_of_data,
     sha256_of_model,
 )
-from amb_core.robustness.certificate import certificate_json
+from amb_core.robustness.certificate import certificate_json, compared_values
 from amb_ident_node.sources import LoopSources
 
 if TYPE_CHECKING:
@@ -89,9 +89,16 @@ class Certifier:
         judged = (
             self._telemetry(request, inputs) if request.on_telemetry else self._read(request, "validation_bag", inputs)
         )
+        swept = self._read(request, "sweep_bag", inputs)
         law = self._law(request, model, judged or used, inputs)
         found = certify_from_data(
-            model, law, _recorded(used), _recorded(judged), settings=settings_of(request), inputs=inputs
+            model,
+            law,
+            _recorded(used),
+            _recorded(judged),
+            settings=settings_of(request),
+            inputs=inputs,
+            swept=_recorded(swept),
         )
         if request.out:
             from amb_core.report.certificate import write_certificate  # loads plotly
@@ -147,7 +154,7 @@ def check_request(request: srv.Certify.Request) -> None:
         raise IdentificationError("validation_bag is not allowed with on_telemetry; give one of the two")
     if not request.on_telemetry and (request.first_step != -1 or request.steps):
         raise IdentificationError("first_step and steps are those of the telemetry; set on_telemetry, or leave them")
-    for name in ("bag", "validation_bag"):
+    for name in ("bag", "validation_bag", "sweep_bag"):
         path = getattr(request, name)
         if path and not _exists(path):
             raise BagError(f"{name} {path}: there is no such file or folder")
@@ -169,9 +176,14 @@ def fill_answer(response: srv.Certify.Response, certificate: Certificate, text: 
     response.reasons = [check.finding for check in certificate.checks if not check.passed]
     response.warnings = list(certificate.warnings)
     response.certificate = text
+    response.measured_difference = math.nan
     response.mu_upper = response.mu_lower = response.nu_gap = response.stability_margin_b = math.nan
     if certificate.assessment is not None:
         _fill_numbers(response, certificate.assessment)
+        if certificate.measured is not None:
+            compared = compared_values(certificate.measured, certificate.assessment)
+            response.measured_peak_sensitivity = list(compared["peaks"].values())
+            response.measured_difference = compared["worst_difference_db"]
     return response
 
 

@@ -23,6 +23,7 @@ from amb_bringup.request_fields import absolute, known_settings
 from amb_bringup.rig import Rig
 from amb_core.excitation import excitation_from_request
 from amb_core.files.parameter_files import BRIDGE_NODE, NODES
+from amb_core.parameters import validate
 from amb_core.recording.messages.region_map import region_map_from_message
 from amb_core.recording.messages.region_state import region_state_from_message
 from amb_msgs.action import BuildMap
@@ -45,6 +46,7 @@ from amb_ros.subscriptions import create_subscription
 if TYPE_CHECKING:
     from amb_core.regions import Region, RegionState
     from amb_core.regions.region_map import MapProgress, RegionMap
+    from amb_core.robustness import MeasuredSensitivity
 
 __all__ = ["NODES", "AmbClient", "ClientError", "Experiment", "ExperimentRun", "RunEnd", "StartedExcitation"]
 
@@ -254,6 +256,47 @@ class AmbClient(IdentifierCalls):
         if settings:
             raise ClientError(f"settings are for one kind of excitation; not allowed here: {', '.join(settings)}")
         return carry_out(self, kind, bag, progress)
+
+    def measure_sensitivity(
+        self,
+        bag: str | Path,
+        controller: str = "",
+        progress: Progress = lambda *_: None,
+        **settings: Any,
+    ) -> MeasuredSensitivity:
+        """Measure the sensitivity of the running loop by a swept sine, on simulator or rig.
+
+        Parameters
+        ----------
+        bag : str or Path
+            New folder in which everything is recorded; `certify` takes it as `sweep_bag`.
+        controller : str, optional
+            The controller, as for `identify`; by default the recorded one.
+        progress : callable, optional
+            As for `experiment`.
+        **settings
+            As in `amb_core.robustness.SweepSettings`: sweep_amplitude (m), which must be given, and sweep_duration (s),
+            sweep_start and sweep_end (Hz).
+
+        Returns
+        -------
+        MeasuredSensitivity
+            With deviations and coherence; `difference_db(feedback_of(model, controller))` compares it with a model.
+
+        Raises
+        ------
+        AmbError
+            As for `experiment`; and if the data do not determine the sensitivity.
+        """
+        from amb_core.analysis import read_loop  # loads compilers, which other calls do not need
+        from amb_core.robustness import SweepSettings, measured_sensitivity
+
+        sweep = validate(SweepSettings, settings).excitation
+        self.experiment([Experiment("swept sine", sweep)], bag, progress)
+        loop = read_loop(bag, controller)
+        if loop.controller is None:
+            raise ClientError(f"bag {bag}: lacks the parameters of the controller; name it in `controller`")
+        return measured_sensitivity(loop.data, loop.controller)
 
     # -- regions
 

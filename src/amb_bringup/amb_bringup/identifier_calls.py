@@ -118,6 +118,7 @@ class IdentifierCalls(GraphConnection):
         model: str | Path = "",
         bag: str | Path = "",
         validation_bag: str | Path = "",
+        sweep_bag: str | Path = "",
         out: str | Path = "",
         timeout: float = 300.0,
         on_telemetry: bool = False,
@@ -140,6 +141,8 @@ class IdentifierCalls(GraphConnection):
             What the model was identified from; by default, for the last identified model, its data.
         validation_bag : str or Path, optional
             Another experiment for the validation; by default the data of the model.
+        sweep_bag : str or Path, optional
+            A swept sine on the running loop, as `measure_sensitivity` records it.
         out : str or Path, optional
             Folder for certificate.html and certificate.json.
         timeout : float, optional
@@ -164,6 +167,7 @@ class IdentifierCalls(GraphConnection):
             model=absolute(model),
             bag=absolute(bag),
             validation_bag=absolute(validation_bag),
+            sweep_bag=absolute(sweep_bag),
             out=absolute(out),
             on_telemetry=on_telemetry,
             experiment_controller=controller_name(experiment_controller),

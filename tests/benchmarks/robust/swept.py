@@ -7,13 +7,22 @@ import numpy as np
 from amb_core.excitation import excitation_from_request, generate
 from amb_core.identification import IdentificationData, identify
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.plant import Plant, PlantParameters
-from amb_core.robustness import feedback_of, measured_sensitivity
+from amb_core.plant import Plant, PlantParameters, linearize
+from amb_core.robustness import SweepSettings, feedback_of, measured_sensitivity
 from amb_core.simulation import simulate
 from amb_core.simulation.parameters import with_values
 
 RATE = 10_000.0  # Hz
 SETTLED = 2_000  # steps
+AMPLITUDE = 4e-6  # m, of the swept sine
+# 12 s of it: with 4 s, the distortion of the plant leaves the model 0.4 dB open at 6 Hz, where S is small.
+IDENTIFICATION = {
+    "amplitude": AMPLITUDE,
+    "duration": 12.0,
+    "frequency_start": 2.0,
+    "frequency_end": 2_000.0,
+    "seed": 5,
+}
 BEARINGS = {
     "paper": {},
     "lighter rotor": {"rotor.mass": 4.0},
@@ -23,7 +32,7 @@ BEARINGS = {
 
 
 def swept(say) -> dict[str, object]:
-    """Largest difference in dB up to 1 kHz, by bearing."""
+    """Largest difference in dB up to 1 kHz, by bearing; that of an emulated rig stays, which `emulator.py` measures."""
     found = {}
     for name, change in BEARINGS.items():
         found[name] = _worst(change)
@@ -33,27 +42,29 @@ def swept(say) -> dict[str, object]:
 
 def _worst(change: dict[str, float]) -> dict[str, float]:
     plant, controller = with_values(PlantParameters(), ControllerParameters(), change)
-    for_model = {"amplitude": 4e-6, "duration": 4.0, "frequency_start": 2.0, "frequency_end": 2_000.0, "seed": 5}
-    model = identify(_run(plant, controller, "multisine", for_model), 10, controller=controller).model
+    model = identify(_run(plant, controller, "multisine", IDENTIFICATION), 10, controller=controller).model
     feedback = feedback_of(model, controller)
-    sweep = {
-        "amplitude": 4e-6,
-        "frequency_start": 5.0,
-        "frequency_end": 1_200.0,
-        "duration": 8.0,
-        "spacing": "logarithmic",
+    sweep = SweepSettings(sweep_amplitude=AMPLITUDE).excitation
+    measured = measured_sensitivity(_run(plant, controller, sweep.kind, sweep.model_dump()), controller)
+    kept = measured.comparable()
+    frequency = measured.frequency[kept]
+    true = linearize(Plant(plant), controller).sensitivity(np.exp(2j * np.pi * frequency / RATE))
+    of_linearised = 20.0 * np.log10(np.abs(measured.own[kept].T / np.diagonal(true).T))
+    return compared(measured.difference_db(feedback), frequency) | {
+        "worst_db_of_linearised_plant": float(np.abs(of_linearised).max())
     }
-    experiments = []
-    for axis in ("x", "y"):
-        data = _run(plant, controller, "sweep", sweep | {"axes": axis})
-        experiments += list(data.experiments)
-    both = IdentificationData(tuple(experiments), data.sample_time, *_names(data))
-    measured = measured_sensitivity(both, controller, feedback)
-    difference = measured.difference_db(feedback)
+
+
+def compared(difference: np.ndarray, frequency: np.ndarray) -> dict[str, float]:
+    """Summary of differences in dB, shape (axes, frequencies)."""
+    size = np.abs(difference)
     return {
-        "worst_db": float(np.abs(difference).max()),
-        "median_db": float(np.median(np.abs(difference))),
-        "frequencies": int(difference.shape[1]),
+        "worst_db": float(size.max()),
+        "worst_at_hz": float(frequency[size.max(axis=0).argmax()]),
+        "median_db": float(np.median(size)),
+        "frequencies": int(size.shape[1]),
+        "from_hz": float(frequency.min()),
+        "to_hz": float(frequency.max()),
     }
 
 
@@ -61,7 +72,3 @@ def _run(plant: PlantParameters, controller: ControllerParameters, kind: str, re
     excitation = generate(excitation_from_request(kind, request), RATE).samples
     record = simulate(Plant(plant), PdController(controller), len(excitation) + SETTLED, excitation, SETTLED)
     return IdentificationData.from_record(record.window(SETTLED, len(excitation)))
-
-
-def _names(data: IdentificationData) -> tuple:
-    return data.input_names, data.output_names, data.input_units, data.output_units

@@ -10,8 +10,9 @@ from amb_core.figures.robustness import mu_chart, sensitivity_chart
 from amb_core.report.document import Badge, Block, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
 from amb_core.report.writer import write_report
 from amb_core.robustness.assessment import Assessment
-from amb_core.robustness.certificate import Certificate, certificate_json
+from amb_core.robustness.certificate import Certificate, certificate_json, compared_values
 from amb_core.robustness.margins import DiskMargin
+from amb_core.robustness.measured import MeasuredSensitivity
 
 SENSITIVITY = "Sensitivity"
 
@@ -111,17 +112,22 @@ def _sensitivity(certificate: Certificate, found: Assessment) -> Section:
         FigureBlock(sensitivity_chart(found, certificate.measured).page()),
     ]
     if certificate.measured is not None:
-        difference = certificate.measured.difference_db(found.feedback)
-        worst = max((float(abs(difference).max()) if difference.size else math.nan), 0.0)
-        blocks.append(
-            Prose(
-                f"Measured: {certificate.measured.method}. Largest difference from the model up to 1 kHz, where the "
-                f"coherence is 0.9 or more: {worst:.2f} dB."
-            )
-        )
+        blocks.append(Prose(_compared(certificate.measured, found)))
     if certificate.displacement:
         blocks.append(TableBlock(("axis", "zone"), list(certificate.displacement.items()), "Zones after ISO 14839-2"))
     return Section(SENSITIVITY, blocks)
+
+
+def _compared(measured: MeasuredSensitivity, found: Assessment) -> str:
+    values = compared_values(measured, found)
+    if not values["frequencies"]:
+        return f"Measured: {measured.method}. Nowhere is it known well enough to be compared with the model."
+    peaks = ", ".join(f"{name} {value:.4f}" for name, value in values["peaks"].items())
+    return (
+        f"Measured: {measured.method}. Peaks: {peaks}. Difference from the model at {values['frequencies']} "
+        f"frequencies from {values['from_hz']:.4g} to {values['to_hz']:.4g} Hz, where the measurement is coherent and "
+        f"known to 0.1 dB: {values['worst_difference_db']:.2f} dB at most, {values['median_difference_db']:.3f} dB median."
+    )
 
 
 def _margins(found: Assessment) -> Section:

@@ -19,6 +19,7 @@ from amb_core.robustness.margins import classical_margins, disk_margin_of_axis, 
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
 from amb_core.robustness.mu import Block, mu_peak
 from amb_core.robustness.settings import RobustnessSettings, zone_of
+from amb_core.robustness.sweep import SweepSettings
 
 __all__ = [
     "Assessment",
@@ -31,6 +32,7 @@ __all__ = [
     "Peak",
     "Recorded",
     "RobustnessSettings",
+    "SweepSettings",
     "assess",
     "assess_loop",
     "certificate_values",

@@ -149,6 +149,8 @@ def certify(
     else:
         assessment = assess_loop(feedback, settings, uncertainty)
         checks += _checks(assessment, uncertainty)
+    if measured is not None and measured.checked:
+        checks.append(_swept(measured, settings))
     zones = {name: zone_of(value, settings.displacement_limits) for name, value in (displacement or {}).items()}
     return Certificate(
         tuple(checks), assessment, settings, _warnings(validation, uncertainty), dict(inputs or {}), measured, zones
@@ -213,6 +215,19 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None) -> lis
     return checks
 
 
+def _swept(measured: MeasuredSensitivity, settings: RobustnessSettings) -> Check:
+    """The zone of the largest measured sensitivity, its uncertainty added."""
+    peaks = [(*measured.peak(number, settings.confidence), name) for number, name in enumerate(measured.axes)]
+    value, frequency, name = max(peaks)
+    zone, percent = zone_of(value, settings.sensitivity_limits), f"{100.0 * settings.confidence:g} %"
+    return Check(
+        f"measured by a swept sine: zone {settings.needed_zone} or better after ISO 14839-3",
+        ZONES.index(zone) <= ZONES.index(settings.needed_zone),
+        f"measured peak sensitivity of axis {name} at most {value:.3f} with {percent}, at {frequency:.4g} Hz: "
+        f"zone {zone}",
+    )
+
+
 def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | None) -> tuple[str, ...]:
     found = []
     if uncertainty is not None and not uncertainty.white:
@@ -275,6 +290,8 @@ def _values(certificate: Certificate) -> dict[str, Any]:
     found = certificate.assessment
     if found is None:
         return values
+    if certificate.measured is not None:
+        values["measured"] = compared_values(certificate.measured, found)
     values["axes"] = {
         axis.name: {
             "peak_sensitivity": _peak(axis.sensitivity),
@@ -331,6 +348,21 @@ def _values(certificate: Certificate) -> dict[str, Any]:
             ],
         }
     return values
+
+
+def compared_values(measured: MeasuredSensitivity, found: Assessment) -> dict[str, Any]:
+    """The measured sensitivity and its difference from the model's up to 1 kHz, where it is comparable."""
+    difference = np.abs(measured.difference_db(found.feedback))
+    compared = measured.frequency[measured.comparable()]
+    return {
+        "method": measured.method,
+        "peaks": {name: measured.peak(number, 0.5)[0] for number, name in enumerate(measured.axes)},
+        "worst_difference_db": float(difference.max()) if difference.size else math.nan,
+        "median_difference_db": float(np.median(difference)) if difference.size else math.nan,
+        "frequencies": int(difference.shape[1]),
+        "from_hz": float(compared.min()) if compared.size else math.nan,
+        "to_hz": float(compared.max()) if compared.size else math.nan,
+    }
 
 
 def _peak(peak: Any, factor: float = 1.0) -> dict[str, float]:

@@ -173,16 +173,29 @@ def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay
     IdentificationError, ParameterError
         If model and controller do not fit together.
     """
-    axes = loop_axes(model, controller)
+    law = law_as_lti(controller, loop_axes(model, controller), extra_delay)
+    return Feedback(plant_of(model), law, tuple(model.output_names))
+
+
+def law_as_lti(controller: KnownController, axes: int, extra_delay: int = 0) -> Lti:
+    """C of u = -C y of a controller for a number of axes; errors as for `feedback_of`."""
     if not isinstance(controller, LinearControl):
         controller = LinearControl(pd_as_linear(controller, axes), LinearControllerParameters())
     law = law_of(controller, axes)
     assert isinstance(law, LinearLaw)
     from_output, direct = law.from_output
-    control = Lti(law.a, from_output, -law.c, -direct, model.sample_time)
+    control = Lti(law.a, from_output, -law.c, -direct, 1.0 / controller.sample_rate)
     for _ in range(extra_delay):
         control = _delayed(control)
-    return Feedback(plant_of(model), control, tuple(model.output_names))
+    return control
+
+
+def is_same_law(first: KnownController, second: KnownController, axes: int) -> bool:
+    """Whether two controllers answer positions alike, whatever their limits."""
+    laws = [law_as_lti(one, axes) for one in (first, second)]
+    return laws[0].sample_time == laws[1].sample_time and all(
+        np.array_equal(getattr(laws[0], name), getattr(laws[1], name)) for name in "abcd"
+    )
 
 
 def _delayed(system: Lti) -> Lti:

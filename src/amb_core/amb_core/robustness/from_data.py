@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from amb_core.errors import AmbError
+from amb_core.errors import AmbError, RobustnessError
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import Validation, validate
@@ -20,7 +20,7 @@ from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.model import StateSpaceModel
 from amb_core.plant import PlantParameters
 from amb_core.robustness.certificate import Certificate, certify
-from amb_core.robustness.feedback import feedback_of
+from amb_core.robustness.feedback import is_same_law
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
 from amb_core.robustness.settings import RobustnessSettings
 
@@ -54,7 +54,7 @@ def certify_from_data(
     inputs: Mapping[str, str] | None = None,
     validation: Validation | None = None,
     uncertainty: ModelUncertainty | None = None,
-    measured: MeasuredSensitivity | None = None,
+    swept: Recorded | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Certificate:
     """Certify a model and a controller with the data that there are.
@@ -75,8 +75,9 @@ def certify_from_data(
         Name and SHA-256 of everything that was read.
     validation, uncertainty : Validation, ModelUncertainty, optional
         Where they are known already; otherwise they are computed from the data.
-    measured : MeasuredSensitivity, optional
-        Where it was measured by itself; by default it is taken from the data of the validation.
+    swept : Recorded, optional
+        A swept sine on the running loop: its measured peak is checked too. By default the measured sensitivity is taken
+        from the data of the validation, and shown only.
     progress : callable, optional
         Called with the name of each stage.
 
@@ -87,6 +88,7 @@ def certify_from_data(
     """
     judged = judged_on or identified_from
     displacement: dict[str, float] = {}
+    measured: MeasuredSensitivity | None = None
     remarks: tuple[str, ...] = ()
     if uncertainty is None and identified_from is not None:
         progress("uncertainty of the model")
@@ -95,13 +97,15 @@ def certify_from_data(
         if validation is None:
             progress("validating")
             validation = validate(model, judged.data, judged.controller, uncertainty=uncertainty)
-        if measured is None and judged.controller is not None:
+        if swept is None:
             try:
-                loop = feedback_of(model, judged.controller)
-                measured = measured_sensitivity(judged.data, judged.controller, loop)
+                measured = _measured(judged, law)
             except AmbError as problem:
                 remarks = (f"sensitivity not measured: {problem}",)
         displacement = _displacement(judged)
+    if swept is not None:
+        progress("swept sine")
+        measured = replace(_measured(swept, law), checked=True)
     progress("margins, worst cases and bounds")
     found = certify(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
@@ -114,6 +118,15 @@ def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncer
     """With the measured scatter of the innovations where they are not white."""
     found = estimate_uncertainty(model, data)
     return found if found.white else estimate_uncertainty(model, data, robust=True)
+
+
+def _measured(loop: Recorded, law: KnownController) -> MeasuredSensitivity:
+    """Measured sensitivity of the loop to certify; RobustnessError if it was another loop."""
+    if loop.controller is None:
+        raise RobustnessError("the controller of the experiment is not known")
+    if not is_same_law(loop.controller.at_rate(loop.data.sample_rate), law, len(loop.data.output_names)):
+        raise RobustnessError("the experiment had another controller than the one to certify")
+    return measured_sensitivity(loop.data, loop.controller)
 
 
 def _displacement(loop: Recorded) -> dict[str, float]:

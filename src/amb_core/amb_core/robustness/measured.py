@@ -1,10 +1,12 @@
 """Sensitivity measured on a running loop, as ISO 14839-3 describes: inject a signal and take the ratio.
 
 The excitation is added to the reference, in front of the controller. With e = r - y behind the sum, S = e/r; for
-several axes, excited one after the other or independently, S is a matrix. It is estimated as (1 + L)^-1 from the loop
-L = y/e, by the estimator of frequency responses, which gives coherence and deviations too. This is the sensitivity of
-a controller of errors. One that treats reference and position differently has another loop at the reference than at the
-position; then the response of the plant is measured and the known controller completes it.
+several axes, excited one after the other or independently, S is a matrix. This is the sensitivity of a controller of
+errors. One that treats reference and position differently has another loop at the reference than at the position; then
+the response of the plant is measured and the known controller completes it.
+
+A periodic reference is averaged over its periods; any other one, a swept sine above all, is taken by the local
+polynomial method, which has no bias by leakage and transients.
 """
 
 from __future__ import annotations
@@ -12,13 +14,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
 
 from amb_core.errors import RobustnessError
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.nonparametric import estimate_response
+from amb_core.identification.nonparametric import estimate_response, find_period
 from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_core.robustness.feedback import Feedback
-from amb_core.robustness.lti import Arrays, Complexes
+from amb_core.robustness.feedback import Feedback, law_as_lti
+from amb_core.robustness.local_response import local_response
+from amb_core.robustness.lti import Arrays, Complexes, Lti
+
+FREQUENCIES = 400  # of the curve of a reference without period
+COHERENT = 0.9  # coherence from which a measured value counts
+KNOWN = 0.0115  # relative, standard deviation (0.1 dB), of a measured value that is compared with a model
+LARGEST_ERROR = 0.3  # relative, standard deviation, of what is shown
+_METHODS = {True: "ratio of error and reference", False: "measured plant and known controller"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +50,8 @@ class MeasuredSensitivity:
         Of each position with the references.
     method : str
         How it was measured.
+    checked : bool
+        Whether it is from a measurement made for it, whose peak a certificate checks.
     """
 
     axes: tuple[str, ...]
@@ -47,17 +60,36 @@ class MeasuredSensitivity:
     deviation: Arrays
     coherence: Arrays
     method: str
+    checked: bool = False
 
-    def difference_db(self, feedback: Feedback, highest: float = 1_000.0, coherent: float = 0.9) -> Arrays:
-        """Measured over computed magnitude of S in dB, shape (p, f'), at coherent frequencies up to one (Hz)."""
-        kept = (self.frequency <= highest) & np.all(self.coherence >= coherent, axis=1)
+    @property
+    def own(self) -> Complexes:
+        """S of each axis, shape (f, p)."""
+        return np.diagonal(self.response, axis1=1, axis2=2)
+
+    def comparable(self, highest: float = 1_000.0) -> NDArray[np.bool_]:
+        """Frequencies up to one (Hz) at which |S| of all axes is coherent and known to 0.1 dB; shape (f,)."""
+        known = (self.coherence >= COHERENT) & (self.deviation <= KNOWN * np.abs(self.own))
+        return np.asarray((self.frequency <= highest) & np.all(known, axis=1))
+
+    def difference_db(self, feedback: Feedback, highest: float = 1_000.0) -> Arrays:
+        """Measured over computed magnitude of S in dB, shape (p, f'), at the comparable frequencies."""
+        kept = self.comparable(highest)
         model = np.abs(np.diagonal(feedback.output_sensitivity.response(self.frequency[kept]), axis1=1, axis2=2))
-        return np.asarray(20.0 * np.log10(np.abs(np.diagonal(self.response[kept], axis1=1, axis2=2)) / model).T)
+        return np.asarray(20.0 * np.log10(np.abs(self.own[kept]) / model).T)
+
+    def peak(self, axis: int, confidence: float = 0.99) -> tuple[float, float]:
+        """Upper end of the confidence interval of the largest |S| of an axis where it is coherent, and its frequency.
+
+        Infinite where no frequency is coherent.
+        """
+        upper = np.abs(self.own[:, axis]) + norm.ppf(confidence) * self.deviation[:, axis]
+        upper = np.where(self.coherence[:, axis] >= COHERENT, upper, -np.inf)
+        place = int(np.argmax(upper))
+        return (float(upper[place]) if upper[place] > 0.0 else np.inf), float(self.frequency[place])
 
 
-def measured_sensitivity(
-    data: IdentificationData, controller: KnownController, feedback: Feedback
-) -> MeasuredSensitivity:
+def measured_sensitivity(data: IdentificationData, controller: KnownController) -> MeasuredSensitivity:
     """The sensitivity that data of a loop show.
 
     Parameters
@@ -66,24 +98,43 @@ def measured_sensitivity(
         Experiments with reference, in which the axes were excited independently.
     controller : KnownController
         That of the experiments.
-    feedback : Feedback
-        Its loop with a model; of it only the controller is used, where it is not one of errors.
 
     Raises
     ------
-    IdentificationError, RobustnessError
-        If the data have no reference or do not determine the response.
+    IdentificationError, ParameterError, RobustnessError
+        If the controller is not one of the data's axes and sample rate, or the data have no reference or do not
+        determine the response.
     """
-    if any(item.reference is None for item in data.experiments):
+    references = [item.reference for item in data.experiments if item.reference is not None]
+    if len(references) < len(data.experiments):
         raise RobustnessError("the sensitivity needs data with the reference; record them with an excitation")
     by_errors = _of_errors(controller)
+    periodic = find_period(references) is not None
+    law = law_as_lti(controller.at_rate(data.sample_rate), len(data.output_names))
+    found = (_over_periods if periodic else _over_bands)(data, law, by_errors)
+    known = np.all(found.deviation <= LARGEST_ERROR * np.abs(found.own), axis=1)
+    if not known.any():
+        raise RobustnessError(
+            "the data do not determine the sensitivity at any frequency; use a larger or longer excitation of each axis"
+        )
+    return replace(
+        found,
+        frequency=found.frequency[known],
+        response=found.response[known],
+        deviation=found.deviation[known],
+        coherence=found.coherence[known],
+    )
+
+
+def _over_periods(data: IdentificationData, law: Lti, by_errors: bool) -> MeasuredSensitivity:
+    """From averages over the periods of the reference."""
     if by_errors:
         errors = [replace(item, inputs=_less(item.reference, item.outputs)) for item in data.experiments]
         found = estimate_response(replace(data, experiments=tuple(errors)))
         right: Complexes = np.broadcast_to(np.eye(len(data.output_names), dtype=complex), found.response.response.shape)
     else:
         found = estimate_response(data)
-        right = feedback.controller.response(found.response.frequency)
+        right = law.response(found.response.frequency)
     eye = np.eye(len(data.output_names))
     sensitivity = np.linalg.inv(eye + found.response.response @ right)
     # dS = -S dL S: independent errors of the elements of the estimate.
@@ -91,14 +142,48 @@ def measured_sensitivity(
     variance = np.diagonal(size @ found.variance @ behind, axis1=1, axis2=2)
     coherence = found.response.coherence
     assert coherence is not None
-    method = "ratio of error and reference" if by_errors else "measured plant and known controller"
     return MeasuredSensitivity(
         tuple(data.output_names),
         found.response.frequency,
         sensitivity.astype(np.complex128),
         np.sqrt(0.5 * variance),
         coherence,
-        f"{method}; {found.response.label}",
+        f"{_METHODS[by_errors]}; {found.response.label}",
+    )
+
+
+def _over_bands(data: IdentificationData, law: Lti, by_errors: bool) -> MeasuredSensitivity:
+    """By the local polynomial method."""
+    experiments = [
+        (item.reference, np.hstack([item.inputs, item.outputs]))
+        for item in data.experiments
+        if item.reference is not None
+    ]
+    longest = max(len(reference) for reference, _ in experiments) * data.sample_time
+    wanted = np.geomspace(1.0 / longest, 0.5 / data.sample_time, FREQUENCIES + 1)[:-1]
+    found = local_response(experiments, data.sample_time, wanted)
+    m, eye = len(data.input_names), np.eye(len(data.output_names))
+    if by_errors:  # S = I - Y, with the response Y of the positions
+        sensitivity: Complexes = eye - found.response[:, m:]
+        noise: Complexes = found.noise[:, m:, m:]
+        right: Complexes = np.broadcast_to(eye.astype(complex), sensitivity.shape)
+    else:  # S = (I + G C)^-1, G = Y U^-1, dG = (dY - G dU) U^-1
+        to_inputs = np.linalg.inv(found.response[:, :m])
+        plant = found.response[:, m:] @ to_inputs
+        control = law.response(found.frequency)
+        sensitivity = np.asarray(np.linalg.inv(eye + plant @ control))
+        left = sensitivity @ np.concatenate([-plant, np.broadcast_to(eye, sensitivity.shape)], axis=2)
+        noise = left @ found.noise @ np.conj(np.swapaxes(left, 1, 2))
+        right = to_inputs @ control @ sensitivity
+    spread = np.swapaxes(right, 1, 2) @ found.spread @ np.conj(right)
+    variance = (np.diagonal(part, axis1=1, axis2=2).real for part in (noise, spread))
+    return MeasuredSensitivity(
+        tuple(data.output_names),
+        found.frequency,
+        sensitivity.astype(np.complex128),
+        np.sqrt(0.5 * np.prod(list(variance), axis=0)),
+        found.coherence[:, m:],
+        f"{_METHODS[by_errors]}; local polynomials over frequency",
     )
 
 

@@ -1,0 +1,55 @@
+"""Sensitivity measured by a swept sine on an emulated rig, in real time, compared with that of the model identified there.
+
+`python tests/benchmarks/robust/emulator.py` adds it to results/bench_robust.json, as `swept.emulator`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from swept import AMPLITUDE, IDENTIFICATION, compared
+
+from amb_bringup.experiment import Experiment
+from amb_bringup.experiment_session import GraphChoice, run_session
+from amb_core.analysis import RecordedLoop, read_loop
+from amb_core.excitation import Excitation, excitation_from_request
+from amb_core.identification import identify
+from amb_core.robustness import SweepSettings, feedback_of, measured_sensitivity
+
+RIG = GraphChoice(rig=True, emulator=True)
+
+
+def main() -> None:
+    """Identify, sweep, compare."""
+    with tempfile.TemporaryDirectory() as folder:
+        identification = excitation_from_request("multisine", IDENTIFICATION)
+        used = _record(identification, Path(folder) / "multisine")
+        swept = _record(SweepSettings(sweep_amplitude=AMPLITUDE).excitation, Path(folder) / "sweep")
+    model = identify(used.data, 10, controller=used.controller).model
+    measured = measured_sensitivity(swept.data, swept.controller)
+    kept = measured.comparable()
+    found = compared(measured.difference_db(feedback_of(model, used.controller)), measured.frequency[kept])
+    found["coherence"] = float(measured.coherence[kept].min())
+    path = Path("results/bench_robust.json")
+    path.parent.mkdir(exist_ok=True)
+    results = json.loads(path.read_text()) if path.exists() else {}
+    results.setdefault("swept", {})["emulator"] = found
+    path.write_text(json.dumps(results, indent=2) + "\n")
+    print(json.dumps(found))
+
+
+def _record(excitation: Excitation, bag: Path) -> RecordedLoop:
+    run_session([Experiment(excitation.kind, excitation)], bag, RIG, lambda *_: None)
+    loop = read_loop(bag)
+    assert loop.controller is not None
+    print(f"{excitation.kind}: {len(loop.data.experiments)} pieces at {loop.data.sample_rate:g} Hz", file=sys.stderr)
+    return loop
+
+
+if __name__ == "__main__":
+    main()
