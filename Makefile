@@ -61,6 +61,7 @@ bench-view: setup  ## a user's first hour: live page, pages, files, new bearings
 
 bench-robust: setup  ## the robustness certificate on random loops and known plants (hours); writes results/bench_robust.json
 	@$(RUN) python tests/benchmarks/robust/run.py
+	@$(RUN) python tests/benchmarks/robust/emulator.py
 
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@

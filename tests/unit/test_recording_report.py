@@ -15,7 +15,8 @@ from amb_core.errors import AmbError
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import BagWriter, Recording
-from amb_core.report import Prose
+from amb_core.report import Badge, FigureBlock, Prose, Report, Section, TableBlock
+from amb_core.report.document import text_of
 from amb_core.report.recording import recording_report
 from tests.bag_messages import PARAMETERS, TELEMETRY, definition, telemetry
 
@@ -54,9 +55,47 @@ def test_a_report_has_regions_motion_model_response_and_validation(excited: Path
     assert result.exit_code == 0
     assert "No model" not in result.stdout
     page = out.read_text(encoding="utf-8")
-    for heading in ("Regions", "Distortion", "Motion", "Identified model", "Frequency response", "Validation"):
+    for heading in (
+        "Regions", "Distortion", "Motion", "Identified model", "Frequency response", "Validation", "Robustness",
+    ):  # fmt: skip
         assert f'">{heading}</h2>' in page
+    assert "Margins of each axis" in page
     assert "Bands hold the response with a confidence of 99 %" in page
+
+
+def robustness_of(report: Report) -> Section:
+    return next(section for section in report.sections if section.heading == "Robustness")
+
+
+def badge_of(report: Report) -> Badge:
+    assert report.strip is not None
+    return dict(report.strip.numbers)["robustness"]
+
+
+def test_the_robustness_is_that_of_the_certificate_with_bounds_and_figure(excited: Path) -> None:
+    report = recording_report(Recording.read(excited), order=6, certified=True)
+    verdict, *others = robustness_of(report).blocks
+    assert isinstance(verdict, Prose)
+    certified = verdict.text.startswith("Certified: stable, zone ")
+    assert badge_of(report).state == ("good" if certified else "limited")
+    assert badge_of(report).section == "Robustness"
+    (table,) = (block for block in others if isinstance(block, TableBlock))
+    assert [row[0] for row in table.rows] == ["x", "y"]
+    assert all("zone" in text_of(row[2]) for row in table.rows), "the data give bounds"
+    assert sum(isinstance(block, FigureBlock) for block in others) == 1
+
+
+def test_a_model_that_is_not_validated_is_not_certified_and_the_section_has_the_reason(excited: Path) -> None:
+    report = recording_report(Recording.read(excited), order=2, certified=True)
+    (verdict, *_) = robustness_of(report).blocks
+    assert isinstance(verdict, Prose)
+    assert verdict.text.startswith("Not certified: not validated")
+    assert badge_of(report).text.startswith("not certified")
+
+
+def test_robustness_is_left_out_where_it_is_not_wanted(excited: Path, tmp_path: Path) -> None:
+    amb_report(excited, "--order", 6, "--no-certify", "--out", tmp_path / "report.html")
+    assert '">Robustness</h2>' not in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_recording_is_read_once(excited: Path, tmp_path: Path) -> None:

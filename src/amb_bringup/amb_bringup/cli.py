@@ -79,7 +79,7 @@ COMMANDS = {
     ),
     "report": (
         "report:report",
-        "Regions, distortion, motion, identified model, frequency response and validation of a recorded run.",
+        "Regions, distortion, motion, identified model, frequency response, validation and robustness of a run.",
     ),
     "reproduce": (
         "reproduce:reproduce",

@@ -1,4 +1,4 @@
-"""Sensitivity measured by a swept sine on an emulated rig, in real time, compared with that of the model identified there.
+"""Sensitivity measured by a swept sine on an emulated rig, in real time, next to that of the model identified there.
 
 `python tests/benchmarks/robust/emulator.py` adds it to results/bench_robust.json, as `swept.emulator`.
 """

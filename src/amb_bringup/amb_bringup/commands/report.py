@@ -26,11 +26,14 @@ def report(
     run: Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")] = None,
     order: Annotated[str, typer.Option(help="Order of the model, or auto.")] = "10",
     entries: EntriesOption = "",
+    certify: Annotated[
+        bool, typer.Option(help="Also the robustness of the model with its controller, which takes some seconds.")
+    ] = True,
     out: Annotated[Path, typer.Option(help="The page, an .html file; or a folder for report.html.")] = Path(
         "results/report.html"
     ),
 ) -> None:
-    """Regions, distortion, motion, identified model, frequency response and validation of a recorded run."""
+    """Regions, distortion, motion, identified model, frequency response, validation and robustness of a run."""
     console = Console()
     if not names_file(out, (".html",)):
         out = out / "report.html"
@@ -44,7 +47,7 @@ def report(
             if controller not in ("", NO_CONTROLLER)
             else None
         )
-        made = recording_report(recording, run, wanted, stages.update, named, entries)
+        made = recording_report(recording, run, wanted, stages.update, named, entries, certify)
     write_report(made, out)
     console.print(f"{made.title}. {made.lead}", highlight=False)
     console.print(f"report: {out}")

@@ -126,7 +126,8 @@ def _compared(measured: MeasuredSensitivity, found: Assessment) -> str:
     return (
         f"Measured: {measured.method}. Peaks: {peaks}. Difference from the model at {values['frequencies']} "
         f"frequencies from {values['from_hz']:.4g} to {values['to_hz']:.4g} Hz, where the measurement is coherent and "
-        f"known to 0.1 dB: {values['worst_difference_db']:.2f} dB at most, {values['median_difference_db']:.3f} dB median."
+        f"known to 0.1 dB: {values['worst_difference_db']:.2f} dB at most, {values['median_difference_db']:.3f} dB "
+        "median."
     )
 
 
@@ -134,8 +135,8 @@ def _margins(found: Assessment) -> Section:
     rows = [
         (
             axis.name,
-            f"{_db(axis.margins.gain_up.value)} at {axis.margins.gain_up.frequency:.4g} Hz",
-            f"{_db(axis.margins.gain_down.value)} at {axis.margins.gain_down.frequency:.4g} Hz",
+            f"{decibel(axis.margins.gain_up.value)} at {axis.margins.gain_up.frequency:.4g} Hz",
+            f"{decibel(axis.margins.gain_down.value)} at {axis.margins.gain_down.frequency:.4g} Hz",
             f"{math.degrees(axis.margins.phase.value):.1f}° at {axis.margins.phase.frequency:.4g} Hz",
             f"{1e6 * axis.margins.delay.value:.4g} us at {axis.margins.delay.frequency:.4g} Hz",
         )
@@ -188,11 +189,12 @@ def _disk(item: DiskMargin) -> tuple[str, str, str, str, str, str]:
         item.where,
         f"{item.guaranteed:.4f}",
         f"{item.broken:.4f}",
-        f"{_db(low)} to {_db(high)}",
+        f"{decibel(low)} to {decibel(high)}",
         f"±{math.degrees(item.phase):.1f}°",
         f"{item.frequency:.4g} Hz",
     )
 
 
-def _db(value: float) -> str:
+def decibel(value: float) -> str:
+    """A gain margin in dB; any where nothing limits it."""
     return "any" if value <= 0.0 or math.isinf(value) else f"{20.0 * math.log10(value):.2f} dB"

@@ -19,6 +19,7 @@ from amb_core.identification import Identification, identify
 from amb_core.identification.controller_choice import ALLOWED, needs_controller
 from amb_core.identification.validation import Validation, validate
 from amb_core.report.document import Badge, Block, Cell, FigureBlock, Prose, Section, TableBlock
+from amb_core.report.robustness import certificate_of_recording, robustness_badge, robustness_section
 from amb_core.report.validation import HEADING as VALIDATION
 from amb_core.report.validation import fit_badge, validation_section
 
@@ -39,10 +40,11 @@ class IdentifiedModel:
     result: Identification
     validation: Validation
     sections: list[Section]
+    robustness: Badge | None = None
 
     @property
     def badges(self) -> list[tuple[str, Badge]]:
-        """Fit of each output, order and unstable poles, each with its name."""
+        """Robustness, if it was asked for, fit of each output, order and unstable poles, each with its name."""
         validation, model = self.validation, self.result.model
         fits = [
             (f"closed-loop fit, {name}", fit_badge(fit))
@@ -52,7 +54,8 @@ class IdentifiedModel:
             for name, fit in zip(model.output_names, validation.one_step_fit, strict=True)
         ]
         unstable = Badge(str(len(model.unstable_poles())), section=HEADING)
-        return [*fits, ("order", Badge(str(model.order), section=HEADING)), ("unstable poles", unstable)]
+        robust = [] if self.robustness is None else [("robustness", self.robustness)]
+        return [*robust, *fits, ("order", Badge(str(model.order), section=HEADING)), ("unstable poles", unstable)]
 
 
 def identified_model(
@@ -62,8 +65,9 @@ def identified_model(
     controller: KnownController | None,
     tell: Callable[[str], None],
     entries: str = "",
+    certified: bool = False,
 ) -> IdentifiedModel:
-    """Identify a model from the last experiment of a run, and validate it on the same data.
+    """Identify a model from the last experiment of a run, validate it on the same data, and certify it if wanted.
 
     Raises
     ------
@@ -81,7 +85,12 @@ def identified_model(
         result.model, data, controller, uncertainty=result.uncertainty, plant=recording.plant_parameters()
     )
     sections = [_model(result, validation), _responses(validation, drawn), validation_section(validation)]
-    return IdentifiedModel(result, validation, sections)
+    if not certified:
+        return IdentifiedModel(result, validation, sections)
+    certificate = certificate_of_recording(result, validation, controller, recording.plant_parameters(), tell)
+    return IdentifiedModel(
+        result, validation, [*sections, robustness_section(certificate)], robustness_badge(certificate)
+    )
 
 
 def _model(result: Identification, validation: Validation) -> Section:

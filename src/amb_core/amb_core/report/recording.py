@@ -53,6 +53,7 @@ def recording_report(
     progress: Callable[[str], None] | None = None,
     controller: KnownController | None = None,
     entries: str = "",
+    certified: bool = False,
 ) -> Report:
     """The report on a run of a bag.
 
@@ -73,6 +74,8 @@ def recording_report(
         The controller; by default the recorded one. Without either there is no model.
     entries : str, optional
         Entries of the Bode diagram, see `entries_from`; by default all.
+    certified : bool
+        Whether to add the robustness of the model with its controller, which takes some seconds; more for many axes.
 
     Raises
     ------
@@ -93,7 +96,7 @@ def recording_report(
     sections = [_regions(found), _distortion(evidence)]
     tell("drawing")
     sections.append(_motion(found.record))
-    identified, problem = _identified(recording, found.run, order, controller, tell, entries)
+    identified, problem = _identified(recording, found.run, order, controller, tell, entries, certified)
     sections += [Section(MODEL, [Prose(f"There is none: {problem}.")])] if identified is None else identified.sections
     return Report(
         _title(recording, found.run),
@@ -231,12 +234,13 @@ def _identified(
     controller: KnownController | None,
     tell: Callable[[str], None],
     entries: str,
+    certified: bool,
 ) -> tuple[IdentifiedModel | None, str]:
     """The model of the run, or the reason why there is none."""
     from amb_core.report.identified_model import identified_model
 
     try:
         controller = controller or recording.controller()
-        return identified_model(recording, run, order, controller, tell, entries), ""
+        return identified_model(recording, run, order, controller, tell, entries, certified), ""
     except AmbError as problem:
         return None, str(problem)
