@@ -6,9 +6,7 @@ machine and telemetry, and takes excitations, as simulator and controller do tog
 
 from __future__ import annotations
 
-import math
 import sys
-import threading
 import time
 from concurrent.futures import TimeoutError as NotInTime
 from dataclasses import replace
@@ -18,34 +16,26 @@ from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
 
 from amb_core.errors import AmbError, TargetError, one_line
-from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.loop.real_time import enter_real_time
-from amb_core.recording.messages.loop_samples import fill_loop_samples
-from amb_core.recording.messages.machine import fill_machine
-from amb_core.rig import BridgeTrip, ExcitationProtection, Runs, RunSamples, TripLog, describe
-from amb_core.rig.trips import axis_of
+from amb_core.rig import ExcitationProtection
 from amb_core.target import (
     TargetDescription,
     TargetLink,
     TargetSettings,
     TargetState,
-    TargetStatus,
-    TelemetryBlock,
-    Trip,
 )
-from amb_msgs.msg import AxisSamples, BridgeState, LoopSamples, Machine, MachineAxis, MachineBearing
-from amb_msgs.msg import Trip as TripMessage
 from amb_ros import diagnostics, topics
 from amb_ros.managed_node import ManagedNode
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
-from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
 from amb_ros.services import create_service
 from amb_sim_node.bridge_parameters import BridgeParameters
 from amb_sim_node.gains import gains_in
 from amb_sim_node.region_guard import guard_of
 from amb_sim_node.rig_excitation import Rig, RigExcitation
 from amb_sim_node.rig_link import controller_of, link_of
+from amb_sim_node.rig_state import RigState, report
+from amb_sim_node.rig_watch import Reactions, RigWatch
 
 STATE_PERIOD = 0.1  # s between messages on the state, and without samples until a partial block is published
 PATIENCE = 5.0  # s in addition to its duration for a levitation or a landing
@@ -73,26 +63,12 @@ class HardwareBridgeNode(ManagedNode):
             if not self.has_parameter(name):
                 self.declare_parameter(name, value)
         self._settings = declare(self, BridgeParameters, self._on_parameters)
-        self._lock = threading.RLock()  # samples and trips: thread of the link, executor and worker
         self._link: TargetLink | None = None
-        self._machine: MachineDescription | None = None
-        self._known: TargetDescription | None = None
         self._ready: Rig | None = None  # while configured
         self._excitable = False  # while active
-        self._runs: Runs | None = None
-        self._status: TargetStatus | None = None
-        self._reachable = False
-        self._trips = TripLog()
-        self._own_trips: list[Trip] = []  # latched by the bridge itself
         self._unsent = ""  # why the target does not have the settings; empty: it has them
-        self._flushed = 0  # step of the target
-        self._run = 0
-        self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
-        self._state_message = BridgeState(mode=BridgeState.UNREACHABLE)
-        self._machine_publisher = self.create_publisher(Machine, topics.MACHINE, LATCHED)
-        self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
-        self._state_publisher = self.create_publisher(BridgeState, topics.BRIDGE_STATE, LATCHED)
-        self._trip_publisher = self.create_publisher(TripMessage, topics.TRIP, EVERY_STATE)
+        self._watch = RigWatch(self, Reactions(self._note_state, self._on_switched_off, self._on_rebooted))
+        self._state = RigState(self, self._watch)
         self._excitation = RigExcitation(self, lambda: self._ready if self._excitable else None)
         create_service(self, Trigger, "~/reset_faults", self._on_reset_faults, self.worker)
         self._diagnostics = diagnostics.DiagnosticsReporter(
@@ -126,19 +102,17 @@ class HardwareBridgeNode(ManagedNode):
         guard = guard_of(settings, controller_of(settings))
         link = link_of(settings.link, self._enter_real_time)
         try:
-            description = link.connect(self)
+            description = link.connect(self._watch)
             machine, wanted = description.machine, self._wanted(description)
             link.configure(wanted)
             protection = self._protection(description, wanted)
-            with self._lock:
-                self._known, self._machine, self._link, self._reachable = description, machine, link, True
-                self._runs = Runs(machine, settings.telemetry_block, self._new_run)
-                self._trips, self._own_trips, self._unsent = TripLog(), [], ""
         except Exception:
             link.close()
             raise
-        self._publish_machine(machine)
-        self._ready = Rig(link, machine, self._runs, protection, guard)
+        self._link, self._unsent = link, ""
+        runs = self._watch.begin(description, settings.telemetry_block)
+        self._state.publish_machine(machine)
+        self._ready = Rig(link, machine, runs, protection, guard)
         self.get_logger().info(
             f"machine {machine.name!r}, axes {', '.join(machine.axis_names)}, {machine.sample_rate:g} Hz, firmware "
             f"{description.firmware}"
@@ -150,7 +124,7 @@ class HardwareBridgeNode(ManagedNode):
         link = self._connected()
         status = link.status()
         self._require_same_machine()
-        if self._latched():
+        if self._watch.latched():
             raise TargetError("trips are latched; reset the faults first")
         if self._unsent:
             self._send(link)
@@ -167,9 +141,9 @@ class HardwareBridgeNode(ManagedNode):
         self._excitable = False
         self._excitation.call_off()
         link = self._connected()
-        if self._reachable and link.status().state in (TargetState.LEVITATING, TargetState.LEVITATED):
+        if self._watch.reachable and link.status().state in (TargetState.LEVITATING, TargetState.LEVITATED):
             link.land(self._settings.landing_time)
-        if self._reachable:
+        if self._watch.reachable:
             self._wait_for((TargetState.OFF, TargetState.TRIPPED), self._settings.landing_time)
         self._note_state()
 
@@ -179,9 +153,8 @@ class HardwareBridgeNode(ManagedNode):
         link, self._link = self._link, None
         if link is not None:
             link.close()
-        with self._lock:
-            self._publish(self._runs.end() if self._runs is not None else [])
-            self._runs, self._status, self._reachable, self._unsent = None, None, False, ""
+        self._watch.end()
+        self._unsent = ""
         self._note_state()
 
     def _enter_real_time(self) -> None:
@@ -196,7 +169,7 @@ class HardwareBridgeNode(ManagedNode):
 
     def _require_same_machine(self) -> None:
         """Raise TargetError if the target is another machine since its reboot."""
-        if self._known is not None and self._known.machine != self._machine:
+        if self._watch.known is not None and self._watch.known.machine != self._watch.machine:
             raise TargetError("the target is another machine since its reboot; clean up and configure again")
 
     def _wanted(self, description: TargetDescription) -> TargetSettings:
@@ -225,7 +198,7 @@ class HardwareBridgeNode(ManagedNode):
     def _wait_for_run(self) -> None:
         """Wait until telemetry of the levitated rotor arrives: the run has begun."""
         until = time.monotonic() + PATIENCE
-        while self._runs is None or not self._runs.levitated:
+        while (runs := self._watch.runs) is None or not runs.levitated:
             if time.monotonic() > until:
                 raise TargetError(f"the rotor is levitated, but no telemetry arrives within {PATIENCE:g} s")
             time.sleep(0.002)
@@ -241,57 +214,25 @@ class HardwareBridgeNode(ManagedNode):
         until = time.monotonic() + duration + PATIENCE
         while (status := self._connected().status()).state not in states:
             if status.state is TargetState.TRIPPED:
-                raise TargetError(self._latched() or "the target has tripped")
+                raise TargetError(self._watch.latched() or "the target has tripped")
             if time.monotonic() > until:
                 raise TargetError(f"the target is still {status.state.name.lower()} after {duration + PATIENCE:g} s")
             time.sleep(0.01)
 
-    # -- the link, in its thread
+    # -- news of the rig, in the thread of the link
 
-    def on_samples(self, block: TelemetryBlock) -> None:
-        """Publish what has arrived, and the trips up to there."""
-        with self._lock:
-            if self._runs is None or self._known is None or self._known.machine != self._machine:
-                return  # not configured; or of another machine, see `_require_same_machine`
-            before = self._runs.levitated
-            self._publish(self._runs.add(block))
-            changed = before != self._runs.levitated
-        self._publish_trips()
-        if changed:
-            self._note_state()
-
-    def on_status(self, status: TargetStatus) -> None:
-        """Note the state of the target and new trips."""
-        with self._lock:
-            former, self._status, self._reachable = self._status, status, True
-            tripped = self._trips.note(status, time.monotonic())
-        self._publish_trips()
-        if former is None or tripped or (former.state, former.excitation) != (status.state, status.excitation):
-            self._note_state()
-        if tripped and status.state is TargetState.TRIPPED:
-            self._excitable = False
-            self.fall_back()
-
-    def on_silence(self) -> None:
-        """The target does not answer: latched, since nobody knows what the rotor does."""
-        self._reachable = False
-        self._trip_by_itself(BridgeTrip.LINK_LOST)
-
-    def on_return(self, description: TargetDescription, rebooted: bool) -> None:
-        """The target answers again. A reboot ends the run; what the target has forgotten is sent again."""
-        self._reachable = True
-        if not rebooted:
-            self._note_state()
-            return
-        with self._lock:
-            if self._runs is not None:
-                self._publish(self._runs.end())
-            self._known, self._trips = description, TripLog()
-            self._unsent = "the target has not got its settings since its reboot"
+    def _on_switched_off(self) -> None:
         self._excitable = False
-        self._trip_by_itself(BridgeTrip.REBOOT)
+        self.fall_back()
+
+    def _on_rebooted(self) -> None:
+        self._unsent = "the target has not got its settings since its reboot"
+        self._excitable = False
+        self._note_state()
         self.fall_back()
         self.worker.submit(self._send_settings)
+
+    # -- settings
 
     def _send_settings(self) -> None:
         """Send controller, limits and references again; a refusal is part of the state until they are taken."""
@@ -306,160 +247,40 @@ class HardwareBridgeNode(ManagedNode):
 
     def _send(self, link: TargetLink) -> None:
         self._require_same_machine()
-        assert self._known is not None and self._ready is not None  # since it is configured
-        wanted = self._wanted(self._known)
+        assert self._watch.known is not None and self._ready is not None  # since it is configured
+        wanted = self._wanted(self._watch.known)
         link.configure(wanted)
-        self._ready = replace(self._ready, protection=self._protection(self._known, wanted))
+        self._ready = replace(self._ready, protection=self._protection(self._watch.known, wanted))
         self._unsent = ""
 
-    # -- trips
-
-    def _trip_by_itself(self, reason: BridgeTrip) -> None:
-        with self._lock:
-            step = self._runs.next_target_step if self._runs is not None else 0
-            trip = Trip(reason, step, 0, 0.0)  # type: ignore[arg-type]
-            self._own_trips.append(trip)
-        self._publish_trip(trip)
-        self._note_state()
-
-    def _publish_trips(self) -> None:
-        """Publish the trips up to which telemetry has arrived."""
-        with self._lock:
-            step = self._runs.next_target_step if self._runs is not None else 0
-            ready = self._trips.ready(step, time.monotonic())
-        for trip in ready:
-            self._publish_trip(trip)
-
-    def _publish_trip(self, trip: Trip) -> None:
-        machine, runs = self._machine, self._runs
-        if machine is None or runs is None or not self.context.ok():
-            return
-        with self._lock:
-            before = runs.before(trip.step)
-            step, within = runs.step_of(trip.step), runs.holds(trip.step)
-        message = TripMessage(target_step=trip.step, reason=int(trip.reason), value=float(trip.value))
-        message.axis = axis_of(trip, machine)
-        if within:
-            message.run, message.step = runs.run, step
-            message.before = [fill_loop_samples(LoopSamples(), AxisSamples, runs.run, record) for record in before]
-        where = f"step {step} of run {runs.run}" if message.run else f"step {trip.step} of the target, outside of runs"
-        message.text = f"{describe(trip, machine)}, at {where}"
-        message.header.stamp = self._wall_clock.now().to_msg()
-        self._trip_publisher.publish(message)
-        self.get_logger().error(message.text)
-
-    def _latched(self) -> str:
-        """All latched trips as text."""
-        machine = self._machine
-        if machine is None:
-            return ""
-        with self._lock:
-            return "; ".join(describe(trip, machine) for trip in (*self._trips.latched, *self._own_trips))
+    # -- services, parameters and health
 
     def _on_reset_faults(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         link = self._connected()
         link.reset_faults()
-        with self._lock:
-            self._own_trips.clear()
+        self._watch.forget_own_trips()
         self.problem = ""
-        self.on_status(link.status())
+        self._watch.on_status(link.status())
         response.success = True
         self._note_state()
         return response
 
-    # -- topics
-
-    def _new_run(self) -> int:
-        self._run = max(self._run + 1, self._wall_clock.now().nanoseconds // 1000)
-        return self._run
-
-    def _publish_machine(self, machine: MachineDescription) -> None:
-        message = fill_machine(Machine(), MachineAxis, MachineBearing, machine)
-        message.header.stamp = self._wall_clock.now().to_msg()
-        self._machine_publisher.publish(message)
-
-    def _publish(self, blocks: list[RunSamples]) -> None:
-        if self.context.ok():
-            for block in blocks:
-                self._telemetry_publisher.publish(
-                    fill_loop_samples(LoopSamples(), AxisSamples, block.run, block.record)
-                )
-
     def _on_timer(self) -> None:
-        """Publish the state, and a partial block if no sample has come since the last call."""
-        with self._lock:
-            if self._runs is not None:
-                if self._runs.next_target_step == self._flushed:
-                    self._publish(self._runs.flush())
-                self._flushed = self._runs.next_target_step
-        self._publish_trips()
+        self._watch.flush()
         self._note_state()
 
     def _note_state(self) -> None:
-        """Publish the present state."""
-        if not self.context.ok():
-            return
-        with self._lock:
-            message, status, runs, machine = self._state_message, self._status, self._runs, self._machine
-            message.mode = int(status.state) if status is not None and self._reachable else BridgeState.UNREACHABLE
-            if status is not None:
-                message.excitation, message.alarm = int(status.excitation), status.alarm
-                message.target_step, message.missed = status.step, status.missed
-            if runs is not None:
-                message.run, message.step, message.position = runs.run, runs.next_step, runs.position.tolist()
-                if message.mode == BridgeState.LEVITATED and not runs.levitated:
-                    message.mode = BridgeState.LEVITATING  # its run begins with the first telemetry
-            if machine is not None:
-                message.axes, message.sample_time = list(machine.axis_names), 1.0 / machine.sample_rate
-            if self._link is not None:
-                samples = self._link.count.samples
-                message.lost, message.doubled, message.reordered = samples.lost, samples.doubled, samples.reordered
-            message.problem = "; ".join(dict.fromkeys(filter(None, (self._latched(), self._unsent, self.problem))))
-            message.sequence += 1
-            message.header.stamp = self._wall_clock.now().to_msg()
-            self._state_publisher.publish(message)
-
-    # -- parameters and health
+        self._state.publish(self._link, self._unsent, self.problem)
 
     def _on_parameters(self, parameters: BridgeParameters) -> None:
         self._settings = parameters
         self.worker.submit(self._send_settings)
 
     def _report(self) -> diagnostics.Report:
-        values: dict[str, object] = {"life cycle": self.state_label}
-        link, runs, status = self._link, self._runs, self._status
-        if link is not None:
-            count = link.count
-            values |= {
-                "samples lost": count.samples.lost,
-                "samples doubled": count.samples.doubled,
-                "blocks reordered": count.samples.reordered,
-                "frames refused": count.refused,
-                "commands sent again": count.resent,
-                "round trip (ms)": _shown(1e3 * count.round_trip),
-                "clock of the target (ppm)": _shown(count.clock_drift),
-            }
-        if known := self._known:
-            limits = self._settings.protection.lowered(known.limits, self._settings.current_limit)
-            values |= {"firmware": known.firmware, "limits in force": str(limits)}
-        if runs is not None:
-            values |= {"run": runs.run, "step": runs.next_step}
-        if status is not None:
-            values |= {"target": status.state.name, "control steps missed": status.missed}
-            values["frames that the target could not send"] = status.unsent
-        if problem := self._latched() or self._unsent or self.problem:
-            return diagnostics.ERROR, problem, values
-        if link is None:
-            return diagnostics.OK, "not configured", values
-        if status is not None and status.alarm:
-            return diagnostics.WARN, "displacement beyond the alarm share of the clearance", values
-        if link.count.samples.lost:
-            return diagnostics.WARN, f"{link.count.samples.lost} samples of telemetry lost", values
-        return diagnostics.OK, status.state.name.lower() if status is not None else "connected", values
-
-
-def _shown(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.3g}"
+        known, settings = self._watch.known, self._settings
+        limits = settings.protection.lowered(known.limits, settings.current_limit) if known is not None else None
+        problem = self._watch.latched() or self._unsent or self.problem
+        return report(self.state_label, self._watch, self._link, limits, problem)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,0 +1,214 @@
+"""The bridge's memory of its rig: what the link reports is kept, counted in runs, and published.
+
+Telemetry and trips are published from here. What concerns the life cycle is passed on to the node.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from amb_core.loop.machine import Machine
+from amb_core.recording.messages.loop_samples import fill_loop_samples
+from amb_core.rig import BridgeTrip, Runs, RunSamples, TripLog, describe
+from amb_core.rig.trips import axis_of
+from amb_core.target import TargetDescription, TargetState, TargetStatus, TelemetryBlock, Trip
+from amb_msgs.msg import AxisSamples, LoopSamples
+from amb_msgs.msg import Trip as TripMessage
+from amb_ros import topics
+from amb_ros.qos import EVERY_STATE, HISTORY
+
+
+@dataclass(frozen=True)
+class Reactions:
+    """What the node does about news of the rig; called in the thread of the link.
+
+    Attributes
+    ----------
+    changed : callable
+        Publishes the state.
+    switched_off : callable
+        The target has switched off by itself.
+    rebooted : callable
+        The target has forgotten its settings.
+    """
+
+    changed: Callable[[], None]
+    switched_off: Callable[[], None]
+    rebooted: Callable[[], None]
+
+
+class RigWatch:
+    """Listener of the link.
+
+    Parameters
+    ----------
+    node : Node
+        The bridge.
+    reactions : Reactions
+        What it does about news.
+
+    Attributes
+    ----------
+    lock : RLock
+        Held while runs and trips change: by the thread of the link, the executor and the worker.
+    known : TargetDescription or None
+        The target as it described itself last.
+    machine : Machine or None
+        That of the configuration.
+    runs : Runs or None
+        While the bridge is configured.
+    status : TargetStatus or None
+        The latest one.
+    reachable : bool
+        Whether the target answers.
+    """
+
+    def __init__(self, node: Node, reactions: Reactions) -> None:
+        self._node, self._reactions = node, reactions
+        self.lock = threading.RLock()
+        self.known: TargetDescription | None = None
+        self.machine: Machine | None = None
+        self.runs: Runs | None = None
+        self.status: TargetStatus | None = None
+        self.reachable = False
+        self._trips = TripLog()
+        self._own_trips: list[Trip] = []  # latched by the bridge itself
+        self._run = 0
+        self._flushed = 0  # step of the target
+        self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
+        self._telemetry_publisher = node.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
+        self._trip_publisher = node.create_publisher(TripMessage, topics.TRIP, EVERY_STATE)
+
+    # -- the life cycle of the bridge
+
+    def begin(self, description: TargetDescription, block: int) -> Runs:
+        """Take a target that is configured; telemetry is published in blocks of so many steps."""
+        with self.lock:
+            self.known, self.machine, self.reachable = description, description.machine, True
+            self.runs = Runs(description.machine, block, self._new_run)
+            self._trips, self._own_trips = TripLog(), []
+            return self.runs
+
+    def end(self) -> None:
+        """The bridge has left the target."""
+        with self.lock:
+            self._publish(self.runs.end() if self.runs is not None else [])
+            self.runs, self.status, self.reachable = None, None, False
+
+    def flush(self) -> None:
+        """Publish a partial block if no sample has come since the last call, and trips that have waited for samples."""
+        with self.lock:
+            if self.runs is not None:
+                if self.runs.next_target_step == self._flushed:
+                    self._publish(self.runs.flush())
+                self._flushed = self.runs.next_target_step
+        self._publish_trips()
+
+    def forget_own_trips(self) -> None:
+        """Forget those that the bridge has latched."""
+        with self.lock:
+            self._own_trips.clear()
+
+    def latched(self) -> str:
+        """All latched trips as text; empty without any."""
+        machine = self.machine
+        if machine is None:
+            return ""
+        with self.lock:
+            return "; ".join(describe(trip, machine) for trip in (*self._trips.latched, *self._own_trips))
+
+    # -- the link, in its thread
+
+    def on_samples(self, block: TelemetryBlock) -> None:
+        """Publish what has arrived, and the trips up to there."""
+        with self.lock:
+            if self.runs is None or self.known is None or self.known.machine != self.machine:
+                return  # not configured; or of another machine since its reboot, which activation refuses
+            before = self.runs.levitated
+            self._publish(self.runs.add(block))
+            changed = before != self.runs.levitated
+        self._publish_trips()
+        if changed:
+            self._reactions.changed()
+
+    def on_status(self, status: TargetStatus) -> None:
+        """Note the state of the target and new trips."""
+        with self.lock:
+            former, self.status, self.reachable = self.status, status, True
+            tripped = self._trips.note(status, time.monotonic())
+        self._publish_trips()
+        if former is None or tripped or (former.state, former.excitation) != (status.state, status.excitation):
+            self._reactions.changed()
+        if tripped and status.state is TargetState.TRIPPED:
+            self._reactions.switched_off()
+
+    def on_silence(self) -> None:
+        """The target does not answer: latched, since nobody knows what the rotor does."""
+        self.reachable = False
+        self._trip_by_itself(BridgeTrip.LINK_LOST)
+
+    def on_return(self, description: TargetDescription, rebooted: bool) -> None:
+        """The target answers again. A reboot ends the run; what the target has forgotten is sent again."""
+        self.reachable = True
+        if not rebooted:
+            self._reactions.changed()
+            return
+        with self.lock:
+            if self.runs is not None:
+                self._publish(self.runs.end())
+            self.known, self._trips = description, TripLog()
+        self._trip_by_itself(BridgeTrip.REBOOT)
+        self._reactions.rebooted()
+
+    # -- what is published
+
+    def _new_run(self) -> int:
+        self._run = max(self._run + 1, self._wall_clock.now().nanoseconds // 1000)
+        return self._run
+
+    def _publish(self, blocks: list[RunSamples]) -> None:
+        if self._node.context.ok():
+            for block in blocks:
+                self._telemetry_publisher.publish(
+                    fill_loop_samples(LoopSamples(), AxisSamples, block.run, block.record)
+                )
+
+    def _trip_by_itself(self, reason: BridgeTrip) -> None:
+        with self.lock:
+            step = self.runs.next_target_step if self.runs is not None else 0
+            trip = Trip(reason, step, 0, 0.0)  # type: ignore[arg-type]
+            self._own_trips.append(trip)
+        self._publish_trip(trip)
+        self._reactions.changed()
+
+    def _publish_trips(self) -> None:
+        """Publish the trips up to which telemetry has arrived."""
+        with self.lock:
+            step = self.runs.next_target_step if self.runs is not None else 0
+            ready = self._trips.ready(step, time.monotonic())
+        for trip in ready:
+            self._publish_trip(trip)
+
+    def _publish_trip(self, trip: Trip) -> None:
+        machine, runs = self.machine, self.runs
+        if machine is None or runs is None or not self._node.context.ok():
+            return
+        with self.lock:
+            before = runs.before(trip.step)
+            step, within = runs.step_of(trip.step), runs.holds(trip.step)
+        message = TripMessage(target_step=trip.step, reason=int(trip.reason), value=float(trip.value))
+        message.axis = axis_of(trip, machine)
+        if within:
+            message.run, message.step = runs.run, step
+            message.before = [fill_loop_samples(LoopSamples(), AxisSamples, runs.run, record) for record in before]
+        where = f"step {step} of run {runs.run}" if message.run else f"step {trip.step} of the target, outside of runs"
+        message.text = f"{describe(trip, machine)}, at {where}"
+        message.header.stamp = self._wall_clock.now().to_msg()
+        self._trip_publisher.publish(message)
+        self._node.get_logger().error(message.text)
