@@ -94,13 +94,16 @@ class Rig:
         self.graph.wait_until(lambda: self.state.run > before, "the run")
         return int(self.state.run)
 
-    def set(self, node: str, **values: Any) -> Any:
+    def set(self, node: str, **values: Any) -> None:
+        assert self.refusals(node, **values) == []
+
+    def refusals(self, node: str, **values: Any) -> list[str]:
+        """Why a node does not take parameters; empty if it does."""
         parameters = [
             Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()
         ]
         answer = self.graph.call(SetParameters, f"/amb/{node}/set_parameters", parameters=parameters)
-        assert all(result.successful for result in answer.results), answer.results
-        return answer
+        return [result.reason for result in answer.results if not result.successful]
 
     def reset_faults(self) -> None:
         answer = self.graph.call(Trigger, "/amb/hardware_bridge/reset_faults")

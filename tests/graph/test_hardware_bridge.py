@@ -119,6 +119,9 @@ def test_what_protection_forbids_is_refused_in_one_line_and_the_loop_goes_on(gra
         answer = rig.excite(excitation)
         assert not answer.success
         assert reason in answer.message
+    (reason,) = rig.refusals("hardware_bridge", protection__alarm_share=0.6)
+    assert "alarm_share = 0.6 is above trip_share = 0.5; allowed" in reason
+    assert rig.state.problem == ""
     assert not rig.record(run, 2_000).reference.any()
     assert rig.trips == []
 

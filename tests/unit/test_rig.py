@@ -9,9 +9,11 @@ import pytest
 
 from amb_core.errors import ExcitationError, ParameterError
 from amb_core.loop.records import LoopRecord
+from amb_core.parameters import validate
 from amb_core.rig import BridgeTrip, ExcitationProtection, ProtectionParameters, Runs, RunSamples, TripLog, describe
 from amb_core.rig.trips import _TEXTS
 from amb_core.target import ExcitationPhase, Limits, TargetState, TargetStatus, TelemetryBlock, Trip, TripReason
+from amb_sim_node.bridge_parameters import BridgeParameters
 from tests.target_rig import machine
 
 OFF, LEVITATED, TRIPPED = (int(state) for state in (TargetState.OFF, TargetState.LEVITATED, TargetState.TRIPPED))
@@ -168,5 +170,8 @@ def test_limits_of_the_host_only_lower_those_of_the_target() -> None:
     lowered = ProtectionParameters(excitation_amplitude=1e-3).lowered(own, current_limit=99.0)
     assert lowered == own
     assert ProtectionParameters().lowered(own, current_limit=1.0).control_current == 1.0
-    with pytest.raises(ParameterError, match=r"alarm_share = 0\.6 is above trip_share = 0\.5"):
-        ProtectionParameters(alarm_share=0.6).lowered(own, 1.0)
+
+
+def test_an_alarm_after_the_trip_is_refused_when_it_is_set() -> None:
+    with pytest.raises(ParameterError, match=r"protection.*alarm_share = 0\.6 is above trip_share = 0\.5; allowed"):
+        validate(BridgeParameters, {"protection.alarm_share": 0.6})

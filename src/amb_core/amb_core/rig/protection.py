@@ -13,8 +13,9 @@ from dataclasses import astuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import model_validator
 
-from amb_core.errors import ExcitationError, ParameterError
+from amb_core.errors import ExcitationError
 from amb_core.parameters import Parameters, quantity
 from amb_core.target import Limits
 
@@ -55,18 +56,17 @@ class ProtectionParameters(Parameters):
         runtime=True,
     )
 
-    def lowered(self, of_target: Limits, current_limit: float) -> Limits:
-        """The target's limits with these in their place where they are lower, and a limit of the current (A).
-
-        Raises
-        ------
-        ParameterError
-            If the alarm would come after the trip.
-        """
+    @model_validator(mode="after")
+    def _alarm_before_trip(self) -> ProtectionParameters:
         if self.alarm_share > self.trip_share:
-            raise ParameterError(
-                f"alarm_share = {self.alarm_share:g} is above trip_share = {self.trip_share:g}; allowed: up to that"
+            raise ValueError(
+                f"alarm_share = {self.alarm_share:g} is above trip_share = {self.trip_share:g}; allowed: up to that; "
+                "to raise both, raise trip_share first"
             )
+        return self
+
+    def lowered(self, of_target: Limits, current_limit: float) -> Limits:
+        """The target's limits with these in their place where they are lower, and a limit of the current (A)."""
         changed = {
             "control_current": current_limit,
             "alarm_share": self.alarm_share,
