@@ -24,8 +24,8 @@ enum {
 };
 
 enum amb_type {
-    AMB_HELLO = 0x01, AMB_HEARTBEAT = 0x10, AMB_STREAM, AMB_LEVITATE, AMB_DELEVITATE, AMB_FAULT_RESET,
-    AMB_CLOCK, AMB_BEGIN, AMB_DATA, AMB_BITMAP, AMB_COMMIT, AMB_ARM, AMB_DISARM, AMB_PARAMETERS, AMB_CONTROLLER,
+    AMB_HELLO = 0x01, AMB_HEARTBEAT = 0x10, AMB_STREAM, AMB_LEVITATE, AMB_DELEVITATE, AMB_FAULT_RESET, AMB_CLOCK,
+    AMB_BEGIN, AMB_DATA, AMB_BITMAP, AMB_COMMIT, AMB_ARM, AMB_DISARM, AMB_PARAMETERS, AMB_CONTROLLER, AMB_CURRENT,
     AMB_DESCRIPTION = 0x81, AMB_REPLY, AMB_TELEMETRY = 0x90, AMB_STATUS
 };
 /* Codes of replies; the last stands for none at all. */
@@ -39,12 +39,8 @@ enum amb_reason {
     AMB_DISPLACEMENT = 1, AMB_SENSOR_RANGE, AMB_SENSOR_STUCK, AMB_OVER_CURRENT, AMB_TEMPERATURE, AMB_AMPLIFIER,
     AMB_WATCHDOG, AMB_LAW, AMB_HOST_SILENT, AMB_EXCITATION, AMB_REASONS
 };
-/* Limits, in their order in frames: control current (A); measured coil current (A), and how long it may be above (s);
- * radial displacement over clearance for alarm and trip; excitation (m, m/s); magnitude of a measured position (m), and
- * how long it may not change (s); temperature (deg C); time without a command until an armed or playing excitation
- * stops, and until the machine lands (s); fading of an excitation that is stopped (s); time from levitation until
- * displacement can trip, and of a landing without a host (s); control steps missed at a time. The host may lower them,
- * never raise them above those of the configuration. */
+/* Limits, in their order in frames; docs/reference/target-protocol.md, Protection, has their units and consequences.
+ * The host may lower them, never raise them above those of the configuration. */
 enum amb_limit {
     AMB_CURRENT_LIMIT, AMB_COIL_LIMIT, AMB_COIL_TIME, AMB_ALARM_SHARE, AMB_TRIP_SHARE, AMB_AMPLITUDE_LIMIT,
     AMB_SLEW_LIMIT, AMB_SENSOR_LIMIT, AMB_STUCK_TIME, AMB_TEMPERATURE_LIMIT, AMB_HOST_TIME, AMB_LAND_TIME,
@@ -79,10 +75,10 @@ struct amb_sensors {
 struct amb_trip { uint8_t reason, axis; uint64_t step; double value; };
 struct amb_upload {
     uint8_t kind;
-    bool complete, finite; /* finite: all numbers so far */
+    bool complete;
     uint16_t order, inputs;
     uint32_t id, size, crc, steps, chunks, checked, sum;
-    double amplitude, slew;
+    double amplitude, slew; /* infinite amplitude: a number is not finite */
     uint8_t bitmap[(AMB_CHUNKS + 7) / 8];
 };
 
@@ -103,15 +99,17 @@ struct amb_target {
     double reference[AMB_AXES], current[AMB_AXES];
     uint32_t ramp, ramp_left, settle_left;
     /* Controllers */
-    bool state_space, matrices_ready, begun;
+    enum { AMB_PD, AMB_STATE_SPACE, AMB_HOST, AMB_HOST_OR_LAND } law; /* without the host: off, or the PD lands */
+    bool matrices_ready, begun;
     double gains[AMB_AXES][AMB_GAINS], derivative[AMB_AXES], differentiated[AMB_AXES];
     uint16_t order, inputs;
+    uint64_t answered; /* step of the latest current of the host */
     double matrices[AMB_MATRICES], x[AMB_ORDER], after[AMB_ORDER], input[2 * AMB_AXES];
     /* Excitation */
     enum { AMB_NONE, AMB_ARMED, AMB_PLAYING, AMB_FADING } excitation;
     uint64_t start;
-    uint32_t fade, fade_left;
-    double value[AMB_AXES], held[AMB_AXES];
+    uint32_t fade_left;
+    double value[AMB_AXES];
     struct amb_upload upload;
     /* Communication */
     uint8_t nonce[AMB_NONCE], last_tag[AMB_TAG], last_type, last_code;

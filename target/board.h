@@ -6,8 +6,8 @@
 
 /* Sample interrupt: fill in the measured values of this step. A sensor that is known to have failed reads NaN. */
 void board_read_sensors(void *board, struct amb_sensors *sensors);
-/* Sample interrupt: control current references (A), to be added to the bias. `enabled` false: all coils without
- * current, bias included. Also the place to serve the hardware watchdog. */
+/* Sample interrupt, and locked background for currents of the host: control current references (A), added to the bias.
+ * `enabled` false: all coils without current, bias included. Also the place to serve the hardware watchdog. */
 void board_write_currents(void *board, const double *current, bool enabled);
 /* Monotonic time (ns); may start anywhere. */
 uint64_t board_time(void *board);

@@ -6,7 +6,7 @@ uint8_t *amb_put_status(struct amb_target *t, uint8_t *p, uint64_t *step) {
     *step = t->step;
     unsigned flags = (unsigned)t->alarm | (unsigned)t->excitation << 1 | (t->per_frame ? 16u : 0u) |
                      (t->upload.complete ? 32u : 0u) | (t->matrices_ready ? 64u : 0u);
-    p = amb_put(p, (unsigned)t->state | (unsigned)t->state_space << 8 | (unsigned)t->trips << 16 | flags << 24, 4);
+    p = amb_put(p, (unsigned)t->state | (unsigned)t->law << 8 | (unsigned)t->trips << 16 | flags << 24, 4);
     for (size_t i = 0; i < AMB_COUNTS; i++) p = amb_put(p, t->count[i], 4);
     p = amb_put(p, t->counter, 8);
     for (size_t i = 0; i < t->trips; i++) {
@@ -40,31 +40,19 @@ static void describe(struct amb_target *t, const struct amb_peer *to) {
 
 static bool within(double value, double low, double high) { return value >= low && value <= high; /* not NaN */ }
 
-static enum amb_code set_stream(struct amb_target *t, const uint8_t *body, const struct amb_peer *from) {
-    uint16_t rows = amb_get16(body + 2), row = amb_row(t, body[0]);
-    if (body[0] > 7 || body[1] || amb_get32(body + 4)) return AMB_BAD_VALUE;
-    if (AMB_HEADER + 8u + (uint32_t)rows * row + AMB_CRC > AMB_FRAME) return AMB_TOO_LARGE;
-    t->options = body[0], t->per_frame = rows, t->row = row;
-    t->filled = 0, t->pending = false;
-    t->peer = *from;
-    return AMB_DONE;
-}
-
 static enum amb_code set_motion(struct amb_target *t, uint8_t type, double seconds) {
+    bool up = type == AMB_LEVITATE;
     if (!within(seconds, 0.0, 60.0)) return AMB_BAD_VALUE;
-    if (type == AMB_LEVITATE) {
-        if (t->trips) return AMB_LATCHED;
-        if (t->state != AMB_OFF || (t->state_space && !t->matrices_ready) || t->step == 0) return AMB_WRONG_STATE;
-    } else if (!amb_levitating(t)) return AMB_WRONG_STATE;
-    if (t->state != AMB_LANDING) amb_ramp(t, type == AMB_LEVITATE ? AMB_LEVITATING : AMB_LANDING, seconds);
+    if (up && t->trips) return AMB_LATCHED;
+    if (up ? t->state != AMB_OFF || t->step == 0 : !amb_levitating(t)) return AMB_WRONG_STATE;
+    if (t->state != AMB_LANDING) amb_ramp(t, up ? AMB_LEVITATING : AMB_LANDING, seconds);
     return AMB_DONE;
 }
 
 static bool allowed(const struct amb_target *t, uint8_t kind, size_t index, double value) {
     static const double most[AMB_GAINS] = {1e6, 1e4, 1.0, 1e7, 1.0};
-    if (kind == 1)
-        return within(value, 0.0, most[index % AMB_GAINS]) &&
-               (index % AMB_GAINS != AMB_ON_ERROR || value == 0.0 || value == 1.0);
+    size_t gain = index % AMB_GAINS;
+    if (kind == 1) return within(value, 0.0, most[gain]) && (gain != AMB_ON_ERROR || value == 0.0 || value == 1.0);
     if (kind == 4) return value > 0.0 && value <= t->config->limits[index];
     double reach = (kind == 2 ? t->limits[AMB_ALARM_SHARE] : 1.0) * t->config->axis[index].number[AMB_CLEARANCE];
     return within(value, -reach, reach);
@@ -86,9 +74,9 @@ static enum amb_code set_parameters(struct amb_target *t, const uint8_t *body, s
 }
 
 static enum amb_code choose_controller(struct amb_target *t, const uint8_t *body) {
-    if (amb_get64(body) > 1) return AMB_BAD_VALUE;
-    if (amb_levitating(t) || (body[0] && !t->matrices_ready)) return AMB_WRONG_STATE;
-    t->state_space = body[0];
+    if (amb_get64(body) > AMB_HOST_OR_LAND) return AMB_BAD_VALUE;
+    if (amb_levitating(t) || (body[0] == AMB_STATE_SPACE && !t->matrices_ready)) return AMB_WRONG_STATE;
+    t->law = body[0];
     return AMB_DONE;
 }
 
@@ -106,7 +94,7 @@ static enum amb_code execute(struct amb_target *t, uint8_t type, const uint8_t *
     if (type == AMB_DATA || type == AMB_PARAMETERS ? length <= 8 : length != lengths[type - AMB_HEARTBEAT])
         return AMB_BAD_LENGTH;
     switch (type) {
-    case AMB_STREAM: return set_stream(t, body, from);
+    case AMB_STREAM: return amb_stream(t, body, from);
     case AMB_LEVITATE:
     case AMB_DELEVITATE: return set_motion(t, type, amb_get_double(body));
     case AMB_FAULT_RESET: return fault_reset(t);
@@ -122,9 +110,10 @@ static enum amb_code execute(struct amb_target *t, uint8_t type, const uint8_t *
     }
 }
 
-static void reply(struct amb_target *t, uint8_t type, uint8_t code, bool repeated, const struct amb_peer *to) {
-    uint64_t host_time = amb_get64(t->io + AMB_SEALED);
-    uint64_t step;
+static void reply(struct amb_target *t, bool repeated, const struct amb_peer *to) {
+    uint64_t host_time = amb_get64(t->io + AMB_SEALED), step;
+    uint8_t type = t->last_type, code = t->last_code;
+    if (code == AMB_SILENT) return;
     uint8_t *head = t->io + AMB_SEALED, *extra = amb_put_status(t, head + 8, &step), *p = extra;
     if (type == AMB_CLOCK && !repeated) p = amb_put(amb_put(p, host_time, 8), board_time(t->board), 8);
     if (type == AMB_BITMAP && code == AMB_DONE && !repeated) {
@@ -139,46 +128,45 @@ static void reply(struct amb_target *t, uint8_t type, uint8_t code, bool repeate
     amb_send(t, t->io, p + AMB_TAG, AMB_REPLY, step, to);
 }
 
-/* Genuine: of this boot, with the right tag, and from this machine itself where there is no key. */
-static bool genuine(const struct amb_target *t, size_t length, const struct amb_peer *from) {
+/* What to count a frame as; AMB_COUNTS if it is to be executed: of this boot, with the right tag, from this machine
+ * itself where there is no key, and later than the last one, by its counter or by the step that it is for. */
+static int judged(const struct amb_target *t, size_t end, const struct amb_peer *from) {
     uint8_t tag[AMB_TAG], difference = 0;
-    size_t end = length - AMB_CRC - AMB_TAG;
-    if (!t->config->key_length && !from->loopback) return false;
+    if (t->io[4] != AMB_VERSION || t->io[5] >= AMB_DESCRIPTION || amb_get32(t->io + 8) != t->session) return AMB_BAD;
+    if (!t->config->key_length && !from->loopback) return AMB_FORGED;
     amb_tag(t, t->io, end, tag);
     for (size_t i = 0; i < AMB_TAG; i++) difference = (uint8_t)(difference | (tag[i] ^ t->io[end + i]));
-    return difference == 0;
-}
-
-/* What to count a frame as; AMB_COUNTS if it is to be executed. */
-static int judged(const struct amb_target *t, size_t length, const struct amb_peer *from) {
-    bool command = t->io[4] == AMB_VERSION && t->io[5] < AMB_DESCRIPTION;
-    if (length < AMB_SEALED + AMB_TAG + AMB_CRC || !command || amb_get32(t->io + 8) != t->session) return AMB_BAD;
-    if (!genuine(t, length, from)) return AMB_FORGED;
-    return amb_get64(t->io + AMB_HEADER) <= t->counter ? AMB_REPLAYED : AMB_COUNTS;
+    if (difference) return AMB_FORGED;
+    bool current = t->io[5] == AMB_CURRENT;
+    uint64_t number = amb_get64(t->io + (current ? 16 : AMB_HEADER)), last = current ? t->answered : t->counter;
+    return number <= last ? AMB_REPLAYED : AMB_COUNTS;
 }
 
 void amb_receive(struct amb_target *t, size_t length, const struct amb_peer *from) {
-    bool valid = amb_valid(t->io, length);
-    if (valid && t->io[5] == AMB_HELLO && length == AMB_HEADER + AMB_HELLO_LENGTH + AMB_CRC) { /* of any version */
+    bool valid = amb_valid(t->io, length), sealed = valid && length >= AMB_SEALED + AMB_TAG + AMB_CRC;
+    size_t end = sealed ? length - AMB_CRC - AMB_TAG : 0;
+    uint8_t type = t->io[5], *body = t->io + AMB_SEALED;
+    uint64_t step = amb_get64(t->io + 16);
+    if (valid && type == AMB_HELLO && length == AMB_HEADER + AMB_HELLO_LENGTH + AMB_CRC) { /* of any version */
         describe(t, from);
         return;
     }
-    int judgement = valid ? judged(t, length, from) : AMB_BAD;
-    const uint8_t *tag = t->io + (valid ? length - AMB_CRC - AMB_TAG : 0);
+    int judgement = sealed ? judged(t, end, from) : AMB_BAD;
     if (judgement != AMB_COUNTS) {
         t->count[judgement]++;
         /* The latest command again: its reply was lost. Reply again, do nothing. */
-        if (judgement == AMB_REPLAYED && !memcmp(tag, t->last_tag, AMB_TAG) && t->last_code != AMB_SILENT)
-            reply(t, t->last_type, t->last_code, true, from);
+        if (judgement == AMB_REPLAYED && !memcmp(t->io + end, t->last_tag, AMB_TAG)) reply(t, true, from);
         return;
     }
     board_lock(t->board);
-    t->counter = amb_get64(t->io + AMB_HEADER);
     t->last_heard = t->step;
-    t->last_type = t->io[5];
-    t->last_code = (uint8_t)execute(t, t->last_type, t->io + AMB_SEALED, length - AMB_SEALED - AMB_TAG - AMB_CRC,
-                                    amb_get64(t->io + 16), from);
+    if (type == AMB_CURRENT) amb_take_current(t, step, body, end - AMB_SEALED);
+    else {
+        t->counter = amb_get64(t->io + AMB_HEADER);
+        t->last_type = type;
+        t->last_code = (uint8_t)execute(t, type, body, end - AMB_SEALED, step, from);
+        memcpy(t->last_tag, t->io + end, AMB_TAG);
+    }
     board_unlock(t->board);
-    memcpy(t->last_tag, tag, AMB_TAG);
-    if (t->last_code != AMB_SILENT) reply(t, t->last_type, t->last_code, false, from);
+    if (type != AMB_CURRENT) reply(t, false, from);
 }

@@ -10,11 +10,10 @@ static double limited(double value, double limit) {
 static void pd(struct amb_target *t) {
     for (size_t a = 0; a < t->config->axes; a++) {
         const double *gains = t->gains[a];
-        double differentiated = gains[AMB_ON_ERROR] * t->reference[a] - t->sensors.position[a];
-        double before = t->begun ? t->differentiated[a] : differentiated, slope = t->begun ? t->derivative[a] : 0.0;
-        t->derivative[a] = gains[AMB_KEEP] * slope + gains[AMB_WEIGHT] * (differentiated - before);
-        t->differentiated[a] = differentiated;
-        double error = t->reference[a] - t->sensors.position[a];
+        double error = t->reference[a] - t->sensors.position[a], before = t->differentiated[a];
+        t->differentiated[a] = gains[AMB_ON_ERROR] * t->reference[a] - t->sensors.position[a];
+        if (!t->begun) t->derivative[a] = 0.0, before = t->differentiated[a];
+        t->derivative[a] = gains[AMB_KEEP] * t->derivative[a] + gains[AMB_WEIGHT] * (t->differentiated[a] - before);
         t->current[a] = limited(gains[AMB_PROPORTIONAL] * error + gains[AMB_DERIVATIVE] * t->derivative[a],
                                 t->limits[AMB_CURRENT_LIMIT]);
     }
@@ -51,8 +50,25 @@ static void state_space(struct amb_target *t) {
     memcpy(t->x, t->after, n * sizeof *t->x);
 }
 
+bool amb_by_host(const struct amb_target *t) {
+    return t->law >= AMB_HOST && (t->state == AMB_LEVITATING || t->state == AMB_LEVITATED);
+}
+
+/* The current of a host holds. Beside it the PD goes on, so that it can land without a jump. */
 void amb_law(struct amb_target *t) {
-    if (t->state_space) state_space(t);
+    double held[AMB_AXES];
+    memcpy(held, t->current, sizeof held);
+    if (t->law == AMB_STATE_SPACE) state_space(t);
     else pd(t);
     t->begun = true;
+    if (amb_by_host(t)) memcpy(t->current, held, sizeof held);
+}
+
+/* The current of the host for a step that has been measured flows at once. */
+void amb_take_current(struct amb_target *t, uint64_t step, const uint8_t *values, size_t length) {
+    if (!amb_by_host(t) || step >= t->step || length != 8u * t->config->axes) return;
+    t->answered = step;
+    for (size_t a = 0; a < t->config->axes; a++)
+        t->current[a] = limited(amb_get_double(values + 8 * a), t->limits[AMB_CURRENT_LIMIT]);
+    amb_apply(t);
 }

@@ -26,7 +26,7 @@ enum amb_code amb_begin(struct amb_target *t, const uint8_t *body) {
     if (!id || size != expected || amb_get16(body + 6) || body[1]) return AMB_BAD_VALUE;
     if (size > t->config->waveform_size || size > (uint32_t)AMB_CHUNKS * AMB_CHUNK) return AMB_TOO_LARGE;
     t->upload = (struct amb_upload){
-        .kind = kind, .finite = true, .order = order, .inputs = inputs, .id = id, .size = size, .steps = steps,
+        .kind = kind, .order = order, .inputs = inputs, .id = id, .size = size, .steps = steps,
         .crc = amb_get32(body + 16), .chunks = (size + AMB_CHUNK - 1) / AMB_CHUNK};
     return AMB_DONE;
 }
@@ -53,8 +53,7 @@ void amb_digest(struct amb_target *t) {
     t->upload.sum = amb_crc32(t->upload.sum, t->config->waveform + first, count);
     for (size_t i = first / 8; i < end + (left == count ? axes : 0); i++) {
         double value = i < end ? number(t, i) : 0.0, last = i < axes ? 0.0 : number(t, i - axes);
-        t->upload.finite = t->upload.finite && isfinite(value);
-        t->upload.amplitude = fmax(t->upload.amplitude, fabs(value));
+        t->upload.amplitude = isfinite(value) ? fmax(t->upload.amplitude, fabs(value)) : INFINITY;
         t->upload.slew = fmax(t->upload.slew, fabs(value - last) * t->config->sample_rate);
     }
     t->upload.checked++;
@@ -66,9 +65,9 @@ enum amb_code amb_commit(struct amb_target *t, uint32_t id) {
         if (!received(t, i)) return AMB_INCOMPLETE;
     if (t->upload.checked < t->upload.chunks) return AMB_BUSY;
     if (t->upload.sum != t->upload.crc) return AMB_CHECKSUM;
-    if (!t->upload.finite) return AMB_BAD_VALUE;
+    if (isinf(t->upload.amplitude)) return AMB_BAD_VALUE;
     if (t->upload.kind == STATE_SPACE) {
-        if (amb_levitating(t) && t->state_space) return AMB_WRONG_STATE;
+        if (amb_levitating(t) && t->law == AMB_STATE_SPACE) return AMB_WRONG_STATE;
         t->order = t->upload.order, t->inputs = t->upload.inputs;
         for (size_t i = 0; i < t->upload.size / 8; i++) t->matrices[i] = number(t, i);
         t->matrices_ready = true;
@@ -79,7 +78,7 @@ enum amb_code amb_commit(struct amb_target *t, uint32_t id) {
 
 enum amb_code amb_arm(struct amb_target *t, uint64_t step, uint32_t id) {
     if (t->trips) return AMB_LATCHED;
-    if (t->state != AMB_LEVITATED || t->excitation != AMB_NONE) return AMB_WRONG_STATE;
+    if (t->state != AMB_LEVITATED || t->excitation != AMB_NONE || amb_by_host(t)) return AMB_WRONG_STATE;
     if (t->upload.kind != EXCITATION || !t->upload.complete || id != t->upload.id) return AMB_NO_UPLOAD;
     if (beyond_limit(t)) return AMB_BEYOND_LIMIT;
     if (step < t->step) return AMB_TOO_LATE; /* t->step is the one that comes next */
@@ -92,11 +91,9 @@ void amb_disarm(struct amb_target *t) {
     if (t->excitation == AMB_ARMED) t->excitation = AMB_NONE;
     if (t->excitation != AMB_PLAYING) return;
     double steps = amb_steps(t, t->limits[AMB_FADE_TIME]);
-    for (size_t a = 0; a < t->config->axes; a++) {
-        t->held[a] = t->value[a];
+    for (size_t a = 0; a < t->config->axes; a++)
         steps = fmax(steps, fabs(t->value[a]) * t->config->sample_rate / t->limits[AMB_SLEW_LIMIT]);
-    }
-    t->fade = t->fade_left = steps < 1e9 ? (uint32_t)ceil(steps) : 1000000000u;
+    t->fade_left = steps < 1e9 ? (uint32_t)ceil(steps) : 1000000000u;
     t->excitation = AMB_FADING;
 }
 
@@ -111,17 +108,10 @@ static void play(struct amb_target *t) {
 }
 
 void amb_excite(struct amb_target *t) {
-    uint64_t silence = t->step - t->last_heard;
-    bool excited = t->excitation == AMB_ARMED || t->excitation == AMB_PLAYING, landing = t->state == AMB_LANDING;
-    double seconds = (double)silence / t->config->sample_rate;
-    bool gone = amb_levitating(t) && !landing && seconds >= t->limits[AMB_LAND_TIME];
-    if (gone || (excited && silence >= amb_steps(t, t->limits[AMB_HOST_TIME])))
-        amb_trip(t, AMB_HOST_SILENT, 0, (double)silence);
-    if (gone) amb_ramp(t, AMB_LANDING, t->limits[AMB_SETTLE_TIME]);
     if (t->excitation == AMB_ARMED && t->step == t->start) t->excitation = AMB_PLAYING;
     if (t->excitation == AMB_PLAYING) play(t);
     if (t->excitation == AMB_FADING && t->fade_left-- == 0) t->excitation = AMB_NONE;
     for (size_t a = 0; a < t->config->axes && t->excitation == AMB_FADING; a++)
-        t->value[a] = t->held[a] * ((double)t->fade_left / (double)t->fade);
+        t->value[a] *= (double)t->fade_left / ((double)t->fade_left + 1.0);
     if (t->excitation == AMB_NONE || t->excitation == AMB_ARMED) memset(t->value, 0, sizeof t->value);
 }

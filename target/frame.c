@@ -23,9 +23,7 @@ uint8_t *amb_put_double(uint8_t *p, double value) {
 }
 
 uint8_t *amb_put_float(uint8_t *p, double value) {
-    /* A double beyond the range of float is undefined to convert; infinity is what a receiver expects. */
-    double narrow = value > 3.4e38 ? INFINITY : value < -3.4e38 ? -INFINITY : value;
-    union { float value; uint32_t bits; } both = {(float)narrow};
+    union { float value; uint32_t bits; } both = {(float)value}; /* infinite beyond its range, as in IEEE 754 */
     return amb_put(p, both.bits, 4);
 }
 

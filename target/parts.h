@@ -25,11 +25,13 @@ bool amb_valid(const uint8_t *frame, size_t length);
 void amb_tag(const struct amb_target *t, const uint8_t *frame, size_t count, uint8_t tag[AMB_TAG]);
 /* control.c */
 void amb_law(struct amb_target *t);
+bool amb_by_host(const struct amb_target *t); /* whether the currents are those of the host */
+void amb_take_current(struct amb_target *t, uint64_t step, const uint8_t *values, size_t length);
 size_t amb_matrix_count(size_t axes, size_t order, size_t inputs);
 /* protect.c */
 bool amb_levitating(const struct amb_target *t);
 void amb_trip(struct amb_target *t, enum amb_reason reason, size_t axis, double value);
-void amb_watch(struct amb_target *t);   /* control steps that were missed */
+void amb_watch(struct amb_target *t);   /* control steps, or currents of the host, that were missed */
 void amb_protect(struct amb_target *t); /* measured values against the limits */
 uint32_t amb_steps(const struct amb_target *t, double seconds);
 /* excitation.c */
@@ -41,7 +43,8 @@ enum amb_code amb_arm(struct amb_target *t, uint64_t step, uint32_t id);
 void amb_disarm(struct amb_target *t);
 void amb_excite(struct amb_target *t); /* sets t->value for this step */
 /* target.c */
-uint16_t amb_row(const struct amb_target *t, uint8_t options); /* bytes of a telemetry row */
+enum amb_code amb_stream(struct amb_target *t, const uint8_t *body, const struct amb_peer *to);
+void amb_apply(struct amb_target *t); /* the currents, or none */
 void amb_send(struct amb_target *t, uint8_t *frame, const uint8_t *end, uint8_t type, uint64_t step,
               const struct amb_peer *to); /* closes it, too */
 void amb_ramp(struct amb_target *t, enum amb_state state, double seconds); /* to levitation, or to the landing */

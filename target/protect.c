@@ -18,13 +18,20 @@ void amb_trip(struct amb_target *t, enum amb_reason reason, size_t axis, double 
 }
 
 void amb_watch(struct amb_target *t) {
-    uint64_t now = board_time(t->board), since = now - t->last_time;
+    uint64_t now = board_time(t->board), since = now - t->last_time + t->period / 2;
+    uint64_t missed = t->step && since >= 2 * t->period ? since / t->period - 1 : 0;
+    uint64_t unanswered = amb_by_host(t) ? t->step - 1 - t->answered : 0, silence = t->step - t->last_heard;
+    bool lost = (double)(missed + unanswered) >= t->limits[AMB_MISSED_LIMIT];
+    bool gone = (double)silence / t->config->sample_rate >= t->limits[AMB_LAND_TIME];
     t->last_time = now;
-    if (t->step == 0 || since < t->period + t->period / 2) return;
-    uint64_t missed = (since + t->period / 2) / t->period - 1;
-    t->count[AMB_MISSED] += (uint32_t)missed;
-    if (amb_levitating(t) && (double)missed >= t->limits[AMB_MISSED_LIMIT])
-        amb_trip(t, AMB_WATCHDOG, 0, (double)missed);
+    t->count[AMB_MISSED] += (uint32_t)missed + (unanswered > 0);
+    if (lost && unanswered && t->law == AMB_HOST_OR_LAND) gone = true;
+    else if (lost && amb_levitating(t)) amb_trip(t, AMB_WATCHDOG, 0, (double)(missed + unanswered));
+    gone = gone && amb_levitating(t) && t->state != AMB_LANDING;
+    bool excited = t->excitation == AMB_ARMED || t->excitation == AMB_PLAYING;
+    if (gone || (excited && silence >= amb_steps(t, t->limits[AMB_HOST_TIME])))
+        amb_trip(t, AMB_HOST_SILENT, 0, (double)(silence > unanswered ? silence : unanswered));
+    if (gone) amb_ramp(t, AMB_LANDING, t->limits[AMB_SETTLE_TIME]);
 }
 
 static void displacement(struct amb_target *t) {

@@ -18,8 +18,7 @@ static uint32_t turn(uint32_t x, int bits) { return (x >> bits) | (x << (32 - bi
 #define V(letter) v[((letter) - i) & 7]
 
 static void compress(uint32_t h[8], const uint8_t *block) {
-    uint32_t w[64], v[8];
-    memset(w, 0, sizeof w);
+    uint32_t w[64] = {0}, v[8];
     for (int i = 0; i < 64; i++) w[i / 4] = w[i / 4] << 8 | block[i];
     for (int i = 16; i < 64; i++)
         w[i] = w[i - 16] + (turn(w[i - 15], 7) ^ turn(w[i - 15], 18) ^ (w[i - 15] >> 3)) + w[i - 7] +
@@ -42,27 +41,20 @@ static void add(struct sha256 *s, const uint8_t *bytes, size_t count) {
     }
 }
 
-static void end(struct sha256 *s, uint8_t digest[32]) {
-    static const uint8_t padding[64] = {0x80};
-    uint64_t bits = s->count * 8;
-    uint8_t length[8];
-    for (int i = 0; i < 8; i++) length[i] = (uint8_t)(bits >> (56 - 8 * i));
-    add(s, padding, 1 + (119 - s->count % 64) % 64);
-    add(s, length, 8);
-    for (int i = 0; i < 32; i++) digest[i] = (uint8_t)(s->h[i / 4] >> (24 - 8 * (i % 4)));
-}
-
 void amb_tag(const struct amb_target *t, const uint8_t *frame, size_t count, uint8_t tag[AMB_TAG]) {
     uint8_t pad[64], digest[32];
     for (int outer = 0; outer < 2; outer++) {
-        uint8_t mask = outer ? 0x5c : 0x36;
+        uint8_t mask = outer ? 0x5c : 0x36, byte = 0x80;
         for (int i = 0; i < 64; i++) pad[i] = i < t->config->key_length ? t->config->key[i] ^ mask : mask;
         struct sha256 s = {.h = {0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a, 0x510e527f, 0x9b05688c, 0x1f83d9ab,
                                  0x5be0cd19}};
         add(&s, pad, 64);
         add(&s, outer ? digest : t->nonce, outer ? 32 : AMB_NONCE);
         add(&s, frame, outer ? 0 : count);
-        end(&s, digest);
+        uint64_t bits = s.count * 8; /* the end of the data: a one, zeros, and their length */
+        for (; byte || s.count % 64 != 56; byte = 0) add(&s, &byte, 1);
+        for (int i = 0; i < 8; i++, add(&s, &byte, 1)) byte = (uint8_t)(bits >> (56 - 8 * i));
+        for (int i = 0; i < 32; i++) digest[i] = (uint8_t)(s.h[i / 4] >> (24 - 8 * (i % 4)));
     }
     memcpy(tag, digest, AMB_TAG);
 }

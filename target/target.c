@@ -24,6 +24,7 @@ void amb_ramp(struct amb_target *t, enum amb_state state, double seconds) {
     for (size_t a = 0; a < t->config->axes; a++)
         t->from[a] = state == AMB_LEVITATING ? t->sensors.position[a] : t->reference[a] - t->value[a];
     amb_disarm(t);
+    t->answered = t->step - 1;
     t->state = state;
     t->ramp = t->ramp_left = amb_steps(t, seconds);
     t->settle_left = amb_steps(t, t->limits[AMB_SETTLE_TIME]);
@@ -44,14 +45,14 @@ static void set_reference(struct amb_target *t) {
     if (t->state == AMB_LEVITATED && t->settle_left) t->settle_left--;
 }
 
-static void set_current(struct amb_target *t) {
-    if (amb_levitating(t)) amb_law(t);
+void amb_apply(struct amb_target *t) {
     for (size_t a = 0; a < t->config->axes && amb_levitating(t); a++)
         if (!(fabs(t->current[a]) <= t->limits[AMB_CURRENT_LIMIT])) amb_trip(t, AMB_LAW, a, t->current[a]);
     if (!amb_levitating(t)) {
         memset(t->current, 0, sizeof t->current);
         t->begun = false; /* the law forgets the past */
     }
+    board_write_currents(t->board, t->current, amb_levitating(t));
 }
 
 static uint8_t *put_values(uint8_t *p, const double *values, size_t count, bool wide) {
@@ -83,15 +84,22 @@ void amb_control_step(struct amb_target *t) {
     amb_protect(t);
     amb_excite(t);
     set_reference(t);
-    set_current(t);
-    board_write_currents(t->board, t->current, amb_levitating(t));
+    if (amb_levitating(t)) amb_law(t);
+    amb_apply(t);
     record(t);
     t->step++;
 }
 
-uint16_t amb_row(const struct amb_target *t, uint8_t options) {
-    size_t values = 3u * t->config->axes + (options & COILS ? t->config->coils : 0u) + (options & STATUS ? 1u : 0u);
-    return (uint16_t)(values * (options & FLOAT64 ? 8 : 4));
+enum amb_code amb_stream(struct amb_target *t, const uint8_t *body, const struct amb_peer *to) {
+    uint32_t rows = amb_get16(body + 2), options = body[0], width = options & FLOAT64 ? 8 : 4;
+    uint32_t coils = options & COILS ? t->config->coils : 0u, status = options & STATUS ? 1u : 0u;
+    uint32_t row = width * (3u * t->config->axes + coils + status);
+    if (options > 7 || body[1] || amb_get32(body + 4)) return AMB_BAD_VALUE;
+    if (ROWS + rows * row + AMB_CRC > AMB_FRAME) return AMB_TOO_LARGE;
+    t->options = body[0], t->per_frame = (uint16_t)rows, t->row = (uint16_t)row;
+    t->filled = 0, t->pending = false;
+    t->peer = *to;
+    return AMB_DONE;
 }
 
 void amb_send(struct amb_target *t, uint8_t *frame, const uint8_t *end, uint8_t type, uint64_t step,

@@ -9,7 +9,7 @@ import functools
 import json
 import math
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from amb_core.target import (
     Command,
     CommandWriter,
     Description,
+    Law,
     Limits,
     Peer,
     ReferenceTarget,
@@ -198,17 +199,31 @@ def exchange() -> list[Exchanged]:
     send("arm", rig.writer.write(commands.arm(1, 20)))
     steps("float32", 10)
     for name, command in (
-        ("disarm", commands.disarm()), ("controller refused while levitated", commands.controller(True)),
+        ("disarm", commands.disarm()), ("controller refused while levitated", commands.controller(Law.STATE_SPACE)),
         ("delevitate", commands.delevitate(0.0002)),
     ):  # fmt: skip
         send(name, rig.writer.write(command))
     steps("landing", 10)
-    send("controller", rig.writer.write(commands.controller(True)))
+    send("controller", rig.writer.write(commands.controller(Law.STATE_SPACE)))
     rig.step((math.nan, 0.0))
     take("sensor failed")
     steps("sensor repaired", 1)  # a reset keeps what the latest measurement still shows
     send("fault reset", rig.writer.write(commands.fault_reset()))
+    _by_host(rig, send, steps)
     return frames
+
+
+def _by_host(rig: Rig, send: Callable[[str, bytes], None], steps: Callable[[str, int], None]) -> None:
+    """The part of the exchange in which the host closes the loop."""
+    for name, command in (
+        ("loop by the host", commands.controller(Law.HOST_OR_LAND)), ("stream by sample", commands.stream(1, 5)),
+        ("levitate by the host", commands.levitate()),
+    ):  # fmt: skip
+        send(name, rig.writer.write(command))
+    for number in range(3):
+        steps(f"sample {number}", 1)
+        step = rig.target.steps - 1
+        send(f"current {number}", commands.current(rig.session, step, (0.125 * number, -0.25)))
 
 
 def golden() -> list[Exchanged]:

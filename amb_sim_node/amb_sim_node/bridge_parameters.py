@@ -25,6 +25,12 @@ class LinkParameters(Parameters):
 class BridgeParameters(ControllerParameters):
     """Parameters of the node: the PD law on the target, the link to it, and protection."""
 
+    mode: Literal["target", "host"] = choice(
+        "target", "who closes the loop: the target, or the host, where a controller node answers every sample"
+    )
+    without_host: Literal["off", "land"] = choice(
+        "off", "in mode host, what the target does when the limit of missed steps is reached without a current"
+    )
     controller_file: str = choice(
         "", "file of a state-space controller that closes the loop on the target; empty: the PD law"
     )

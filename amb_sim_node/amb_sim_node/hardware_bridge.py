@@ -12,6 +12,7 @@ from concurrent.futures import TimeoutError as NotInTime
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
 
@@ -19,6 +20,7 @@ from amb_core.errors import AmbError, TargetError, one_line
 from amb_core.loop.real_time import enter_real_time
 from amb_core.rig import ExcitationProtection
 from amb_core.target import (
+    HostLoopLink,
     TargetDescription,
     TargetLink,
     TargetSettings,
@@ -33,7 +35,8 @@ from amb_sim_node.bridge_parameters import BridgeParameters
 from amb_sim_node.gains import gains_in
 from amb_sim_node.region_guard import guard_of
 from amb_sim_node.rig_excitation import Rig, RigExcitation
-from amb_sim_node.rig_link import controller_of, link_of
+from amb_sim_node.rig_host_loop import HostLoop
+from amb_sim_node.rig_link import controller_of, link_of, require_host_loop
 from amb_sim_node.rig_state import RigState, report
 from amb_sim_node.rig_watch import Reactions, RigWatch
 
@@ -67,18 +70,26 @@ class HardwareBridgeNode(ManagedNode):
         self._ready: Rig | None = None  # while configured
         self._excitable = False  # while active
         self._unsent = ""  # why the target does not have the settings; empty: it has them
-        self._watch = RigWatch(self, Reactions(self._note_state, self._on_switched_off, self._on_rebooted))
+        self._host_loop: HostLoop | None = None
+        self._excitation: RigExcitation | None = None
+        if self._settings.mode == "host":
+            self._host_loop, sampled = HostLoop(self, self._link_of_host_loop), topics.POSITION
+        else:
+            self._excitation = RigExcitation(self, lambda: self._ready if self._excitable else None)
+            sampled = topics.TELEMETRY
+        reactions = Reactions(self._note_state, self._on_switched_off, self._on_rebooted)
+        self._watch = RigWatch(self, reactions, self._host_loop)
         self._state = RigState(self, self._watch)
-        self._excitation = RigExcitation(self, lambda: self._ready if self._excitable else None)
         create_service(self, Trigger, "~/reset_faults", self._on_reset_faults, self.worker)
         self._diagnostics = diagnostics.DiagnosticsReporter(
-            self, self._report, exclusive=(topics.MACHINE, topics.TELEMETRY, topics.BRIDGE_STATE)
+            self, self._report, exclusive=(topics.MACHINE, sampled, topics.BRIDGE_STATE)
         )
         self._timer = self.create_timer(STATE_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy_node(self) -> None:
         """Land if the bridge is active and its parameters say so; leave the target and end the node."""
-        self._excitation.close()
+        if self._excitation is not None:
+            self._excitation.close()
         try:
             self.worker.submit(self._leave).result(self._settings.landing_time + 2.0 * PATIENCE)
         except NotInTime:
@@ -102,6 +113,7 @@ class HardwareBridgeNode(ManagedNode):
         guard = guard_of(settings, controller_of(settings))
         link = link_of(settings.link, self._enter_real_time)
         try:
+            require_host_loop(settings, link)
             description = link.connect(self._watch)
             machine, wanted = description.machine, self._wanted(description)
             link.configure(wanted)
@@ -130,8 +142,10 @@ class HardwareBridgeNode(ManagedNode):
             self._send(link)
         if status.state in (TargetState.OFF, TargetState.LANDING):
             self._wait_for((TargetState.OFF,), self._settings.landing_time)
-            link.levitate(self._settings.levitation_time)
-            self._wait_for((TargetState.LEVITATED,), self._settings.levitation_time)
+            self._rehearse()
+            seconds = self._settings.levitation_time if self._host_loop is None else 0.0  # the reference is the host's
+            link.levitate(seconds)
+            self._wait_for((TargetState.LEVITATED,), seconds)
         self._wait_for_run()
         self._excitable = True
         self._note_state()
@@ -139,7 +153,8 @@ class HardwareBridgeNode(ManagedNode):
     def deactivate(self) -> None:
         """Stop the excitation and land; nothing to do if protection has switched off."""
         self._excitable = False
-        self._excitation.call_off()
+        if self._excitation is not None:
+            self._excitation.call_off()
         link = self._connected()
         if self._watch.reachable and link.status().state in (TargetState.LEVITATING, TargetState.LEVITATED):
             link.land(self._settings.landing_time)
@@ -162,6 +177,15 @@ class HardwareBridgeNode(ManagedNode):
         if problem := enter_real_time(self._settings.real_time):
             self.get_logger().warning(problem)
 
+    def _link_of_host_loop(self) -> HostLoopLink | None:
+        return self._link if isinstance(self._link, HostLoopLink) else None
+
+    def _rehearse(self) -> None:
+        """Where a controller node closes the loop, see that it answers before there is a rotor to hold."""
+        if self._host_loop is not None:
+            position = self._watch.runs.position if self._watch.runs is not None else np.zeros(0)
+            self._host_loop.rehearse(self._watch.new_run(), np.nan_to_num(position).tolist())
+
     def _connected(self) -> TargetLink:
         if self._link is None:
             raise TargetError("the bridge is not configured")
@@ -182,7 +206,8 @@ class HardwareBridgeNode(ManagedNode):
         """
         settings = self._settings
         limits = settings.protection.lowered(description.limits, settings.current_limit)
-        return TargetSettings(controller_of(settings), limits, settings.landing_reference)
+        without_host = settings.without_host if settings.mode == "host" else ""
+        return TargetSettings(controller_of(settings), limits, settings.landing_reference, without_host)
 
     def _protection(self, description: TargetDescription, wanted: TargetSettings) -> ExcitationProtection:
         """What excitations of this target are checked against."""

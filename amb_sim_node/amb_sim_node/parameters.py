@@ -55,6 +55,14 @@ class TargetEmulatorParameters(Parameters):
     real_time_factor: float = quantity(
         1.0, "-", "simulation time over wall-clock time; 0 for as fast as it can", 0.0, 100.0
     )
+    host_patience: float = quantity(
+        0.0,
+        "s",
+        "lock-step where the host closes the loop: longest wait for its current after each step, in which the emulated "
+        "time stands still; 0 for none",
+        0.0,
+        60.0,
+    )
     real_time: RealTimeParameters = RealTimeParameters()
     limits: LimitParameters = LimitParameters()
     faults: FaultParameters = FaultParameters()

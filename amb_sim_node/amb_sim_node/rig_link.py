@@ -10,7 +10,7 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
 from amb_core.parameters import part_of
-from amb_core.target import AmbUdpLink, TargetLink
+from amb_core.target import AmbUdpLink, HostLoopLink, TargetLink
 from amb_core.target.key_file import read_key
 from amb_sim_node.bridge_parameters import BridgeParameters, LinkParameters
 
@@ -26,6 +26,29 @@ def controller_of(settings: BridgeParameters) -> KnownController:
     if settings.controller_file:
         return LinearControl.load(settings.controller_file, part_of(LinearControllerParameters, settings.model_dump()))
     return part_of(ControllerParameters, settings.model_dump())
+
+
+def require_host_loop(settings: BridgeParameters, link: TargetLink) -> None:
+    """Refuse mode host where it cannot be.
+
+    Raises
+    ------
+    ParameterError
+        If the link takes no currents, or a parameter is for the mode target only.
+    """
+    if settings.mode == "target":
+        return
+    if not isinstance(link, HostLoopLink):
+        raise ParameterError(
+            f"mode = 'host' is not allowed with link.kind = {settings.link.kind!r}, which takes no currents from the "
+            "host; allowed: mode target, or a subclass of HostLoopLink such as amb_udp"
+        )
+    for name in ("controller_file", "region_map"):
+        if getattr(settings, name):
+            raise ParameterError(
+                f"{name} = {getattr(settings, name)!r} is not allowed with mode = 'host', where a controller node "
+                "closes the loop and plays the excitations; leave it empty"
+            )
 
 
 def link_of(parameters: LinkParameters, starting: Callable[[], object]) -> TargetLink:

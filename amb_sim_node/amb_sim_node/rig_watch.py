@@ -22,6 +22,7 @@ from amb_msgs.msg import AxisSamples, LoopSamples
 from amb_msgs.msg import Trip as TripMessage
 from amb_ros import topics
 from amb_ros.qos import EVERY_STATE, HISTORY
+from amb_sim_node.rig_host_loop import HostLoop
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,8 @@ class RigWatch:
         The bridge.
     reactions : Reactions
         What it does about news.
+    host_loop : HostLoop, optional
+        Takes the samples, since the host closes the loop; then the controller node publishes the telemetry.
 
     Attributes
     ----------
@@ -69,8 +72,8 @@ class RigWatch:
         Whether the target answers.
     """
 
-    def __init__(self, node: Node, reactions: Reactions) -> None:
-        self._node, self._reactions = node, reactions
+    def __init__(self, node: Node, reactions: Reactions, host_loop: HostLoop | None = None) -> None:
+        self._node, self._reactions, self._host_loop = node, reactions, host_loop
         self.lock = threading.RLock()
         self.known: TargetDescription | None = None
         self.machine: Machine | None = None
@@ -82,7 +85,9 @@ class RigWatch:
         self._run = 0
         self._flushed = 0  # step of the target
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
-        self._telemetry_publisher = node.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
+        self._telemetry_publisher = (
+            node.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY) if host_loop is None else None
+        )
         self._trip_publisher = node.create_publisher(TripMessage, topics.TRIP, EVERY_STATE)
 
     # -- the life cycle of the bridge
@@ -91,7 +96,7 @@ class RigWatch:
         """Take a target that is configured; telemetry is published in blocks of so many steps."""
         with self.lock:
             self.known, self.machine, self.reachable = description, description.machine, True
-            self.runs = Runs(description.machine, block, self._new_run)
+            self.runs = Runs(description.machine, block, self.new_run)
             self._trips, self._own_trips = TripLog(), []
             return self.runs
 
@@ -133,6 +138,8 @@ class RigWatch:
             before = self.runs.levitated
             self._publish(self.runs.add(block))
             changed = before != self.runs.levitated
+            if self._host_loop is not None:
+                self._host_loop.pass_on(block, self.runs, self.machine.sample_rate)
         self._publish_trips()
         if changed:
             self._reactions.changed()
@@ -166,14 +173,15 @@ class RigWatch:
         self._trip_by_itself(BridgeTrip.REBOOT)
         self._reactions.rebooted()
 
-    # -- what is published
-
-    def _new_run(self) -> int:
+    def new_run(self) -> int:
+        """Number of a run that begins: wall-clock time (us since 1970), larger than every one before."""
         self._run = max(self._run + 1, self._wall_clock.now().nanoseconds // 1000)
         return self._run
 
+    # -- what is published
+
     def _publish(self, blocks: list[RunSamples]) -> None:
-        if self._node.context.ok():
+        if self._node.context.ok() and self._telemetry_publisher is not None:
             for block in blocks:
                 self._telemetry_publisher.publish(
                     fill_loop_samples(LoopSamples(), AxisSamples, block.run, block.record)

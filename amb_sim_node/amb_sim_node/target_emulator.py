@@ -59,6 +59,7 @@ class TargetEmulatorNode(Node):
                 settings.block_steps,
                 settings.real_time_factor,
                 settings.real_time,
+                settings.host_patience,
             )
         )
         self._ended = self._logged = ""

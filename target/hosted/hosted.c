@@ -1,5 +1,6 @@
 /* A board in the memory of a process: the target as a library for emulators and tests. The caller owns the memory. */
 #include "hosted.h"
+#include "../parts.h"
 
 #include <string.h>
 
@@ -20,9 +21,14 @@ bool hosted_step(struct hosted *h, const double *position, const double *coil, d
     return h->enabled;
 }
 
-void hosted_feed(struct hosted *h, const uint8_t *frame, size_t length, const struct amb_peer *from) {
+bool hosted_feed(struct hosted *h, const uint8_t *frame, size_t length, const struct amb_peer *from) {
     h->received = frame, h->length = length, h->from = *from;
     amb_poll(&h->target);
+    return h->enabled;
+}
+
+bool hosted_waits(const struct hosted *h) {
+    return amb_by_host(&h->target) && h->target.answered + 1 != h->target.step;
 }
 
 size_t hosted_take(struct hosted *h, uint8_t *frame, struct amb_peer *to) {

@@ -24,7 +24,9 @@ bool hosted_init(struct hosted *h, const struct amb_config *config, const uint8_
 /* One control step at a time (ns), then the background; whether the amplifiers are on. */
 bool hosted_step(struct hosted *h, const double *position, const double *coil, double temperature, bool fault,
                  uint64_t time, double *current);
-void hosted_feed(struct hosted *h, const uint8_t *frame, size_t length, const struct amb_peer *from);
+/* Take a datagram; whether the amplifiers are on. */
+bool hosted_feed(struct hosted *h, const uint8_t *frame, size_t length, const struct amb_peer *from);
+bool hosted_waits(const struct hosted *h); /* for the current of the host for the latest step */
 size_t hosted_take(struct hosted *h, uint8_t *frame, struct amb_peer *to); /* length; 0: no more */
 
 #endif

@@ -48,7 +48,9 @@ def run(frames: int, seed: int, jobs: int = 1) -> dict[str, object]:
         ended = [(process, *process.communicate()) for process in running]
     findings = [f"exit {process.returncode}: {errors.strip()}" for process, _, errors in ended if process.returncode]
     counts = [json.loads(output) for process, output, _ in ended if not process.returncode]
-    total = {name: sum(count[name] for count in counts) for name in ("frames", "signed", "forged", "accepted")}
+    total = {
+        name: sum(count[name] for count in counts) for name in ("frames", "signed", "forged", "accepted", "currents")
+    }
     states = [sum(count["states"][state] for count in counts) for state in range(5)]
     return total | {"states": states, "findings": findings, "seed": seed, "seconds": time.monotonic() - began}
 

@@ -14,7 +14,7 @@ enum { MOST = 64, AXES = 2, COILS = 4, OLD = 256, WAVEFORM = 4096 };
 static struct hosted host;
 static uint8_t exchange[MOST][AMB_FRAME], key[32], nonce[AMB_NONCE], old[OLD][AMB_FRAME], latest[AMB_FRAME];
 static size_t lengths[MOST], frames, old_lengths[OLD], latest_length;
-static uint64_t seed, counter, olds;
+static uint64_t seed, counter, olds, currents;
 static double current[AXES];
 static struct amb_config config = {
     .machine = "attacked", .firmware = "fuzz", .sample_rate = 10000, .axes = AXES, .coils = COILS, .key_length = 32,
@@ -129,6 +129,15 @@ static void genuine(size_t number) {
     size_t length = lengths[turn % frames];
     memcpy(frame, exchange[turn++ % frames], length);
     if (frame[5] == AMB_ARM) amb_put(frame + 16, host.target.step + 3, 8);
+    if (frame[5] == AMB_CURRENT) { /* for the latest step; numbered by it, and not by the counter */
+        amb_put(frame + 16, host.target.step - 1, 8);
+        sign(frame, length, &host.target, 0);
+        feed(frame, length);
+        if (!amb_by_host(&host.target)) return;
+        require(host.target.answered == host.target.step - 1, "a current was refused", number);
+        currents++;
+        return;
+    }
     if (frame[5] != AMB_HELLO) sign(frame, length, &host.target, ++counter);
     if (turn % frames == 0) turn += below(frames); /* not always in the same order of states */
     feed(frame, length);
@@ -151,6 +160,10 @@ static size_t forge(uint8_t *frame) {
     if (kind == 1 && latest_length) { /* out of order */
         sign(frame, length, &host.target, counter ? 1 + draw() % counter : 0);
         if (frame[5] == AMB_HELLO) frame[5] = AMB_HEARTBEAT, sign(frame, length, &host.target, 0);
+        if (frame[5] == AMB_CURRENT) { /* out of order by its step */
+            amb_put(frame + 16, draw() % (host.target.answered + 1), 8);
+            sign(frame, length, &host.target, 0);
+        }
         return length;
     }
     wrong = config;
@@ -196,14 +209,15 @@ int main(int arguments, char **argument) {
         if (below(4) == 0) genuine(number);
         if (below(4) == 0) step(number);
         states[host.target.state]++;
-        uint64_t before = host.target.counter;
+        uint64_t before = host.target.counter, answered = host.target.answered;
         memcpy(frame, exchange[pick], length);
         if (kind == 0) length = mutate(frame, length);
         if (kind == 1) length = mutate(frame, length), checksum(frame, length);
         if (kind == 2) length = forge(frame);
         if (kind == 3) { /* a host with the key gone mad */
             length = mutate(frame, length);
-            if (frame[5] == AMB_HELLO) frame[5] = (uint8_t)(AMB_HEARTBEAT + below(16));
+            if (frame[5] == AMB_HELLO) frame[5] = (uint8_t)(AMB_HEARTBEAT + below(17));
+            if (frame[5] == AMB_CURRENT && below(2)) amb_put(frame + 16, host.target.step - 1, 8);
             frame[4] = AMB_VERSION;
             amb_put(frame, 0x55424d41, 4);
             sign(frame, length, &host.target, ++counter);
@@ -212,10 +226,12 @@ int main(int arguments, char **argument) {
         feed(frame, length);
         drain(number);
         if (kind == 3) counter = host.target.counter;
-        else forged++, require(host.target.counter == before, "a forged command was accepted", number);
+        else forged++, require(host.target.counter == before && host.target.answered == answered, "a forged command was accepted",
+                               number);
     }
-    printf("{\"frames\": %zu, \"signed\": %zu, \"forged\": %zu, \"accepted\": 0, \"states\": [%zu, %zu, %zu, %zu, %zu]}\n",
-           count, signed_frames, forged, states[0], states[1], states[2], states[3], states[4]);
+    printf("{\"frames\": %zu, \"signed\": %zu, \"forged\": %zu, \"accepted\": 0, \"currents\": %zu, ", count, signed_frames,
+           forged, (size_t)currents);
+    printf("\"states\": [%zu, %zu, %zu, %zu, %zu]}\n", states[0], states[1], states[2], states[3], states[4]);
     free(config.waveform);
     return 0;
 }

@@ -13,4 +13,5 @@ def test_no_datagram_harms_the_target_and_none_is_accepted_that_is_forged() -> N
     assert found["findings"] == []
     assert (found["frames"], found["accepted"]) == (200_000, 0)
     assert found["forged"] > 140_000
+    assert found["currents"] > 0  # of a host that closes the loop
     assert min(found["states"]) > 0  # it was attacked in every state

@@ -7,7 +7,7 @@ import pytest
 
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.linear_control import LinearController, LinearControllerParameters, pd_as_linear
-from amb_core.target import Code, Limits, TargetState, commands, controller_upload
+from amb_core.target import Code, Law, Limits, TargetState, commands, controller_upload
 from tests.target_rig import Rig, small_controller
 
 STEPS = 2_000
@@ -61,7 +61,7 @@ def test_state_space_currents_equal_those_of_the_law(axes: int, kind: str) -> No
     model = small_controller(axes) if kind == "errors" else pd_as_linear(with_filter, axes)
     rig = Rig(axes, STILL)
     assert rig.upload(controller_upload(1, model)).code == Code.DONE
-    assert rig.command(commands.controller(True)).code == Code.DONE
+    assert rig.command(commands.controller(Law.STATE_SPACE)).code == Code.DONE
     assert differing(rig, LinearController(model, LinearControllerParameters(), axes, 10_000.0)) == 0
 
 
@@ -86,10 +86,10 @@ def test_a_second_levitation_starts_the_law_anew() -> None:
 
 def test_the_controller_does_not_change_under_a_levitated_rotor() -> None:
     rig = Rig(2)
-    assert rig.command(commands.controller(True)).code == Code.WRONG_STATE  # there is none
+    assert rig.command(commands.controller(Law.STATE_SPACE)).code == Code.WRONG_STATE  # there is none
     assert rig.upload(controller_upload(1, small_controller())).code == Code.DONE
     rig.levitate()
-    assert rig.command(commands.controller(True)).code == Code.WRONG_STATE
+    assert rig.command(commands.controller(Law.STATE_SPACE)).code == Code.WRONG_STATE
 
 
 @pytest.mark.parametrize(

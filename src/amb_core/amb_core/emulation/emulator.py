@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ipaddress
 import os
+import select
 import socket
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -71,6 +73,9 @@ class TargetEmulator:
         The C code, from `reference_library`.
     address : Address
         Where it listens.
+    host_patience : float
+        Where the host closes the loop: longest wait of wall-clock time for its current after each step (s), in which
+        the emulated time stands still; 0 for none. After a wait in vain the steps go on until it is back.
 
     Attributes
     ----------
@@ -88,6 +93,8 @@ class TargetEmulator:
         The two directions of the network, with what became of the frames.
     unsent : int
         Frames that the operating system did not take.
+    waited : float
+        Wall-clock time for which it has waited for the host (s).
 
     Raises
     ------
@@ -105,6 +112,7 @@ class TargetEmulator:
         faults: FaultParameters,
         library: Path,
         address: Address,
+        host_patience: float = 0.0,
     ) -> None:
         self.plant = Plant(plant)
         self._machine = self.plant.machine
@@ -122,6 +130,8 @@ class TargetEmulator:
         self.to_host = FaultyLink(faults.to_host, (faults.seed, 1))
         self.from_host = FaultyLink(faults.from_host, (faults.seed, 2))
         self._faults = faults
+        self._patience, self.waited = host_patience, 0.0
+        self._in_vain = False  # the latest wait for the host
         self.steps, self.boots, self._shift, self.unsent, self.trouble = 0, 0, 0.0, 0, ""
         self._open(address)
         self.reboot()
@@ -201,11 +211,26 @@ class TargetEmulator:
         target.coil_current[:] = amplified.coil_current
         self._sensors.apply(target.position)
         fault = faults.amplifier or bool(amplified.fault)
-        enabled = target.step(self.time, faults.temperature, fault)
+        self._in_vain = self._in_vain and target.waits
+        target.step(self.time, faults.temperature, fault)
         self.steps += 1
-        amplified.advance(enabled, target.current)
+        if self._patience and target.waits and not self._in_vain:
+            self._wait_for_host()
+        amplified.advance(target.enabled, target.current)
         if amplified.fault:
             self.trouble = amplified.fault
+
+    def _wait_for_host(self) -> None:
+        """Exchange frames until the current of this step is there."""
+        began = now = time.monotonic()
+        self._send()
+        while self._target.waits and now - began < self._patience:
+            select.select([self._socket], [], [], self._patience - (now - began))
+            self._receive()
+            self._send()
+            now = time.monotonic()
+        self._in_vain = self._target.waits
+        self.waited += now - began
 
     def status(self) -> TargetStatus | None:
         """The status that the target has sent last since its boot: in a reply, or while telemetry is on."""

@@ -3,6 +3,7 @@
 A block that misses its deadline shifts the deadlines after it, and the clock of the target runs ahead of its steps by
 as much. So the target counts the control steps that a late machine has cost, and its watchdog trips if they are too
 many at a time. A block that wakes up less than a block late shifts nothing: on a real target, too, it would be jitter.
+Nor does the time for which an emulator in lock-step waits for its host.
 """
 
 from __future__ import annotations
@@ -51,10 +52,12 @@ class PacedEmulator:
 
     def run_block(self) -> None:
         """Run a block, and wait for its deadline."""
+        waited = self._emulator.waited
         self._emulator.run(self._steps)
         pace = self.pace
         if pace is None:
             return
+        pace.postpone(self._emulator.waited - waited)
         before = pace.shift
         wait = pace.wait(time.monotonic())
         if wait > 0.0:

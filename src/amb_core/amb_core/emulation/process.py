@@ -47,6 +47,7 @@ class EmulatorSettings:
     block_steps: int
     real_time_factor: float
     real_time: RealTimeParameters
+    host_patience: float = 0.0
 
     def __post_init__(self) -> None:
         least = self.block_steps / (self.plant.integration.sample_rate * LONGEST_BLOCK)

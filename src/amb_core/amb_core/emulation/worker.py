@@ -26,7 +26,13 @@ def _serve(connection: Connection) -> None:
     settings: EmulatorSettings = connection.recv()
     try:
         emulator = TargetEmulator(
-            settings.plant, settings.controller, settings.limits, settings.faults, reference_library(), settings.address
+            settings.plant,
+            settings.controller,
+            settings.limits,
+            settings.faults,
+            reference_library(),
+            settings.address,
+            settings.host_patience,
         )
         load = measure_load(settings.plant, settings.controller, settings.real_time_factor)
     except AmbError as problem:

@@ -100,6 +100,10 @@ class Pace:
         else:
             self._due += self.period
 
+    def postpone(self, seconds: float) -> None:
+        """The loop stands still for so long (s) on purpose: the steps after it are due later, and none is missed."""
+        self._due += seconds
+
     def _miss(self, late: float, now: float) -> None:
         self.missed += 1
         self.shift += late

@@ -13,7 +13,7 @@ import random
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +39,11 @@ from amb_core.target.layout import (
     LARGEST_FRAME,
     Code,
     ExcitationPhase,
+    Law,
     TargetState,
     TelemetryOption,
 )
-from amb_core.target.link import LinkCount, LinkListener, TargetDescription, TargetLink, TargetSettings
+from amb_core.target.link import HostLoopLink, LinkCount, LinkListener, TargetDescription, TargetSettings
 from amb_core.target.pages import Pages
 from amb_core.target.refusals import require_done
 from amb_core.target.upload import Upload, controller_upload, excitation_upload
@@ -55,11 +56,12 @@ HEARTBEAT_PERIOD, EXCITED_HEARTBEAT_PERIOD = 0.1, 0.005  # s; the target waits 2
 SILENCE = 0.4  # s without a frame after which the target is taken for gone; its status comes every 100 ms
 STREAM_TIMEOUT = 0.25  # s without samples after which telemetry is asked for again
 CLOCK_PERIOD = 2.0  # s
+LAWS = {"": Law.PD, "off": Law.HOST, "land": Law.HOST_OR_LAND}  # by what a target does without the host
 BURST = 48  # chunks of an upload before the target is asked which have arrived: less than any receive buffer holds
 RECEIVE_BUFFER = 1 << 22  # bytes: half a second of telemetry of 16 axes
 
 
-class AmbUdpLink(TargetLink):
+class AmbUdpLink(HostLoopLink):
     """A connection to a target by AMB-UDP.
 
     Parameters
@@ -100,6 +102,9 @@ class AmbUdpLink(TargetLink):
         self._address, self._key, self._wait, self._timeout = (address, port), key, wait, timeout
         self._starting = starting
         self._options = TelemetryOption.STATUS | (TelemetryOption.FLOAT64 if float64 else TelemetryOption(0))
+        self._known: TargetDescription
+        self._with_key: bool
+        self._by_sample = False  # a frame of telemetry for every sample, since the host closes the loop
         self.count = LinkCount()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._thread: threading.Thread | None = None
@@ -186,15 +191,25 @@ class AmbUdpLink(TargetLink):
             given = law.parameters.nominal_reference
             if not (levitated and status.state_space):
                 self._bring(controller_upload(next(self._uploads), law.model), lambda: False)
-                self._command(commands.controller(True))
+                self._command(commands.controller(Law.STATE_SPACE))
         else:
             given = law.nominal_reference
             self._command(commands.gains(law, axes))
             if not levitated:
-                self._command(commands.controller(False))
+                self._command(commands.controller(LAWS[settings.without_host]))
+            elif status.by_host != bool(settings.without_host):
+                raise TargetError("the rotor is levitated in the other mode of the loop; land it first")
+            if settings.without_host and not self._by_sample:
+                self._by_sample, self._wait, self._order = True, 0, InOrder(0, self.count.samples)
+                self._options |= TelemetryOption.FLOAT64
+                self._command(self._stream())
         if status.state in (TargetState.OFF, TargetState.LEVITATED):
             self._command(commands.nominal_reference(given or (0.0,) * axes))
             self._command(commands.landing_reference(settings.landing_reference or (0.0,) * axes))
+
+    def send_current(self, step: int, current: Sequence[float]) -> None:
+        """Send the currents for a step that was measured."""
+        self._send(commands.current(self._session, step, current))
 
     def levitate(self, seconds: float) -> None:
         """Close the loop in so many seconds."""
@@ -402,7 +417,7 @@ class AmbUdpLink(TargetLink):
         """Telemetry in frames as large as Ethernet carries."""
         width = 8 if self._options & TelemetryOption.FLOAT64 else 4
         row = width * (3 * self._session.axes + 1)
-        self._frame_steps = (LARGEST_FRAME - HEADER.size - 8 - CHECKSUM) // row
+        self._frame_steps = 1 if self._by_sample else (LARGEST_FRAME - HEADER.size - 8 - CHECKSUM) // row
         return commands.stream(self._frame_steps, self._options)
 
     def _say_hello(self, now: float) -> None:

@@ -17,6 +17,7 @@ from amb_core.target.layout import (
     Code,
     ExcitationPhase,
     FrameType,
+    Law,
     Limits,
     TargetState,
     TelemetryOption,
@@ -113,6 +114,8 @@ class TargetStatus:
     state_space, alarm, streaming, upload_ready, controller_ready : bool
         Whether the state-space controller is chosen, displacement is beyond the alarm, telemetry is sent, an upload is
         complete, and a state-space controller is there.
+    by_host : bool
+        Whether the host is to set the currents.
     missed, bad, forged, replayed, unsent : int
         Control steps missed; frames damaged or of another boot, with a wrong tag, with an old counter; frames that
         could not be sent.
@@ -137,6 +140,7 @@ class TargetStatus:
     unsent: int
     counter: int
     trips: tuple[Trip, ...]
+    by_host: bool = False
 
 
 @dataclass(frozen=True)
@@ -323,8 +327,8 @@ def _status(block: bytes, step: int) -> TargetStatus | Refusal:
     alarm, streaming, ready, controller = (bool(flags & bit) for bit in (1, 16, 32, 64))
     missed, bad, forged, replayed, unsent = counts
     return TargetStatus(
-        step, known, phase, bool(law), alarm, streaming, ready, controller,
-        missed, bad, forged, replayed, unsent, counter, trips,
+        step, known, phase, law == Law.STATE_SPACE, alarm, streaming, ready, controller,
+        missed, bad, forged, replayed, unsent, counter, trips, law >= Law.HOST,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.target.frames import Session, seal
-from amb_core.target.layout import FrameType, Limits, ParameterKind
+from amb_core.target.layout import FrameType, Law, Limits, ParameterKind
 
 
 @dataclass(frozen=True)
@@ -118,9 +118,19 @@ def limits(values: Limits) -> Command:
     return Command(FrameType.PARAMETERS, struct.pack("<Q", ParameterKind.LIMITS) + values.to_bytes())
 
 
-def controller(state_space: bool) -> Command:
-    """Choose the uploaded state-space controller, or the PD; only while the rotor is not levitated."""
-    return Command(FrameType.CONTROLLER, struct.pack("<Q", state_space))
+def controller(law: Law) -> Command:
+    """Choose who sets the control currents; only while the rotor is not levitated."""
+    return Command(FrameType.CONTROLLER, struct.pack("<Q", law))
+
+
+def current(session: Session, step: int, values: Sequence[float]) -> bytes:
+    """Frame with the control current references of all axes (A) for a step that was measured.
+
+    It has a tag like that of a command, but no counter: its step must be later than that of the last one taken. So it
+    needs no reply, and does not come between another command and its repetition.
+    """
+    body = struct.pack(f"<{len(values)}d", *values)
+    return seal(session, FrameType.CURRENT, 0, body, step=step)
 
 
 def _parameters(kind: ParameterKind, values: ArrayLike) -> Command:

@@ -44,6 +44,7 @@ class FrameType(IntEnum):
     DISARM = 0x1B
     PARAMETERS = 0x1C
     CONTROLLER = 0x1D
+    CURRENT = 0x1E
     DESCRIPTION = 0x81
     REPLY = 0x82
     TELEMETRY = 0x90
@@ -116,6 +117,15 @@ class UploadKind(IntEnum):
 
     EXCITATION = 1
     STATE_SPACE = 2
+
+
+class Law(IntEnum):
+    """Who sets the control currents. Without those of the host, the watchdog switches off, or the PD law lands."""
+
+    PD = 0
+    STATE_SPACE = 1
+    HOST = 2
+    HOST_OR_LAND = 3
 
 
 class TelemetryOption(IntFlag):

@@ -7,9 +7,9 @@ module of its own with a subclass; the bridge loads it by name.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from amb_core.loop.machine import Machine
 from amb_core.target.answers import TargetStatus, TelemetryBlock
 from amb_core.target.in_order import TelemetryCount
 from amb_core.target.layout import Limits
+
+WithoutHost = Literal["", "off", "land"]
 
 
 class TooLateError(TargetError):
@@ -73,11 +75,15 @@ class TargetSettings:
         None above that of the target's configuration.
     landing_reference : tuple of float
         Where the reference of each axis ends before the currents are switched off (m).
+    without_host : str
+        Empty: the law closes the loop. Otherwise the host does, by `HostLoopLink.send_current`, and this is what the
+        target does where the limit of missed steps is reached without a current: `off` trips, `land` lands by the law.
     """
 
     controller: KnownController
     limits: Limits
     landing_reference: tuple[float, ...]
+    without_host: WithoutHost = ""
 
 
 class LinkListener(Protocol):
@@ -178,3 +184,19 @@ class TargetLink(ABC):
     @abstractmethod
     def status(self) -> TargetStatus:
         """The state of the target now."""
+
+
+class HostLoopLink(TargetLink):
+    """A link to a target that can leave its loop to the host, sample by sample: an optional capability.
+
+    While `TargetSettings.without_host` is not empty, `on_samples` brings every sample at once, one step at a time, with
+    position in float64. A sample that does not come in time is a gap; it is not waited for.
+    """
+
+    @abstractmethod
+    def send_current(self, step: int, current: Sequence[float]) -> None:
+        """Send the control current references (A) of all axes for a step that was measured.
+
+        Called from any thread. It waits for no answer and raises nothing: a current that is lost is one that the target
+        misses, and it holds the one before.
+        """

@@ -114,7 +114,9 @@ class ReferenceTarget:
         Measured position (m) and coil currents (A) of the next step, set by the caller; control current references of
         the latest step (A).
     enabled : bool
-        Whether the amplifiers are on since the latest step.
+        Whether the amplifiers are on since the latest step or datagram.
+    steps : int
+        Steps since the boot.
 
     Raises
     ------
@@ -146,7 +148,7 @@ class ReferenceTarget:
         self.coil_current = np.zeros(coils)
         self.enabled = False
         self._period = 1e9 / machine.sample_rate
-        self._steps = 0
+        self.steps = 0
         self._frame, self._to = ctypes.create_string_buffer(LARGEST_FRAME), Peer()
         self._address = self._memory.ctypes.data
         self._arrays = self.position.ctypes.data, self.coil_current.ctypes.data
@@ -158,7 +160,7 @@ class ReferenceTarget:
         drawn = nonce or os.urandom(NONCE)
         if len(drawn) != NONCE or not any(drawn[:4]):
             raise TargetError(f"nonce {drawn.hex()}; allowed: {NONCE} bytes, not all of the first four 0")
-        self._steps = 0
+        self.steps = 0
         if not self._library.hosted_init(self._address, ctypes.byref(self._config), drawn):
             raise TargetError(f"the library has no room for a machine with {self._config.axes} axes")
 
@@ -174,8 +176,8 @@ class ReferenceTarget:
         amplifier_fault : bool
             Whether the amplifiers report one.
         """
-        now = round(self._steps * self._period) if time is None else time
-        self._steps += 1
+        now = round(self.steps * self._period) if time is None else time
+        self.steps += 1
         self.enabled = self._library.hosted_step(
             self._address, *self._arrays, temperature, amplifier_fault, now, self._output
         )
@@ -183,7 +185,12 @@ class ReferenceTarget:
 
     def feed(self, datagram: bytes, sender: Peer = LOOPBACK) -> None:
         """Hand a received datagram to the target, which answers it at once; see `take`."""
-        self._library.hosted_feed(self._address, datagram, len(datagram), ctypes.byref(sender))
+        self.enabled = self._library.hosted_feed(self._address, datagram, len(datagram), ctypes.byref(sender))
+
+    @property
+    def waits(self) -> bool:
+        """Whether the host is to set the currents, and has not yet for the latest step."""
+        return bool(self._library.hosted_waits(self._address))
 
     def take(self) -> list[tuple[bytes, Peer]]:
         """Datagrams that the target has sent since the last call, with their receivers; 64 are kept at most."""
@@ -202,7 +209,8 @@ def _functions(library: Path) -> ctypes.CDLL:
     ]  # fmt: skip
     found.hosted_step.restype = ctypes.c_bool
     found.hosted_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_void_p]
-    found.hosted_feed.restype = None
+    found.hosted_feed.restype = ctypes.c_bool
+    found.hosted_waits.argtypes, found.hosted_waits.restype = [ctypes.c_void_p], ctypes.c_bool
     found.hosted_take.argtypes, found.hosted_take.restype = [ctypes.c_void_p] * 3, ctypes.c_size_t
     return found
 
