@@ -115,7 +115,7 @@ class ExcitationGeneratorNode(Node):
         # Imported here: a generator that only starts excitations does not need it.
         from amb_core.excitation_design import check_excitation
         from amb_core.excitation_design.notes import made_with
-        from amb_core.loop.control import ControllerParameters
+        from amb_core.loop.pd_parameters import ControllerParameters
         from amb_core.plant import PlantParameters
         from amb_core.regions import Region
 

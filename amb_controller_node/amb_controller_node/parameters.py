@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import ControllerFileParameters
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.parameters import Parameters, choice, quantity
 
 

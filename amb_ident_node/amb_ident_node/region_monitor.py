@@ -17,7 +17,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_core.errors import BagError, RegionError
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.parameters import choice, load_parameters, part_of, quantity
 from amb_core.plant import PlantParameters
 from amb_core.recording.messages.loop_samples import block_from_message

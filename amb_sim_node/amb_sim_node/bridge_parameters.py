@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.real_time import RealTimeParameters
 from amb_core.parameters import Parameters, choice, quantities, quantity, switch
 from amb_core.rig import ProtectionParameters

@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 from amb_core.files.parameter_files import ParameterFile
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.parameters import own_declarations
 
 

@@ -6,9 +6,9 @@ import importlib
 from collections.abc import Callable
 
 from amb_core.errors import ParameterError
-from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_core.loop.linear_control import LinearControllerParameters
+from amb_core.loop.linear_parameters import LinearControllerParameters
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.parameters import part_of
 from amb_core.target import AmbUdpLink, HostLoopLink, TargetLink
 from amb_core.target.key_file import read_key

@@ -14,8 +14,8 @@ from amb_bringup.launcher import Graph, launch_file
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.excitation import Excitation, generate
 from amb_core.identification import Focus, StateSpaceModel
-from amb_core.loop.control import ControllerParameters
 from amb_core.loop.machine import Machine
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import load_parameters
 from amb_core.plant import Plant

@@ -20,7 +20,7 @@ from amb_core.excitation import Excitation, Multisine, Sweep, generate
 from amb_core.excitation_design.beyond_a import highest_load
 from amb_core.files.parameter_files import RIG_NODES
 from amb_core.identification.response_error import response_error
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.model import StateSpaceModel
 from amb_core.plant import Plant, linearize
 from amb_core.recording import Recording

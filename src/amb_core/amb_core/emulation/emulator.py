@@ -15,7 +15,7 @@ from amb_core.emulation.faulty_sensors import FaultySensors
 from amb_core.emulation.parameters import FaultParameters, LimitParameters
 from amb_core.emulation.switched_plant import SwitchedPlant
 from amb_core.errors import TargetError
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.plant import Plant, PlantParameters
 from amb_core.target import PORT, FrameType, Peer, ReferenceTarget, Session, TargetStatus, decode
 from amb_core.target.answers import Reply

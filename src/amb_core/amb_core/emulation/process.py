@@ -17,8 +17,8 @@ from amb_core.emulation.faulty_link import LinkCount
 from amb_core.emulation.load import Load
 from amb_core.emulation.parameters import FaultParameters, LimitParameters
 from amb_core.errors import AmbError, ParameterError, TargetError
-from amb_core.loop.control import ControllerParameters
 from amb_core.loop.pace import Pace
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.real_time import RealTimeParameters
 from amb_core.plant import PlantParameters
 from amb_core.target import TargetStatus

@@ -14,8 +14,8 @@ from amb_core.loop.telemetry import merge_blocks
 from amb_core.parameters import part_of
 
 if TYPE_CHECKING:
-    from amb_core.loop.control import ControllerParameters
     from amb_core.loop.known_controller import KnownController, LinearControl
+    from amb_core.loop.pd_parameters import ControllerParameters
     from amb_core.model import StateSpaceModel
 
 
@@ -127,7 +127,7 @@ def controller_of_bridge(values: Mapping[str, object], sample_rate: float | None
         If a parameter is out of its range, or the file of a state-space controller cannot be read.
     """
     from amb_core.loop.known_controller import LinearControl  # loads a compiler
-    from amb_core.loop.linear_control import LinearControllerParameters
+    from amb_core.loop.linear_parameters import LinearControllerParameters
 
     if not values.get("controller_file"):
         return controller_of(values, sample_rate)
@@ -145,7 +145,7 @@ def linear_controller_of(values: Mapping[str, object], published: StateSpaceMode
         If a parameter is out of its range, or the file cannot be read.
     """
     from amb_core.loop.known_controller import ControllerFileParameters, LinearControl  # loads a compiler
-    from amb_core.loop.linear_control import LinearControllerParameters
+    from amb_core.loop.linear_parameters import LinearControllerParameters
 
     settings = part_of(ControllerFileParameters, values)
     parameters = part_of(LinearControllerParameters, values)

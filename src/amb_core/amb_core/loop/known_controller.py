@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from amb_core.errors import AmbError, ParameterError
-from amb_core.loop.control import ControllerParameters
-from amb_core.loop.linear_control import LinearControllerParameters, require_fit, with_anti_windup
+from amb_core.loop.linear_parameters import LinearControllerParameters, require_fit, with_anti_windup
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.records import sample_rate_of
 from amb_core.model import StateSpaceModel
 from amb_core.parameters import choice

@@ -14,29 +14,24 @@ Source: K. J. Astrom and B. Wittenmark, Computer-Controlled Systems, 3rd ed., Pr
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from amb_core.errors import ParameterError
-from amb_core.loop.control import ControllerParameters, current_limit, nominal_reference, one_each, pack_gains
+from amb_core.loop.linear_parameters import LinearControllerParameters, require_fit, state_at_rest, with_anti_windup
+from amb_core.loop.pd_parameters import ControllerParameters, one_each, pack_gains
 from amb_core.model import StateSpaceModel
-from amb_core.parameters import Parameters
 
-ON_THE_CIRCLE = 1e-6  # a pole of magnitude 1 - this or more does not forget what happened at the limit
-
-
-class LinearControllerParameters(Parameters):
-    """Parameters of a linear controller, besides its matrices."""
-
-    current_limit: float = current_limit()
-    nominal_reference: tuple[float, ...] = nominal_reference()
-
-    def require_axes(self, axes: int) -> None:
-        """Raise ParameterError if a list is given for another number of axes."""
-        one_each("nominal_reference", self.nominal_reference, 0.0, axes)
+__all__ = [
+    "LinearController",
+    "LinearControllerParameters",
+    "linear_start",
+    "linear_update",
+    "pd_as_linear",
+    "require_fit",
+    "state_at_rest",
+    "with_anti_windup",
+]
 
 
 @numba.njit(cache=True)
@@ -111,11 +106,6 @@ def linear_start(state: NDArray[np.float64], at_rest: NDArray[np.float64], input
         for column in range(len(inputs)):
             total += at_rest[row, column] * inputs[column]
         state[row] = total
-
-
-def state_at_rest(model: StateSpaceModel) -> NDArray[np.float64]:
-    """State of a controller at rest per unit of each constant input, shape (n, m)."""
-    return np.linalg.pinv(np.eye(model.order) - model.a) @ model.b
 
 
 class LinearController:
@@ -198,30 +188,6 @@ class LinearController:
         return self._current.copy()
 
 
-def with_anti_windup(model: StateSpaceModel) -> StateSpaceModel:
-    """A controller with an anti-windup gain, unless it has one (K) or forgets by itself what happened at the limit.
-
-    A controller whose poles all lie well inside the unit circle keeps K = 0. For an integrating or unstable one K is
-    the stationary Kalman gain for white noise of equal variance on its inputs and outputs: A - K C is stable.
-
-    Raises
-    ------
-    ParameterError
-        If no gain makes it stable: a pole on or outside the unit circle that its outputs do not show.
-    """
-    if model.k.any() or not len(model.a) or np.abs(model.poles()).max() < 1.0 - ON_THE_CIRCLE:
-        return model
-    from scipy.linalg import solve_discrete_are
-
-    outputs = len(model.c)
-    try:
-        covariance = solve_discrete_are(model.a.T, model.c.T, model.b @ model.b.T, np.eye(outputs))
-    except (ValueError, np.linalg.LinAlgError) as problem:
-        raise ParameterError(f"no anti-windup gain is found for the controller: {problem}; give it as K") from None
-    k = model.a @ covariance @ model.c.T @ np.linalg.inv(model.c @ covariance @ model.c.T + np.eye(outputs))
-    return replace(model, k=k)
-
-
 def pd_as_linear(parameters: ControllerParameters, axes: int = 2) -> StateSpaceModel:
     """The decentralised PD controller (`PdController`, without its limit) as a linear one, two inputs an axis.
 
@@ -248,24 +214,3 @@ def pd_as_linear(parameters: ControllerParameters, axes: int = 2) -> StateSpaceM
         output_units=("A",) * axes,
         method="pd",
     )
-
-
-def require_fit(model: StateSpaceModel, axes: int, sample_rate: float) -> None:
-    """Raise ParameterError if a controller is for another number of axes, other signals or another sample rate."""
-    inputs, outputs = len(model.input_names), len(model.output_names)
-    if outputs != axes or inputs not in (axes, 2 * axes):
-        raise ParameterError(
-            f"the controller has {inputs} inputs and {outputs} outputs, the machine {axes} axes; allowed: {axes} "
-            f"outputs, and {axes} inputs (errors) or {2 * axes} (references, then positions)"
-        )
-    if abs(model.sample_time * sample_rate - 1.0) > 1e-6:
-        raise ParameterError(
-            f"the controller is made for a sample time of {model.sample_time:g} s; that of the machine is "
-            f"{1.0 / sample_rate:g} s"
-        )
-    units = {*model.input_units, "/", *model.output_units}
-    if units - {"/", "m", "A", ""} or "A" in model.input_units or "m" in model.output_units:
-        raise ParameterError(
-            f"the controller takes {', '.join(model.input_units)} and gives {', '.join(model.output_units)}; allowed: "
-            "m and A"
-        )

@@ -1,10 +1,17 @@
-"""Recordings: MCAP files in rosbag2 folders, written message by message and read as the library's own types."""
+"""Recordings: MCAP files in rosbag2 folders, written message by message and read as the library's own types.
 
-from amb_core.recording.content import TopicInfo
-from amb_core.recording.recording import Recording
-from amb_core.recording.recovery import BagState, inspect_bag, recover_bag
-from amb_core.recording.step_audit import StepAudit, audit_steps
-from amb_core.recording.writer import BagWriter
+Names load when they are first used: nodes need the messages in this folder, and not the libraries of bags.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from amb_core.recording.content import TopicInfo
+    from amb_core.recording.recording import Recording
+    from amb_core.recording.recovery import BagState, inspect_bag, recover_bag
+    from amb_core.recording.step_audit import StepAudit, audit_steps
+    from amb_core.recording.writer import BagWriter
 
 __all__ = [
     "BagState",
@@ -16,3 +23,20 @@ __all__ = [
     "inspect_bag",
     "recover_bag",
 ]
+
+_MODULES = {
+    "BagState": "recovery",
+    "BagWriter": "writer",
+    "Recording": "recording",
+    "StepAudit": "step_audit",
+    "TopicInfo": "content",
+    "audit_steps": "step_audit",
+    "inspect_bag": "recovery",
+    "recover_bag": "recovery",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -32,8 +32,8 @@ from amb_core.recording.messages.state_space_model import model_from_message
 from amb_core.recording.storage import open_storage
 
 if TYPE_CHECKING:
-    from amb_core.loop.control import ControllerParameters
     from amb_core.loop.known_controller import KnownController
+    from amb_core.loop.pd_parameters import ControllerParameters
     from amb_core.model import StateSpaceModel
     from amb_core.plant import PlantParameters
     from amb_core.regions import RegionState

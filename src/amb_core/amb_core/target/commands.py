@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from amb_core.loop.control import ControllerParameters, pack_gains
+from amb_core.loop.pd_parameters import ControllerParameters, pack_gains
 from amb_core.target.frames import Session, seal
 from amb_core.target.layout import FrameType, Law, Limits, ParameterKind
 

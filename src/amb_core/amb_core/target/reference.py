@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import TargetError
-from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.loop.machine import Machine
+from amb_core.loop.pd_parameters import ControllerParameters, pack_gains
 from amb_core.target.frames import require_key
 from amb_core.target.layout import LARGEST_FRAME, LONGEST_KEY, MOST_AXES, NONCE, Limits
 

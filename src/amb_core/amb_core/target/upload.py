@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from amb_core.errors import TargetError
-from amb_core.loop.linear_control import state_at_rest
+from amb_core.loop.linear_parameters import state_at_rest
 from amb_core.model import StateSpaceModel
 from amb_core.target.commands import Command
 from amb_core.target.layout import CHUNK, FrameType, UploadKind
