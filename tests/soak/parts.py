@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,8 +13,12 @@ import numpy as np
 from amb_bringup.connection import ClientError
 from amb_bringup.demo_run import controller_of, plant_of
 from amb_core.emulation import Address, EmulatorProcess, EmulatorSettings, FaultParameters, LimitParameters
+from amb_core.emulation.emulator import TargetEmulator
+from amb_core.emulation.library import reference_library
+from amb_core.emulation.paced import PacedEmulator
 from amb_core.excitation import Multisine, Square, generate
 from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.pace import QUANTILES
 from amb_core.loop.real_time import RealTimeParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import validate
@@ -33,6 +38,8 @@ MULTISINE = Multisine(
     amplitude=1e-6, axes="orthogonal", duration=4.0, periods=2, frequency_start=2.0, frequency_end=600.0, odd=True
 )
 LOSSES = {"loss": 0.01, "duplication": 0.005, "reordering": 0.005, "corruption": 0.001}
+BLOCK, HELD_UP = 10, 0.01  # steps in a paced block, and share of the blocks that are held up
+LATENESS = dict(zip(("p50_us", "p99_us", "p9999_us", "max_us"), QUANTILES.values(), strict=True))
 PERIOD = 2.0  # s between looks at the processes
 
 
@@ -47,7 +54,7 @@ def soak(folder: Path, seconds: float) -> dict[str, Any]:
         amb.rig.land()
         state = amb.rig.wait_for_state()
         amb.stop_recording(run, int(state.step))
-        pace = session.diagnostics["target_emulator"]
+        found = session.diagnostics["target_emulator"]
     audit = audit_steps(bag, run)
     settled = [look for look in looks if look["time"] > min(60.0, 0.2 * seconds)]
     first, last = settled[0], settled[-1]
@@ -70,12 +77,31 @@ def soak(folder: Path, seconds: float) -> dict[str, Any]:
             "trips": [str(trip.text) for trip in amb.rig.trips],
         },
         "pace": {
-            **{f"{name}_us": float(pace[f"lateness {label} (us)"])
-               for name, label in (("p50", "p50"), ("p99", "p99"), ("p9999", "p99.99"), ("max", "max"))},
-            "missed": int(pace["deadlines missed"]),
+            **{key: float(found[f"lateness {label} (us)"]) for key, label in zip(LATENESS, QUANTILES, strict=True)},
+            "missed": int(found["deadlines missed"]),
             "steps_missed": int(state.missed),
         },
     }  # fmt: skip
+
+
+def pace(seconds: float) -> dict[str, Any]:
+    """An emulator alone in real time, some of whose blocks are held up on purpose: each must count as missed."""
+    settings = plant_of(PAPER).parameters, ControllerParameters(), LimitParameters(), FaultParameters()
+    emulator = TargetEmulator(*settings, reference_library(), Address(port=0))
+    paced, injected, counted = PacedEmulator(emulator, BLOCK, 1.0, FaultParameters()), 0, 0
+    assert paced.pace is not None
+    draw = random.Random(1)
+    paced.start()
+    for _ in range(round(seconds / paced.pace.period)):
+        before, held_up = paced.pace.missed, draw.random() < HELD_UP
+        if held_up:
+            time.sleep(2.0 * paced.pace.period)
+        paced.run_block()
+        injected += held_up
+        counted += held_up and paced.pace.missed > before
+    emulator.close()
+    lateness = {key: 1e6 * paced.pace.lateness.quantile(share) for key, share in LATENESS.items()}
+    return {"pace": {**lateness, "missed": paced.pace.missed, "injected": injected, "counted": counted}}
 
 
 def _run_and_look(session: Session, seconds: float) -> list[dict[str, Any]]:

@@ -46,6 +46,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="amb_soak") as name:
         folder = Path(name)
         every: dict[str, Callable[[], dict[str, Any]]] = {
+            "pace": lambda: parts.pace(5.0 if short else 60.0),
             "soak": lambda: parts.soak(folder, given.seconds or (30.0 if short else 600.0)),
             "link": parts.link,
             "same": lambda: parts.same(folder),

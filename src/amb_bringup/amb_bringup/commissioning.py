@@ -11,32 +11,28 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 
-from amb_bringup.client import AmbClient, StartedExcitation
+from amb_bringup.client import AmbClient
 from amb_bringup.connection import ClientError
+from amb_bringup.measurements import SETTLING, Measurements, whole
 from amb_bringup.rig import MODES
-from amb_bringup.run_telemetry import RunTelemetry
 from amb_core import commissioning as core
 from amb_core.commissioning import Check, CommissioningSettings, Expected, Protocol, Step, at_most, measured
-from amb_core.errors import AmbError, BagError
-from amb_core.excitation import Excitation, generate
-from amb_core.excitation.axes import parts_of
+from amb_core.errors import AmbError
+from amb_core.excitation import generate
 from amb_core.excitation_design.beyond_a import highest_load
 from amb_core.figures.chart import Chart
 from amb_core.figures.closed_loop import closed_loop_chart
 from amb_core.figures.loop import orbit_chart, response_chart
 from amb_core.loop.machine import Machine
-from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import merge_blocks
 from amb_core.model import StateSpaceModel
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.machine import machine_from_message
-from amb_core.regions import Region
 from amb_core.regions.region_map import RegionMap
 from amb_core.units import UM
 from amb_msgs.msg import BridgeState
@@ -46,14 +42,10 @@ from amb_ros.qos import HISTORY, LATCHED
 from amb_ros.subscriptions import create_subscription
 from amb_sim_node.bridge_parameters import BridgeParameters
 
-T = TypeVar("T")
-
 START = 1.0  # s after the connection: the first telemetry comes in a burst
 REST = 1.0  # s of rest after a levitation; half of it is evaluated
-SETTLING = 0.3  # s after an excitation
 BEFORE_STOP = 0.5  # s for which the tone plays that is stopped
 FADING = 30.0  # s of wall-clock time for a fade
-ATTEMPTS = 3  # of a measurement whose telemetry is not whole
 TRIP_TIMEOUT = 5.0  # s until the trip after a failed levitation has arrived
 ROUND_TRIP, CLOCK_DRIFT = "round trip (ms)", "clock of the target (ppm)"  # keys of the bridge's diagnostics
 
@@ -82,8 +74,6 @@ class Session:
         Called with each step when it begins, and when it has ended.
     protocol, figures, model
         What was done, what it looks like, and the identified model if there is one.
-    run : int
-        The present run; 0 while the rotor is not levitated.
     """
 
     amb: AmbClient
@@ -97,11 +87,10 @@ class Session:
     protocol: Protocol = field(default_factory=Protocol)
     figures: dict[str, Chart] = field(default_factory=dict)
     model: StateSpaceModel | None = None
-    run: int = 0
 
     def __post_init__(self) -> None:
         node = self.amb.node
-        self.telemetry = RunTelemetry(self.amb)
+        self._measured = Measurements(self.amb, lambda: self.machine)
         self._machine: Machine | None = None
         self._link: dict[str, str] = {}
         create_subscription(node, MachineMessage, topics.MACHINE, self._on_machine, LATCHED)
@@ -161,7 +150,7 @@ class Session:
         """Why a step is not carried out; empty if it is."""
         if failed := self.protocol.failed:
             return f"{failed[0].name} has failed"
-        if moves and name != "levitation" and not self.run:
+        if moves and name != "levitation" and not self._measured.run:
             return "the rotor is not levitated"
         if moves and self.confirm is not None and not self.confirm(f"{title}: {moves} now?"):
             return "not confirmed"
@@ -245,8 +234,8 @@ class Session:
                       advice="do not levitate before it works; software protects no people")]  # fmt: skip
 
     def _levitate(self) -> list[Check]:
-        first, _ = _whole(self._one_levitation)
-        second, checks = _whole(self._one_levitation)
+        first, _ = whole(self._one_levitation)
+        second, checks = whole(self._one_levitation)
         change = UM * float(np.abs(second - first).max())
         limit = UM * self.settings.repeatability
         return [*checks, at_most("change of the position from the first to the second", change, limit, "um",
@@ -258,18 +247,18 @@ class Session:
         if rig.life_cycle() == "active":
             rig.land()
         try:
-            self.run = rig.levitate()
-            stop = int(rig.wait_for_state().step) + self._steps(REST)
+            self._measured.run = rig.levitate()
+            stop = int(rig.wait_for_state().step) + self._measured.steps(REST)
             rig.wait_for_step(stop)
         except ClientError as problem:
-            self.run = 0
+            self._measured.run = 0
             raise AmbError(f"{problem}{self._how_it_failed()}") from None
-        record = self.telemetry.record(self.run, 0, stop)
+        record = self._measured.samples(0, stop)
         limits = np.minimum([axis.current_limit for axis in machine.axes], self.bridge.current_limit)
         checks = core.levitation_checks(record, machine, limits, self.settings)
         alarm = bool(rig.wait_for_state().alarm)
         checks.append(Check("alarm", "on" if alarm else "off", limit="off", passed=not alarm))
-        rest = record.window(stop - self._steps(0.5 * REST), self._steps(0.5 * REST))
+        rest = record.window(stop - self._measured.steps(0.5 * REST), self._measured.steps(0.5 * REST))
         self.figures["orbit"] = orbit_chart(rest, title="Orbit of the levitated rotor at rest")
         return rest.position.mean(axis=0), checks
 
@@ -290,10 +279,12 @@ class Session:
     def _polarity(self) -> list[Check]:
         machine = self.machine
         excitation = core.small_steps(self.settings, len(machine.axes))
-        started = self._excite(excitation)
-        self.figures["small_steps"] = response_chart(self._record(started), title="Small steps of each reference")
-        found = core.static_response(self._of_each_axis(excitation, started, before=1, after=1))
-        rest = self.telemetry.record(self.run, started.first_step - self._steps(SETTLING), started.first_step)
+        started = self._measured.excite(excitation)
+        self.figures["small_steps"] = response_chart(
+            self._measured.record(started), title="Small steps of each reference"
+        )
+        found = core.static_response(self._measured.of_each_axis(excitation, started, before=1, after=1))
+        rest = self._measured.rest_before(started)
         return core.calibration_checks(found, rest.current.mean(axis=0), machine, self.settings, self.expected)
 
     def _map(self) -> list[Check]:
@@ -310,38 +301,38 @@ class Session:
 
     def _sweep(self) -> list[Check]:
         excitation = core.sweep(self.settings)
-        started = self._excite(excitation)
-        records = self._of_each_axis(excitation, started, after=self._steps(SETTLING))
+        started = self._measured.excite(excitation)
+        records = self._measured.of_each_axis(excitation, started, after=self._measured.steps(SETTLING))
         band = excitation.frequency_start, excitation.frequency_end
         loops = [core.closed_loop(record, axis, band) for axis, record in enumerate(records)]
         models = None
         if (expected := self.expected) is not None:
             models = [expected.response(loop.frequency, axis) for axis, loop in enumerate(loops)]
         self.figures["closed_loop"] = closed_loop_chart(loops, models)
-        return [self._region(started), *core.resonance_checks(loops, self.settings, self.expected)]
+        return [self._measured.region(started), *core.resonance_checks(loops, self.settings, self.expected)]
 
     def _identify(self) -> list[Check]:
-        started = self._excite(core.multisine(self.settings))
+        started = self._measured.excite(core.multisine(self.settings))
         # With the noise of a rig, states beyond those that the data show become poles of noise, unstable ones too.
         self.model = self.amb.identify(order="auto", focus="simulation")
-        rest = self.telemetry.record(self.run, started.first_step - self._steps(SETTLING), started.first_step)
-        verdicts = core.model_checks(self.model, self._record(started), rest, self.settings, self.expected)
-        return [self._region(started), *verdicts]
+        rest = self._measured.rest_before(started)
+        verdicts = core.model_checks(self.model, self._measured.record(started), rest, self.settings, self.expected)
+        return [self._measured.region(started), *verdicts]
 
     def _protection(self) -> list[Check]:
         rig = self.amb.rig
         started = self.amb.start_excitation(
             "tones", **core.tone(self.settings, self.machine.axis_names[0]).model_dump()
         )
-        rig.wait_for_step(started.first_step + self._steps(BEFORE_STOP))
+        rig.wait_for_step(started.first_step + self._measured.steps(BEFORE_STOP))
         asked = int(rig.wait_for_state().step)
         self.amb.stop_excitation()
         self.amb.wait_until(
             lambda: rig.wait_for_state().excitation == BridgeState.NONE, FADING, "the excitation goes on"
         )
-        stop = int(rig.wait_for_state().step) + self._steps(SETTLING)
+        stop = int(rig.wait_for_state().step) + self._measured.steps(SETTLING)
         rig.wait_for_step(stop)
-        record = self.telemetry.record(self.run, started.first_step, stop)
+        record = self._measured.samples(started.first_step, stop)
         checks = core.fade_checks(record.reference, asked - started.first_step, record.sample_time, self.settings)
         return [*checks, Check("trips", "; ".join(trip.text for trip in rig.trips) or "none", limit="none",
                                passed=not rig.trips)]  # fmt: skip
@@ -350,7 +341,7 @@ class Session:
         rig = self.amb.rig
         if rig.life_cycle() == "active":
             rig.land()
-        self.run = 0
+        self._measured.run = 0
         state = rig.wait_for_state()
         mode = MODES[state.mode]
         off = state.mode in (BridgeState.OFF, BridgeState.TRIPPED)
@@ -359,45 +350,6 @@ class Session:
             Check("target", mode, limit="off or tripped", passed=off, advice="use the emergency stop"),
             measured("position", f"{place} um"),
         ]
-
-    # -- excitations
-
-    def _excite(self, excitation: Excitation) -> StartedExcitation:
-        """Apply an excitation after a moment of rest, and wait until the rotor rests again.
-
-        It is repeated if telemetry is lost in between.
-        """
-        return _whole(lambda: self._excite_once(excitation))
-
-    def _excite_once(self, excitation: Excitation) -> StartedExcitation:
-        rig, rest = self.amb.rig, self._steps(SETTLING)
-        rig.wait_for_step(int(rig.wait_for_state().step) + 2 * rest)
-        started = self.amb.start_excitation(excitation.kind, **excitation.model_dump())
-        stop = started.first_step + started.steps + rest
-        rig.wait_for_step(stop)
-        self.telemetry.record(self.run, started.first_step - rest, stop)
-        return started
-
-    def _record(self, started: StartedExcitation) -> LoopRecord:
-        return self.telemetry.record(self.run, started.first_step, started.first_step + started.steps)
-
-    def _of_each_axis(
-        self, excitation: Excitation, started: StartedExcitation, before: int = 0, after: int = 0
-    ) -> list[LoopRecord]:
-        """The samples while each axis in turn is excited, with some before and after."""
-        first = started.first_step
-        return [
-            self.telemetry.record(self.run, first + part.first - before, first + part.stop + after)
-            for part in parts_of(excitation.axes, started.steps, self.machine)
-        ]
-
-    def _region(self, started: StartedExcitation) -> Check:
-        stop = started.first_step + started.steps
-        region = Region(self.telemetry.highest_region(self.run, started.first_step, stop))
-        return Check("highest region", region.name, limit="A", passed=region is Region.A, advice="lower the amplitude")
-
-    def _steps(self, seconds: float) -> int:
-        return round(seconds * self.machine.sample_rate)
 
     def _spend(self, seconds: float) -> None:
         """Listen for a while."""
@@ -416,13 +368,3 @@ class Session:
 
 class _NotDoneError(Exception):
     """A step was not done; the text says why."""
-
-
-def _whole(measure: Callable[[], T]) -> T:
-    """What a measurement returns; it is repeated if some of its telemetry has been lost."""
-    for _ in range(ATTEMPTS - 1):
-        try:
-            return measure()
-        except BagError:
-            continue
-    return measure()
