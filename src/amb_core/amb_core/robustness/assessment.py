@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -75,7 +75,8 @@ class AxisBounds:
     name : str
         The axis.
     sensitivity, complementary, disk : Worst
-        Largest magnitudes of S, T and S + (sigma - 1) / 2; each kind of bound holds for all axes together.
+        Largest magnitudes of S, T and S + (sigma - 1) / 2; each kind of bound holds for all axes together. Infinite
+        where the worst model makes an unstable loop.
     sensitivity_of_all : Worst
         Largest magnitude of S over the ellipsoid that holds all parameters at once.
     zone : str
@@ -258,7 +259,8 @@ def _grid(feedback: Feedback, axes: Sequence[AxisResult], count: int) -> Arrays:
     angles = np.angle(feedback.closed.poles())
     special = [*(angles[angles > 0.0] / np.pi * half), *(axis.sensitivity.frequency for axis in axes)]
     near = [at * np.linspace(0.97, 1.03, 5) for at in special if at > LOWEST * half]
-    grid = np.concatenate([np.geomspace(LOWEST * half, half * (1.0 - 1e-9), count - 5 * len(near)), *near])
+    even = max(count - 5 * len(near), count // 2)  # a long delay has many poles
+    grid = np.concatenate([np.geomspace(LOWEST * half, half * (1.0 - 1e-9), even), *near])
     return np.unique(np.clip(grid, LOWEST * half, half * (1.0 - 1e-9)))
 
 
@@ -274,12 +276,13 @@ def _bounds(
     search = WorstCases(feedback, uncertainty, plants, settings)
     found = tuple(search.axis(axis, result.name) for axis, result in enumerate(axes))
     m, size = feedback.inputs, feedback.outputs
-    outputs = np.eye(size, m + size, m)
-    shift = 0.5 * (settings.skew - 1.0) * np.eye(size)
-    signals = None
-    if len(uncertain.direct):
-        signals = search.scaled(uncertain.out, uncertain.into, uncertain.direct)
-    return Bounds(found, search.scaled(outputs, outputs.T, shift), signals, search.gap(), search.poles())
+    into = np.eye(size, m + size, m)
+    outputs = search.scaled(into, into.T, 0.5 * (settings.skew - 1.0) * np.eye(size))
+    signals = search.scaled(uncertain.out, uncertain.into, uncertain.direct) if len(uncertain.direct) else None
+    if any(math.isinf(axis.sensitivity.value) for axis in found):
+        outputs = replace(outputs, value=math.inf)
+        signals = None if signals is None else replace(signals, value=math.inf)
+    return Bounds(found, outputs, signals, search.gap(), search.poles())
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,18 +299,23 @@ class WorstCases:
         confidence, count = self.settings.confidence, self.uncertainty.root.shape[1]
         one, whole = radius_of_one(confidence, self.feedback.outputs), radius_of_all(confidence, count)
         half = 0.5 * (self.settings.skew - 1.0)
-        sensitivity = self._of_axis(axis, 0.0, one)
-        moved = self.feedback.with_plant(self.uncertainty.moved(sensitivity.factors))
+        sensitivity, of_all = self._of_axis(axis, 0.0, one), self._of_axis(axis, 0.0, whole)
+        replayed = self._replayed(axis, sensitivity)
+        complementary, disk = self._of_axis(axis, -1.0, one), self._of_axis(axis, half, one)
+        if math.isinf(replayed):  # beyond a model on the limit of stability the gain means nothing
+            sensitivity, complementary, disk = (
+                replace(item, value=math.inf) for item in (sensitivity, complementary, disk)
+            )
+        if math.isinf(self._replayed(axis, of_all)):
+            of_all = replace(of_all, value=math.inf)
+        zone = zone_of(sensitivity.value, self.settings.sensitivity_limits)
+        return AxisBounds(name, sensitivity, complementary, disk, of_all, zone, replayed)
+
+    def _replayed(self, axis: int, worst: Worst) -> float:
+        """Peak of S of an axis with a worst model, infinite if its loop is not stable."""
+        moved = self.feedback.with_plant(self.uncertainty.moved(worst.factors))
         part = [self.feedback.inputs + axis]
-        return AxisBounds(
-            name,
-            sensitivity,
-            self._of_axis(axis, -1.0, one),
-            self._of_axis(axis, half, one),
-            self._of_axis(axis, 0.0, whole),
-            zone_of(sensitivity.value, self.settings.sensitivity_limits),
-            peak_gain(moved.closed.part(part, part)).value if moved.stable else math.inf,
-        )
+        return peak_gain(moved.closed.part(part, part)).value if moved.stable else math.inf
 
     def _of_axis(self, axis: int, plus: float, radius: float) -> Worst:
         """Worst |S + plus| of an axis, with the frequencies around the largest once more and closer."""

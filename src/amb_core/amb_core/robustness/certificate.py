@@ -176,8 +176,10 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None) -> lis
         ),
         Check(
             "the replayed worst case puts a pole on the unit circle",
-            assessment.on_circle < ON_CIRCLE,
-            f"distance {assessment.on_circle:.1g} at {mu.lower_frequency:.4g} Hz",
+            not mu.lower or assessment.on_circle < ON_CIRCLE,
+            f"distance {assessment.on_circle:.1g} at {mu.lower_frequency:.4g} Hz"
+            if mu.lower
+            else "no perturbation was found that makes the loop unstable",
         ),
     ]
     if bounds is None or uncertainty is None:

@@ -19,6 +19,7 @@ _CONFIRMED = 1e-5  # of the response at a crossing
 
 def gain_crossovers(loop: Lti) -> Arrays:
     """Frequencies (Hz) at which a loop of one signal has the gain 1, ascending."""
+    loop = loop.balanced()
     n, (a, b, c, d) = loop.order, (loop.a, loop.b, loop.c, loop.d)
     left = np.block(
         [[a, np.zeros((n, n)), b], [np.zeros((n, n)), np.eye(n), np.zeros((n, 1))], [d @ c, c, d @ d - 1.0]]
@@ -31,6 +32,7 @@ def gain_crossovers(loop: Lti) -> Arrays:
 
 def phase_crossovers(loop: Lti) -> Arrays:
     """Frequencies (Hz) at which a loop of one signal is real, ascending, with 0 and half the sample rate."""
+    loop = loop.balanced()
     n, (a, b, c) = loop.order, (loop.a, loop.b, loop.c)
     left = np.block(
         [[a, np.zeros((n, n)), b], [np.zeros((n, n)), np.eye(n), np.zeros((n, 1))], [c, -c, np.zeros((1, 1))]]

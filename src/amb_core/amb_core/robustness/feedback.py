@@ -61,6 +61,11 @@ class Feedback:
                 f"outputs; this one has {law[1]} and {law[0]}, and the plant's largest feedthrough is "
                 f"{np.abs(self.plant.d).max(initial=0.0):g}"
             )
+        if abs(self.plant.sample_time - self.controller.sample_time) > 1e-9 * self.plant.sample_time:
+            raise RobustnessError(
+                f"plant and controller must have one sample time: {self.plant.sample_time:g} s and "
+                f"{self.controller.sample_time:g} s"
+            )
         if not self.axes:
             object.__setattr__(self, "axes", tuple(f"y_{number + 1}" for number in range(p)))
 

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import zgeev
 from scipy.optimize import minimize
 
 from amb_core.robustness.lti import Arrays, Complexes, Lti
@@ -32,6 +33,7 @@ _STARTS = 12
 _STEPS = 60  # of each search
 _SPAN = 0.3  # of the frequency, either way, within which real perturbations may find another
 _NEWTON = 8
+_MULTIPLE = 1e-13  # product of left and right eigenvector at most, of an eigenvalue that is taken as multiple
 _REAL = 1e-9  # imaginary part at most, relative, of an eigenvalue that is taken as real
 _ENOUGH = 1e-4  # a lower bound so close to the upper one ends the search over real perturbations, relative
 
@@ -141,10 +143,14 @@ class _Eigenvalue:
             return self.kept[1], self.kept[2]
         matrix, change = self._response(unknown)
         q = self.factors(unknown)
-        values, right = np.linalg.eig(matrix * q)
+        values, left_vectors, right, _ = zgeev(matrix * q)
         by = np.abs(values) if self.followed is None else -np.abs(values - self.followed)
         place = int(np.argmax(by))
-        left = np.linalg.inv(right)[place]
+        left = left_vectors[:, place].conj()
+        product = left @ right[:, place]
+        if abs(product) < _MULTIPLE:
+            raise np.linalg.LinAlgError("a multiple eigenvalue has no derivative")
+        left = left / product
         share = (left @ matrix) * right[:, place]  # d lambda / d q; the sum of share q = lambda
         slope = [share[self.real], (1j * q * share)[~self.real]]
         if change is not None:
@@ -194,7 +200,7 @@ def _programmed(
         unknown = np.concatenate([corner, random.uniform(0.0, 2.0 * np.pi, n - count), np.ones(int(moving))])
         try:
             found = _solved(eigenvalue, unknown, limits, constrained=not (at_end and count == n))
-        except np.linalg.LinAlgError:  # eigenvectors that do not span the space: another start
+        except np.linalg.LinAlgError:  # a multiple eigenvalue: another start
             continue
         if found[0] > best[0]:
             best = found

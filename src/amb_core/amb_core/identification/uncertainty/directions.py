@@ -59,9 +59,11 @@ def response_changes(
     -------
     ndarray, shape (f, p, m, q)
     """
-    return np.asarray(
-        np.einsum("fin,qnk,fkj->fijq", by_state, of_a, by_input, optimize=True)
-        + np.einsum("fin,qnj->fijq", by_state, of_b, optimize=True)
-        + np.einsum("qik,fkj->fijq", of_c, by_input, optimize=True)
-        + (0.0 if of_d is None else of_d.transpose(1, 2, 0))
-    )
+    # As products of matrices, which einsum does not find: (C R dA + dC) R B, with axes in the order (f, p, q, ...).
+    by_a = np.tensordot(by_state, of_a, axes=(2, 1)) + of_c.transpose(1, 0, 2)
+    frequencies, p, q, n = by_a.shape
+    found = (by_a.reshape(frequencies, p * q, n) @ by_input).reshape(frequencies, p, q, -1)
+    found += np.tensordot(by_state, of_b, axes=(2, 1))
+    if of_d is not None:
+        found += of_d.transpose(1, 0, 2)
+    return np.asarray(found.transpose(0, 1, 3, 2))

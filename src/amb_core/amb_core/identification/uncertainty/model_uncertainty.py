@@ -12,6 +12,7 @@ Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 9
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -198,8 +199,8 @@ class ModelUncertainty:
         IdentificationError
             If nearly no nearby model has a stable predictor.
         """
-        random, sampler = np.random.default_rng(seed), Sampler.of(self.model, self.deviations)
-        return [sampler.draw(random) for _ in range(count)]
+        random = np.random.default_rng(seed)
+        return [self._sampler.draw(random) for _ in range(count)]
 
     def moved(self, factors: NDArray[np.float64]) -> StateSpaceModel:
         """The model at a place of the distribution, as `samples` forms it.
@@ -209,7 +210,11 @@ class ModelUncertainty:
         factors : ndarray, shape (q,)
             Standard deviations along each column of the root.
         """
-        return Sampler.of(self.model, self.deviations).moved(np.asarray(factors, dtype=np.float64))
+        return self._sampler.moved(np.asarray(factors, dtype=np.float64))
+
+    @cached_property
+    def _sampler(self) -> Sampler:
+        return Sampler.of(self.model, self.deviations)
 
     def _pole_changes(self) -> NDArray[np.complex128]:
         """Change of each pole, in the order of `model.poles()`, by each column of the root, shape (n, q)."""

@@ -175,7 +175,7 @@ def _group(a: Arrays, changes: Arrays, poles: Complexes, members: Sequence[int])
     _, size, axes = np.linalg.svd(flat, full_matrices=False)
     axes = axes[size > 1e-12 * size.max(initial=0.0)] * size[size > 1e-12 * size.max(initial=0.0), np.newaxis]
     half = len(inside) ** 2
-    whole = axes if real else axes[:, :half] + 1j * axes[:, half:]
+    whole = np.asarray(axes if real else axes[:, :half] + 1j * axes[:, half:])
     return PoleGroup(inside, left @ a @ right, whole.reshape(-1, len(inside), len(inside)))
 
 
@@ -188,5 +188,4 @@ def _basis(a: Arrays, belongs, real: bool, size: int):  # type: ignore[no-untype
 
 def _parts(values: NDArray[np.complex128] | Arrays, real: bool, axis: int) -> Arrays:
     """Real parts, followed by imaginary parts unless all is real."""
-    values = np.asarray(values)
-    return values.real if real else np.concatenate([values.real, values.imag], axis=axis)
+    return np.asarray(values.real if real else np.concatenate([values.real, values.imag], axis=axis))

@@ -21,6 +21,7 @@ from amb_core.identification.uncertainty.directions import Directions, response_
 from amb_core.model.state_space import StateSpaceModel
 
 _FREQUENCIES = np.geomspace(1e-4, 1.0, 200)  # at which responses are compared, relative to half the sample rate
+_SMALLEST = 1e-100  # deviation of a response, relative to the largest, that still has a weight
 _MOST_DRAWS = 100  # of each model, until its predictor is stable
 _LARGEST_RADIUS = 1.0 - 1e-9  # of its predictor
 
@@ -85,7 +86,8 @@ class Sampler:
             moved = replace(moved, d=moved.d + np.tensordot(factors, self.deviations.d, axes=1))
         by_state = np.concatenate([part for _, part, _ in transfers(moved, _frequency(moved), moved.b)])
         wanted = self.response + self.changes @ factors
-        weight = 1.0 / np.maximum(np.linalg.norm(self.changes, axis=-1), np.finfo(float).tiny)
+        size = np.linalg.norm(self.changes, axis=-1)
+        weight = 1.0 / np.maximum(size, _SMALLEST * size.max() or 1.0)
         gains = np.empty((moved.order, wanted.shape[2]))
         for channel in range(wanted.shape[2]):
             rows = (by_state * weight[:, :, channel, np.newaxis]).reshape(-1, moved.order)
