@@ -59,8 +59,9 @@ bench-ident: setup .venv-peers/.complete  ## identification next to other packag
 bench-view: setup  ## a user's first hour: live page, pages, files, new bearings; writes results/first_hour.json
 	@$(RUN) python -m tests.benchmarks.first_hour.run
 
-bench-robust: setup  ## the robustness certificate on random loops and known plants (hours); writes results/bench_robust.json
-	@$(RUN) python tests/benchmarks/robust/run.py
+RUNS ?= 200
+bench-robust: setup  ## the robustness certificate on RUNS=200 loops and experiments (hours; RUNS=20: minutes); resumes after an interruption; writes results/bench_robust.json
+	@$(RUN) python tests/benchmarks/robust/run.py --runs $(RUNS)
 	@$(RUN) python tests/benchmarks/robust/emulator.py
 
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt

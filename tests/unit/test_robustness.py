@@ -29,7 +29,7 @@ from amb_core.robustness import (
     peak_gain,
     zone_of,
 )
-from amb_core.robustness.margins import disk_peak, gain_of, phase_of
+from amb_core.robustness.margins import disk_peak, gain_of, margins_of_loop, phase_of
 from amb_core.robustness.mu_lower import lower_bound
 from amb_core.robustness.mu_upper import upper_bound
 from amb_core.robustness.replay import distance_from_circle, replayed_poles
@@ -122,6 +122,25 @@ def test_the_margins_of_the_introduction_to_disk_margins() -> None:
     assert round(alpha, 2) == 0.46
     assert (round(low, 2), round(high, 2)) == (0.63, 1.59)
     assert round(math.degrees(phase_of(alpha))) == 26
+
+
+def test_the_classical_margins_of_the_introduction_to_disk_margins() -> None:
+    """The same loop: gain margin 3.6, by hand L(j sqrt(10)) = 25/(10 - 100); phase margin 29.1 degrees."""
+    a = np.array([[-10.0, -10.0, -10.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    loop = from_continuous(a, [[1.0], [0.0], [0.0]], [[0.0, 0.0, 25.0]], [[0.0]])
+    margins = margins_of_loop("L", loop)
+    assert margins.gain_up.value == pytest.approx(3.6, rel=1e-6)
+    assert margins.gain_down.value == 0.0
+    assert round(math.degrees(margins.phase.value), 1) == 29.1
+
+
+@pytest.mark.parametrize(
+    ("alpha", "skew", "low", "high"),
+    [(0.75, 0.0, 0.4545, 2.2), (0.75, 1.0, 1.0 / 1.75, 4.0), (0.75, -1.0, 0.25, 1.75)],
+)
+def test_gains_of_a_disk(alpha: float, skew: float, low: float, high: float) -> None:
+    """f = (2 + delta)/(2 - delta), 1/(1 - delta) and 1 + delta for real delta between -0.75 and 0.75."""
+    assert gain_of(alpha, skew) == pytest.approx((low, high), abs=5e-4)
 
 
 def test_the_spinning_satellite_bears_any_change_on_one_axis_and_a_tenth_on_both() -> None:

@@ -28,6 +28,7 @@ from amb_core.robustness import (
     peak_gain,
     sha256_of,
 )
+from amb_core.robustness.certificate import _not_linear
 from amb_core.robustness.mu_lower import lower_bound
 from amb_core.robustness.mu_upper import upper_bound
 from amb_core.robustness.replay import distance_from_circle
@@ -248,6 +249,14 @@ def test_a_covariance_that_holds_unstable_loops_has_no_bound_and_no_certificate(
     assert "the worst models of the ellipsoid make stable loops" in failed
     assert "the worst nu-gap of the ellipsoid is below the stability margin b" in failed
     json.dumps(certificate_values(certificate), allow_nan=False)
+
+
+def test_a_bound_that_is_not_the_peak_of_a_model_is_shown(loop, uncertainty) -> None:
+    certificate = certify(*loop, settings=SETTINGS, uncertainty=uncertainty)
+    assert not any("not linear" in warning for warning in certificate.warnings)
+    found = certificate.assessment
+    first = replace(found.bounds.axes[0], replayed=0.5 * found.bounds.axes[0].sensitivity.value)
+    assert "axis x: the bound" in _not_linear(replace(found, bounds=replace(found.bounds, axes=(first,))))[0]
 
 
 def test_bounds_of_the_unstable_poles_hold_those_of_the_model(loop, uncertainty) -> None:

@@ -26,6 +26,7 @@ from amb_core.robustness.measured import MeasuredSensitivity
 from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
 
 ON_CIRCLE = 1e-6  # distance of the replayed pole from the unit circle at most
+AGREES = 0.1  # difference of a bound and the peak of its worst model, relative
 FAR = 2.0  # of a model from the best one of its data, in standard deviations
 
 
@@ -152,9 +153,8 @@ def certify(
     if measured is not None and measured.checked:
         checks.append(_swept(measured, settings))
     zones = {name: zone_of(value, settings.displacement_limits) for name, value in (displacement or {}).items()}
-    return Certificate(
-        tuple(checks), assessment, settings, _warnings(validation, uncertainty), dict(inputs or {}), measured, zones
-    )
+    warnings = _warnings(validation, uncertainty) + _not_linear(assessment)
+    return Certificate(tuple(checks), assessment, settings, warnings, dict(inputs or {}), measured, zones)
 
 
 def _validated(validation: Validation | None) -> Check:
@@ -246,6 +246,19 @@ def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | Non
             found.append("validated on the data of the identification; those of another experiment are more conclusive")
         found.append(f"linearity of the data: {validation.evidence.brief}")
     return tuple(found)
+
+
+def _not_linear(assessment: Assessment | None) -> tuple[str, ...]:
+    """Where the response is not linear in the parameters over the ellipsoid, so a bound is not that of a model."""
+    if assessment is None or assessment.bounds is None:
+        return ()
+    return tuple(
+        f"axis {one.name}: the bound {one.sensitivity.value:.3f} at {one.sensitivity.frequency:.4g} Hz is not the peak "
+        f"of its worst model, {one.replayed:.3f}: the data leave the plant so uncertain there that its response is not "
+        "linear in the parameters; take more data, excite there, or lower the order"
+        for one in assessment.bounds.axes
+        if math.isfinite(one.replayed) and abs(one.replayed - one.sensitivity.value) > AGREES * one.sensitivity.value
+    )
 
 
 def sha256_of(path: str | Path) -> str:

@@ -99,7 +99,7 @@ def phase_of(alpha: float, skew: float = 0.0) -> float:
 def classical_margins(feedback: Feedback) -> tuple[ClassicalMargins, ...]:
     """Gain, phase and delay margins of each axis, all others closed; RobustnessError for an unstable loop."""
     feedback.require_stable()
-    return tuple(_classical(name, feedback.at_axis(axis)) for axis, name in enumerate(feedback.axes))
+    return tuple(margins_of_loop(name, feedback.at_axis(axis)) for axis, name in enumerate(feedback.axes))
 
 
 def disk_margin_of_axis(feedback: Feedback, axis: int, skew: float = 0.0) -> DiskMargin:
@@ -147,7 +147,8 @@ def disk_peak(sensitivity: Lti, frequency: Arrays, skew: float = 0.0) -> MuPeak:
     return mu_peak(system, [Block(f"f_{number + 1}") for number in range(size)], frequency)
 
 
-def _classical(name: str, loop: Lti) -> ClassicalMargins:
+def margins_of_loop(name: str, loop: Lti) -> ClassicalMargins:
+    """Gain, phase and delay margins of an open loop of one signal in negative feedback, which must be stable."""
     at_phase, at_gain = phase_crossovers(loop), gain_crossovers(loop)
     values = loop.response(at_phase)[:, 0, 0]
     factors = [
