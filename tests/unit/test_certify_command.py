@@ -9,9 +9,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from amb_bringup.cli import app
+from amb_core.errors import AmbError
 from amb_core.identification import identify
 from amb_core.identification.data import IdentificationData
 from amb_core.loop.control import ControllerParameters
+from amb_core.robustness import SweepSettings
 from tests.unit.test_recording_report import write_bag
 
 
@@ -47,3 +49,27 @@ def test_with_the_data_of_the_identification_the_certificate_says_so(files, tmp_
     assert any("validated on the data of the identification" in text for text in found["warnings"])
     assert {name.split()[0] for name in found["inputs"]} == {"model", "bag"}
     assert found["bounds"]
+
+
+def test_a_recorded_sweep_is_checked_and_compared_with_the_model(files, bearing, tmp_path: Path) -> None:
+    sweep = SweepSettings(sweep_amplitude=5e-6, sweep_duration=6.0).excitation
+    record = bearing.experiment(2e-8, "sweep", force=0.1, **sweep.model_dump())
+    model, bag = files
+    swept = write_bag(tmp_path / "swept", record)
+    _, found = amb_certify(model, tmp_path / "out", "--bag", bag, "--sweep-bag", swept)
+    (check,) = (one for one in found["checks"] if one["name"].startswith("measured by a swept sine"))
+    assert check["passed"], check["finding"]
+    assert found["measured"]["worst_difference_db"] < 0.5
+    assert any(name.startswith("sweep bag") for name in found["inputs"])
+
+
+def test_a_sweep_under_another_controller_is_refused(files, bearing, tmp_path: Path) -> None:
+    model, bag = files
+    with pytest.raises(AmbError, match="another controller than the one to certify"):
+        amb_certify(model, tmp_path, "--bag", bag, "--sweep-bag", bag, "--controller", "pd:25000,50")
+
+
+def test_a_sweep_is_measured_or_given(files, tmp_path: Path) -> None:
+    model, bag = files
+    with pytest.raises(AmbError, match="give one of the two"):
+        amb_certify(model, tmp_path, "--bag", bag, "--sweep-bag", bag, "--sweep-amplitude", "4um")

@@ -34,7 +34,7 @@ DOCS = [
 ]
 PAGES = [*READMES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *DOCS]
 SECTIONS = ["Purpose", "Design", "Assumptions and known limits", "Inputs and outputs", "Parameters", "Examples"]
-UNITS = {"-", "A", "A, m", "Hz", "N", "T", "m", "m/A", "m/s", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
+UNITS = {"-", "A", "A, m", "Hz", "N", "T", "dB", "m", "m/A", "m/s", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
 
 TOPIC_NAMES = {
     name: value for name, value in vars(topics).items() if name.isupper() and name not in ("NAMESPACE", "CLOCK")
