@@ -48,7 +48,7 @@ class LoopSources:
     def __init__(self, node: Node, live: LiveExperiment, controller: str, simulator: str, timeout: float) -> None:
         self._live = live
         self._controller, self._simulator, self._timeout = controller, simulator, timeout
-        self._logger = node.get_logger()
+        self._log = node.get_logger()
         self._remote_parameters = RemoteParameters(node)
         self._published: msg.StateSpaceModel | None = None  # the last linear controller
         self._subscription = create_subscription(
@@ -115,7 +115,7 @@ class LoopSources:
         try:
             return self._controller_of(names[0]).at_rate(sample_rate)
         except AmbError as problem:
-            self._logger.warning(str(problem))
+            self._log.warning(str(problem))
             return None
 
     def _controller_of(self, node: str) -> KnownController:
@@ -145,5 +145,5 @@ class LoopSources:
         try:
             return self._remote_parameters.read_set(parameters, node, self._timeout)
         except ParameterError as problem:
-            self._logger.warning(str(problem))
+            self._log.warning(str(problem))
             return None
