@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rich.console import Console
 
 from amb_bringup.commands.jitter import JitterWatch
+from amb_core.figures.lateness import lateness_chart
 from amb_core.loop.pace import Pace, pace_values
 from amb_ros.diagnostics import INSTANCE
 
@@ -56,3 +59,16 @@ def test_the_table_has_a_row_for_each_node() -> None:
         console.print(watch.table())
     assert "amb/simulator" in output.get()
     assert "amb/target_emulator" in output.get()
+
+
+def test_the_histogram_holds_every_deadline_and_draws_itself(tmp_path: Path) -> None:
+    watch = JitterWatch()
+    pace = paced(100, 10)
+    watch.note(report(pace))
+    edges, counts = watch.histograms()["amb/simulator"]
+    assert (len(edges), counts.sum(), counts[-1]) == (len(counts) + 1, 100, 10)
+    assert edges[-2] < 200e-6 < edges[-1] * 1.0001
+    assert [file.name for file in lateness_chart(watch.histograms()).save(tmp_path, "lateness")] == [
+        "lateness.png",
+        "lateness.html",
+    ]

@@ -10,17 +10,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from amb_bringup.commands.interrupt import Interrupt
-from amb_bringup.commands.results import make_place, write_json
+from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.connection import ClientError, GraphConnection
-from amb_core.loop.pace import MISSED, PACED, QUANTILES
+from amb_core.figures.lateness import lateness_chart
+from amb_core.loop.pace import HISTOGRAM, MISSED, PACED, QUANTILES, histogram
 from amb_ros import topics
 from amb_ros.diagnostics import INSTANCE, TOPIC
 
@@ -76,6 +79,10 @@ class JitterWatch:
             else:
                 known.latest = values
 
+    def histograms(self) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
+        """Edges (s) and counts of the lateness of each node since its start."""
+        return {name: histogram(node.latest[HISTOGRAM]) for name, node in sorted(self.nodes.items())}
+
     def table(self) -> Table:
         """What was found, a row for each node."""
         table = Table("node", "paced", "missed", "in all", *QUANTILES, title="lateness in us", box=SIMPLE)
@@ -96,6 +103,10 @@ def jitter(
     seconds: SecondsOption = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
     out: Annotated[Path | None, typer.Option(help="File for the same as JSON (.json).", show_default=False)] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the histogram, lateness.png and .html.", show_default=False, metavar="DIR"),
+    ] = None,
 ) -> None:
     """Show how late the steps of paced nodes come, and how many deadlines they miss, from /diagnostics.
 
@@ -105,6 +116,8 @@ def jitter(
     """
     if out is not None:
         make_place(out)
+    if figures is not None:
+        make_folder(figures)
     watch, console = JitterWatch(), Console()
     _listen(watch, console, seconds, show=console.is_terminal and not as_json)
     if not watch.nodes:
@@ -119,6 +132,8 @@ def jitter(
         console.print(watch.table())
     if out is not None:
         write_json(out, found)
+    if figures is not None:
+        lateness_chart(watch.histograms()).save(figures, "lateness")
 
 
 def _listen(watch: JitterWatch, console: Console, seconds: float, show: bool) -> None:

@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 _SHORTEST, _LONGEST = 1e-7, 100.0  # s
-PACED, MISSED = " paced", "deadlines missed"
-"""Keys of a report: after what is paced, its number of deadlines; how many of them were missed."""
+PACED, MISSED, HISTOGRAM = " paced", "deadlines missed", "lateness histogram"
+"""Keys of a report: after what is paced, its number of deadlines; how many of them were missed; `Lateness.to_text`."""
 QUANTILES = {"p50": 0.5, "p99": 0.99, "p99.99": 0.9999, "max": 1.0}
 """Shares of the distribution of the lateness that are reported, by name."""
 _RATIO = 1.05  # of the edges of neighbouring bins: a quantile is at most 5 % above the true one
@@ -49,6 +50,25 @@ class Lateness:
             return 0.0
         place = int(np.searchsorted(np.cumsum(self._bins), math.ceil(share * self.count)))
         return min(_SHORTEST * _RATIO**place, self.largest)
+
+    def to_text(self) -> str:
+        """The histogram as `place:count` of each bin that is not empty; `histogram` reads it."""
+        return " ".join(f"{place}:{self._bins[place]}" for place in np.flatnonzero(self._bins))
+
+
+def histogram(text: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Edges (s), shape (bins + 1,), and counts, shape (bins,), of a lateness as text, from its first bin to its last.
+
+    The lowest bin holds every shorter lateness, too.
+    """
+    pairs = [tuple(map(int, item.split(":"))) for item in text.split()]
+    if not pairs:
+        return np.array([_SHORTEST]), np.zeros(0, np.int64)
+    first, last = pairs[0][0], pairs[-1][0]
+    counts = np.zeros(last - first + 1, np.int64)
+    for place, count in pairs:
+        counts[place - first] = count
+    return _SHORTEST * _RATIO ** np.arange(first - 1, last + 1, dtype=float), counts
 
 
 class Pace:
@@ -120,6 +140,8 @@ def pace_values(pace: Pace, paced: str = "steps") -> dict[str, int | str]:
     paced : str
         What it paces: steps, or blocks of them.
     """
-    return {f"{paced}{PACED}": pace.lateness.count, MISSED: pace.missed} | {
+    quantiles = {
         f"lateness {name} (us)": f"{1e6 * pace.lateness.quantile(share):.3g}" for name, share in QUANTILES.items()
     }
+    counts: dict[str, int | str] = {f"{paced}{PACED}": pace.lateness.count, MISSED: pace.missed}
+    return counts | quantiles | {HISTOGRAM: pace.lateness.to_text()}
