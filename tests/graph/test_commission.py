@@ -19,6 +19,7 @@ from amb_bringup.packages import find_executable
 from amb_core.files.parameter_files import RIG_NODES
 from amb_core.model import StateSpaceModel
 from amb_core.recording import Recording
+from tests.graph.rig import config
 
 GUIDE = Path(__file__).parents[2] / "docs" / "how-to" / "commission-a-rig.md"
 PARAMETERS, WRONG_SIGN = re.findall(r"^```yaml\n(.*?)^```$", GUIDE.read_text(), re.DOTALL | re.MULTILINE)
@@ -29,12 +30,16 @@ LENIENT = ("--clock-drift", "1e7", "--most-missed", "1000000000", "--round-trip"
 SHORT = ("--observation", "0.5", "--sweep-duration", "4", "--multisine-duration", "3")
 
 
-def parameters(folder: Path, addition: str = "") -> Path:
+def parameters(folder: Path, addition: str = "", machine: Path | None = None) -> Path:
     """The file of the guide, for an emulator slower than real time on a port of its own."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
         found.bind(("127.0.0.1", 0))
         port = found.getsockname()[1]
     content = yaml.safe_load(PARAMETERS)
+    if machine is not None:
+        described = yaml.safe_load(machine.read_text())
+        described["/amb/simulator"]["ros__parameters"] |= content["/amb/simulator"]["ros__parameters"]
+        content |= described
     emulator: dict[str, Any] = {
         "port": port,
         "real_time_factor": 0.4,
@@ -49,10 +54,10 @@ def parameters(folder: Path, addition: str = "") -> Path:
     return path
 
 
-def commission(folder: Path, domain: int, path: Path) -> tuple[int, str, dict[str, Any]]:
+def commission(folder: Path, domain: int, path: Path, *durations: str) -> tuple[int, str, dict[str, Any]]:
     """Exit code, output and protocol."""
     command = [str(find_executable("amb_bringup", "amb")), "commission", "--emulator", "--yes", "--params", str(path)]
-    command += ["--out", str(folder / "out"), *LENIENT, *SHORT, "--no-report"]
+    command += ["--out", str(folder / "out"), *LENIENT, *(durations or SHORT), "--no-report"]
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "COLUMNS": "400"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIMEOUT)
     assert "Traceback" not in done.stderr, done.stderr
@@ -80,6 +85,22 @@ def test_it_leads_from_the_connection_to_the_identified_plant(tmp_path: Path, do
     assert not recording.truncated
     kinds = [item.kind for item in recording.excitations(recording.runs[-1])]
     assert [kind for kind in kinds if kind != "stop"] == ["square", "tones", "sweep", "multisine"]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_so_it_does_on_a_flexible_machine_of_four_axes(tmp_path: Path, domain: int) -> None:
+    code, said, protocol = commission(
+        tmp_path, domain, parameters(tmp_path, machine=config("flexible")), "--observation", "0.5"
+    )
+    results = {step["name"]: step["result"] for step in protocol["steps"]}
+    assert {name for name, result in results.items() if result == "skipped"} == {"emergency stop", "map"}, said
+    assert (code, protocol["result"]) == (0, "passed"), said
+    values = {check["what"]: check["value"] for step in protocol["steps"] for check in step["checks"]}
+    assert values["natural frequency of x_b"] == pytest.approx(65.3, rel=0.02)
+    assert values["unstable poles of the plant"] == 4
+    model = StateSpaceModel.load(tmp_path / "out" / "model.json")
+    assert model.output_names == ("x_a", "y_a", "x_b", "y_b")
 
 
 def test_a_sensor_with_the_wrong_sign_is_named_and_nothing_moves_afterwards(tmp_path: Path, domain: int) -> None:

@@ -313,8 +313,7 @@ class Session:
 
     def _identify(self) -> list[Check]:
         started = self._measured.excite(core.multisine(self.settings))
-        # With the noise of a rig, states beyond those that the data show become poles of noise, unstable ones too.
-        self.model = self.amb.identify(order="auto", focus="simulation")
+        self.model = self.amb.identify(order=core.order_of_rig(len(self.machine.axes)), focus="simulation")
         rest = self._measured.rest_before(started)
         verdicts = core.model_checks(self.model, self._measured.record(started), rest, self.settings, self.expected)
         return [self._measured.region(started), *verdicts]

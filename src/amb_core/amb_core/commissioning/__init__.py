@@ -1,7 +1,7 @@
 """Commissioning of a rig: what each step measures, its limits, what is expected of a model, and the protocol."""
 
 from amb_core.commissioning.expected import Expected, expected_of
-from amb_core.commissioning.experiments import multisine, order_for, small_steps, sweep, tone
+from amb_core.commissioning.experiments import multisine, order_for, order_of_rig, small_steps, sweep, tone
 from amb_core.commissioning.levitation import levitation_checks, rest_checks, runaway
 from amb_core.commissioning.protocol import Check, Protocol, Step, at_least, at_most, between, measured
 from amb_core.commissioning.response import ClosedLoop, StaticResponse, closed_loop, fit_second_order, static_response
@@ -29,6 +29,7 @@ __all__ = [
     "model_checks",
     "multisine",
     "order_for",
+    "order_of_rig",
     "resonance_checks",
     "rest_checks",
     "runaway",

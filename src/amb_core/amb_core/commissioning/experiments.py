@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from amb_core.commissioning.settings import CommissioningSettings
 from amb_core.excitation import Multisine, Square, Sweep, Tones
 
@@ -51,6 +53,15 @@ def tone(settings: CommissioningSettings, axis: str) -> Tones:
         duration=TONE_DURATION,
         axes=axis,
     )
+
+
+def order_of_rig(axes: int) -> int | Literal["auto"]:
+    """Order of a model of a rig, with the noise of its sensors.
+
+    States beyond those that the data of one bearing show become poles of noise, unstable ones too: `auto` stops before.
+    With more axes `auto` compares some forty orders for minutes; the least one that `order_for` gives is taken instead.
+    """
+    return "auto" if axes <= 2 else order_for(axes)
 
 
 def order_for(axes: int) -> int:
