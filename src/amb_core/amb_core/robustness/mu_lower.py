@@ -29,7 +29,8 @@ from scipy.optimize import minimize
 from amb_core.robustness.lti import Arrays, Complexes, Lti
 from amb_core.robustness.mu_upper import balancing
 
-_STARTS = 12
+_STARTS = 12  # of the power iteration
+_PROGRAMS = 32  # starts of the programming, of which many end at local optima
 _STEPS = 60  # of each search
 _SPAN = 0.3  # of the frequency, either way, within which real perturbations may find another
 _NEWTON = 8
@@ -194,7 +195,7 @@ def _programmed(
     limits += [(None, None)] * (n - count)
     if moving:
         limits.append((1.0 - _SPAN, min(1.0 + _SPAN, half / frequency)))
-    for start in range(_STARTS):
+    for start in range(_PROGRAMS):
         eigenvalue = _Eigenvalue(system, real, frequency, moving)
         corner = random.choice([-1.0, 1.0], size=count) if start % 2 else random.uniform(-1.0, 1.0, count)
         unknown = np.concatenate([corner, random.uniform(0.0, 2.0 * np.pi, n - count), np.ones(int(moving))])
