@@ -14,6 +14,7 @@ from linear_loop import multisine
 from records import records
 from rotors import rotor4
 
+from amb_core.errors import IdentificationError
 from amb_core.identification import IdentificationData, identify
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.model import StateSpaceModel
@@ -75,7 +76,10 @@ def measured(case: Bearing | Rotor, seed: int) -> dict[str, object]:
     """One experiment: the model is identified from the data alone, of known order, and the truth sought in bounds."""
     true = case.true
     data = IdentificationData.from_arrays(*case.data(seed), true.sample_time)
-    found = identify(data, order=true.order)
+    try:
+        found = identify(data, order=true.order)
+    except IdentificationError as problem:
+        return {"failed": str(problem)}
     model, uncertainty = found.model, found.uncertainty
     feedback = case.feedback(model)
     search = WorstCases(feedback, uncertainty, PlantSet.of(uncertainty, GRID), RobustnessSettings())
@@ -114,12 +118,14 @@ def poles_inside(uncertainty: ModelUncertainty, true: StateSpaceModel) -> bool:
 
 def coverage(case: Bearing | Rotor, runs: int) -> dict[str, float]:
     """How often the true values lie in the bounds, and how wide these are compared with sampled ones."""
-    kept = records(f"coverage {case.name}", runs, lambda seed: measured(case, seed))
+    done = records(f"coverage {case.name}", runs, lambda seed: measured(case, seed))
+    kept = [item for item in done if "failed" not in item]
     by_axis = np.sum([item["peaks_inside"] for item in kept], axis=0)
     sampled = [item for item in kept if "width_ratios" in item]
     widths = np.concatenate([item["width_ratios"] for item in sampled])
     return {
         "runs": runs,
+        "without_model": len(done) - len(kept),
         "inside": sum(all(item["peaks_inside"]) for item in kept),
         "inside_by_axis": by_axis.tolist(),
         "gap_inside": sum(item["gap_inside"] for item in kept),
