@@ -11,6 +11,7 @@ from amb_core.robustness.assessment import Assessment
 from amb_core.robustness.measured import MeasuredSensitivity
 
 FREQUENCY = Axis("frequency (Hz)", log=True)
+POINTS = 40  # of a measurement that are drawn, at most
 
 
 def sensitivity_chart(
@@ -28,8 +29,11 @@ def sensitivity_chart(
             items.append(Band(frequency, size, bound, f"up to {100.0 * settings.confidence:g} %", BLUE))
         items.append(Curve(frequency, size, "model", Stroke(BLUE)))
         if measured is not None:
-            values = np.abs(measured.response[:, number, number])
-            items.append(Points(measured.frequency, values, "measured", VERMILION, "circle"))
+            some = slice(None, None, -(-len(measured.frequency) // POINTS))  # so that the model stays visible
+            values, error = np.abs(measured.own[some, number]), 2.58 * measured.deviation[some, number]
+            at = measured.frequency[some]
+            items.append(Band(at, np.maximum(values - error, 1e-6), values + error, "measured, 99 %", VERMILION))
+            items.append(Points(at, values, "measured", VERMILION, "circle"))
         items += [
             Curve(frequency[[0, -1]], np.full(2, limit), f"end of zone {zone}", Stroke(GREY, "dot", 0.9))
             for zone, limit in zip("ABC", settings.sensitivity_limits, strict=True)
