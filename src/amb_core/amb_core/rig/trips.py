@@ -25,7 +25,7 @@ _TEXTS: dict[int, str] = {
     TripReason.AMPLIFIER: "the amplifiers report a fault",
     TripReason.WATCHDOG: "watchdog: {value:.0f} control steps, or currents of the host, missed at a time",
     TripReason.LAW: "control current of {axis} not finite",
-    TripReason.HOST_SILENT: "no command of the host for {value:.0f} steps: the excitation fades, the loop stays or lands",
+    TripReason.HOST_SILENT: "no command of the host for {value:.0f} steps: the excitation fades, the rotor may land",
     TripReason.EXCITATION: "excitation of {axis} beyond a limit: {um:.4g} um; it fades, the loop stays",
     BridgeTrip.LINK_LOST: "the target does not answer; whether the rotor is levitated is not known",
     BridgeTrip.REBOOT: "the target started anew; the rotor is not levitated",
