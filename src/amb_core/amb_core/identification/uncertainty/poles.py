@@ -9,7 +9,7 @@ the matrix of the group: with bases V and W' of its right and left invariant sub
 So a value z belongs to the confidence region of the group if the likeliest F that has the eigenvalue z is close enough:
 with (F_0 + dF) v = z v, which is linear in dF for a given v,
 
-    distance(z) = min over v, dF of |xi|,    dF = sum_i xi_i W' dA_i V,
+    distance(z) = min over v, dF of the norm of xi,  dF = sum_i xi_i W' dA_i V,
 
 which is the profile of the likelihood; its square is compared with chi-square of one degree of freedom for a real z,
 of two for a complex one. A pole far from all others is a group of one, with the usual interval or ellipse.
@@ -109,7 +109,7 @@ class PoleGroup:
         return -self._largest(-1.0, radius), self._largest(1.0, radius)
 
     def _largest(self, sign: float, radius: float) -> float:
-        """The largest of sign |pole| over the ellipsoid, by steps along the gradient from several starts."""
+        """The largest of sign times the magnitude of a pole over the ellipsoid, by steps along the gradient."""
         random = np.random.default_rng(0)
         at = random.normal(size=(_STARTS, len(self.changes)))
         best = -np.inf
