@@ -161,7 +161,7 @@ class _Eigenvalue:
         return self.kept[1], self.kept[2]
 
     def size(self, unknown: Arrays) -> tuple[float, Arrays]:
-        """-|lambda| and its gradient."""
+        """The magnitude of lambda and its gradient, both negative."""
         value, slope = self.at(unknown)
         return -abs(value), np.asarray(-(slope * np.conj(value)).real / abs(value))
 
