@@ -68,7 +68,7 @@ class MeasuredSensitivity:
         return np.diagonal(self.response, axis1=1, axis2=2)
 
     def comparable(self, highest: float = 1_000.0) -> NDArray[np.bool_]:
-        """Frequencies up to one (Hz) at which |S| of all axes is coherent and known to 0.1 dB; shape (f,)."""
+        """Frequencies up to one (Hz) at which S of all axes is coherent and known to 0.1 dB; shape (f,)."""
         known = (self.coherence >= COHERENT) & (self.deviation <= KNOWN * np.abs(self.own))
         return np.asarray((self.frequency <= highest) & np.all(known, axis=1))
 
@@ -79,7 +79,7 @@ class MeasuredSensitivity:
         return np.asarray(20.0 * np.log10(np.abs(self.own[kept]) / model).T)
 
     def peak(self, axis: int, confidence: float = 0.99) -> tuple[float, float]:
-        """Upper end of the confidence interval of the largest |S| of an axis where it is coherent, and its frequency.
+        """Upper end of the confidence interval of an axis's largest S where it is coherent, and its frequency.
 
         Infinite where no frequency is coherent.
         """
