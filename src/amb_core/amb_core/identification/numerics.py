@@ -1,10 +1,12 @@
-"""Numerics that the methods share: small matrices, problems without a solution, the limit of stability."""
+"""Numerics that the methods share: small matrices, singular values, problems without a solution, limit of stability."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 from threadpoolctl import threadpool_limits
 
@@ -28,3 +30,23 @@ def small_matrices(failure: str) -> Iterator[None]:
             yield
         except (linalg.LinAlgError, ValueError) as problem:
             raise IdentificationError(f"{failure}: {' '.join(str(problem).split())}") from None
+
+
+def thin_svd(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Singular value decomposition with as many vectors as values.
+
+    LAPACK's fast method (gesdd) does not converge for rare matrices whose singular values span all orders of magnitude.
+    The slower one (gesvd) does.
+
+    Raises
+    ------
+    LinAlgError
+        If neither converges.
+    """
+    try:
+        left, singular, right = linalg.svd(matrix, full_matrices=False, check_finite=False)
+    except linalg.LinAlgError:
+        if not np.isfinite(matrix).all():
+            raise
+        left, singular, right = linalg.svd(matrix, full_matrices=False, lapack_driver="gesvd")
+    return left, singular, right

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
+from amb_core.identification.numerics import thin_svd
 
 _BLOCK = 4_000  # rows of the data matrix held at once
 
@@ -82,7 +82,7 @@ class RidgeRegression:
 
     def __init__(self, columns: NDArray[np.float64]) -> None:
         self.columns = columns
-        self._left, self._singular, self._right = linalg.svd(columns, full_matrices=False, check_finite=False)
+        self._left, self._singular, self._right = thin_svd(columns)
 
     def coefficients(self, targets: NDArray[np.float64], ridge: float) -> NDArray[np.float64]:
         """Coefficients with the least sum of squared errors plus ridge times squared coefficients.

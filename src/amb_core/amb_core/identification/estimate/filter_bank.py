@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.identification.estimate.predictor import experiments
+from amb_core.identification.numerics import thin_svd
 
 _BLOCK = 1_000  # samples whose signals are held at once
 _SMALLEST_SINGULAR_VALUE = 1e-12  # of the regressors, relative to the largest
@@ -183,7 +184,7 @@ def best_gains(modes: Modes, factor: NDArray[np.float64], weight: NDArray[np.flo
     targets = (weight @ factor[:, -p:].T).reshape(-1)
     scale = np.linalg.norm(regressors, axis=0)
     scale[scale == 0.0] = 1.0  # padding
-    left, singular, right = linalg.svd(regressors / scale, full_matrices=False, check_finite=False)
+    left, singular, right = thin_svd(regressors / scale)
     kept = singular > _SMALLEST_SINGULAR_VALUE * singular[0]
     left, singular, right = left[:, kept], singular[kept], right[kept]
     along = left.T @ targets

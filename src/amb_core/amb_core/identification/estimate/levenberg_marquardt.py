@@ -11,7 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
+
+from amb_core.identification.numerics import thin_svd
 
 _FIRST_DAMPING = 0.01  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix
 _REDUNDANT = 1e-6  # singular value of a direction, relative to the largest, below which it is lost in rounding
@@ -93,7 +94,7 @@ def damped_step(sensitivity: Arrays, errors: Arrays, damping: float) -> tuple[Ar
     """
     scale = np.linalg.norm(sensitivity, axis=0)
     scale = np.maximum(scale, 1e-8 * scale.max() + np.finfo(float).tiny)
-    left, singular, right = linalg.svd(sensitivity / scale, full_matrices=False, check_finite=False)
+    left, singular, right = thin_svd(sensitivity / scale)
     along = left.T @ errors
     level = damping * singular[0] ** 2
     step = right.T @ (singular / (singular**2 + level) * along) / scale

@@ -21,7 +21,7 @@ from amb_core.errors import IdentificationError
 from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
 from amb_core.identification.estimate.predictor import experiments, fit_input_matrix, innovations, kalman_gain
 from amb_core.identification.estimate.scaled_data import Samples, ScaledData, check_order
-from amb_core.identification.numerics import small_matrices
+from amb_core.identification.numerics import small_matrices, thin_svd
 from amb_core.model.state_space import StateSpaceModel
 
 _LONGEST_PAST = 60  # steps; the memory of a bearing's predictor is shorter, unless there is nearly no noise
@@ -173,7 +173,7 @@ def predictor_matrices(
         If the data show fewer states, or no Kalman gain exists.
     """
     triangle, steps = regression.triangle, regression.steps
-    directions, strengths, _ = linalg.svd((regression.columns @ future_map).T, full_matrices=False, check_finite=False)
+    directions, strengths, _ = thin_svd((regression.columns @ future_map).T)
     if not strengths[order - 1] > _LEAST_STRENGTH * strengths[0]:
         raise IdentificationError(f"the data show fewer than {order} states; lower the order")
     strengths = strengths[:order]

@@ -26,7 +26,7 @@ from amb_core.identification.data import IdentificationData
 from amb_core.identification.estimate.local_coordinates import local_directions
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
-from amb_core.identification.numerics import small_matrices
+from amb_core.identification.numerics import small_matrices, thin_svd
 from amb_core.identification.uncertainty.directions import Directions
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.identification.uncertainty.sensitivity import Sensitivity, sensitivity
@@ -201,7 +201,7 @@ def _normal_coordinates(factor: Arrays, order: int) -> Arrays:
         raise IdentificationError(
             f"the data do not determine all parameters of a model of order {order}; lower the order"
         )
-    _, singular, right = linalg.svd(factor / scale, full_matrices=False, check_finite=False)
+    _, singular, right = thin_svd(factor / scale)
     if not singular[-1] > _LEAST_SINGULAR_VALUE * singular[0]:
         raise IdentificationError(
             f"the data cannot distinguish the parameters of a model of order {order}; lower the order or excite "
