@@ -11,6 +11,7 @@ from amb_core.robustness.assessment import Assessment
 from amb_core.robustness.measured import MeasuredSensitivity
 
 FREQUENCY = Axis("frequency (Hz)", log=True)
+ROOM = 1.25  # of the ends of an axis beyond the values
 POINTS = 40  # of a measurement that are drawn, at most
 
 
@@ -38,7 +39,8 @@ def sensitivity_chart(
             Curve(frequency[[0, -1]], np.full(2, limit), f"end of zone {zone}", Stroke(GREY, "dot", 0.9))
             for zone, limit in zip("ABC", settings.sensitivity_limits, strict=True)
         ]
-        panels.append(Panel(FREQUENCY, Axis("|S| (-)", log=True), tuple(items), f"axis {axis.name}"))
+        up = Axis("|S| (-)", log=True, limits=(size.min() / ROOM, ROOM * max(size.max(), *settings.sensitivity_limits)))
+        panels.append(Panel(FREQUENCY, up, tuple(items), f"axis {axis.name}"))
     rows = tuple(
         (axis.name, f"{axis.sensitivity.value:.4f}", f"{axis.sensitivity.frequency:.4g}", axis.zone)
         for axis in assessment.axes
@@ -74,4 +76,7 @@ def mu_chart(assessment: Assessment, title: str = "Structured singular value") -
         else f"Upper bound of the structured singular value: at most {mu.upper:.4f}; no worst case was found."
     )
     table = Table(("perturbation", "kind", "share of 1", "angle (degree)"), rows)
-    return Chart(title, alt, (Panel(FREQUENCY, Axis("mu (-)", log=True), tuple(items)),), size=(8.0, 4.5), table=table)
+    drawn = mu.upper_curve[mu.upper_curve > 0.0]
+    ends = (min(drawn.min(), 1.0) / ROOM, ROOM * max(drawn.max(), 1.0)) if drawn.size else None
+    up = Axis("mu (-)", log=True, limits=ends)
+    return Chart(title, alt, (Panel(FREQUENCY, up, tuple(items)),), size=(8.0, 4.5), table=table)
