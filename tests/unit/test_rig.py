@@ -93,6 +93,14 @@ def test_the_second_before_a_step_is_kept_within_its_run() -> None:
     assert np.array_equal(np.concatenate([record.position[:, 0] for record in before]), np.arange(2_510, 12_510))
 
 
+def test_the_second_before_a_step_is_there_although_it_becomes_known_two_seconds_later() -> None:
+    taken = runs()
+    for first in range(0, 32_000, 1_000):
+        taken.add(samples(first, [LEVITATED] * 1_000))
+    before = taken.before(12_000)
+    assert np.array_equal(np.concatenate([record.position[:, 0] for record in before]), np.arange(2_000, 12_000))
+
+
 def status(*trips: Trip) -> TargetStatus:
     state = TargetState.TRIPPED if trips else TargetState.LEVITATED
     return TargetStatus(

@@ -20,7 +20,8 @@ from amb_core.target import TelemetryBlock
 
 _STATE = 0b111  # of the status word: the state of the target
 _FIRST, _LAST = 1, 3  # states in which the rotor is levitated: LEVITATING to LANDING
-REMEMBERED = 1.0  # s before a trip that are kept
+BEFORE = 1.0  # s before a trip that are kept
+LATE = 2.0  # s of telemetry that may come before the news of a trip, whose answers may be lost
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,8 @@ class Runs:
         self._parts: list[TelemetryBlock] = []  # of the block in the making, consecutive
         self._held = 0  # samples in them
         self._past: deque[RunSamples] = deque()
-        self._past_steps = round(REMEMBERED * machine.sample_rate)
+        self._before_steps = round(BEFORE * machine.sample_rate)
+        self._past_steps = round((BEFORE + LATE) * machine.sample_rate)
         self.run = 0
         self.levitated = False
         self.next_step = self.next_target_step = 0
@@ -112,7 +114,7 @@ class Runs:
         stop = self.step_of(target_step)
         whole = [*self._past, *([self._made(self._held)] if self._held else [])]
         records = [samples.record for samples in whole if samples.run == self.run]
-        return [part for record in records for part in _between(record, stop - self._past_steps, stop)]
+        return [part for record in records for part in _between(record, stop - self._before_steps, stop)]
 
     def _take(self, samples: TelemetryBlock, levitated: bool) -> list[RunSamples]:
         """Samples with one and the same state."""
