@@ -59,9 +59,7 @@ def test_the_parameter_file_marks_what_is_assumed() -> None:
             for name, value in flatten(content["/amb/pd_controller"]["ros__parameters"]).items()
         },
     }
-    assert {
-        name: declared[name].default for name in given
-    } == given  # so their sources hold
+    assert {name: declared[name].default for name in given} == given  # so their sources hold
     lines = text.splitlines()
     for name in given:
         comments = [line.partition("#")[2] for line in lines if line.strip().startswith(f"{name.split('.')[-1]}:")]

@@ -80,9 +80,9 @@ def values_section() -> Section:
         "The values: stated or assumed",
         [
             Prose(
-                "The bearing of all studies, except for what a study gives as its own. Values that the paper states come "
-                "with the place; all others are assumed, above all the limit of the control current, which decides "
-                "where the bearing falls."
+                "The bearing of all studies, except for what a study gives as its own. Values that the paper states "
+                "come with the place; all others are assumed, above all the limit of the control current, which "
+                "decides where the bearing falls."
             ),
             TableBlock(("parameter", "value", "unit", "source"), rows, "The bearing", filters=("source",)),
         ],

@@ -72,7 +72,9 @@ def judged(as_stated: Sequence[bool], changed: Sequence[bool] = ()) -> Answer:
 def with_another_value(claim: Claim, value: str) -> Claim:
     """A claim that was evaluated on a bearing with another value than the paper states: it agrees in part at most."""
     verdict: Answer = "agrees in part" if claim.verdict == "agrees" else claim.verdict
-    return replace(claim, verdict=verdict, reason=f"This bearing has {value}, against the paper. {claim.reason}".strip())
+    return replace(
+        claim, verdict=verdict, reason=f"This bearing has {value}, against the paper. {claim.reason}".strip()
+    )
 
 
 @dataclass(frozen=True)

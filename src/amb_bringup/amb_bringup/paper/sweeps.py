@@ -22,8 +22,8 @@ from amb_core.simulation.parameters import with_values
 ONE_AXIS = {"magnetic_circuit.actuators": "differential"}
 """The paper's bearing with 1 DOF: electromagnets above and below the rotor, in differential mode (its footnote 5)."""
 
-TOP_COIL = {"magnetic_circuit.actuators": "top_coil", "magnetic_circuit.coupling": False}
-"""The paper's bearing with 1 DOF as in its eq. (1): only the top coil carries a current, no cross-coupling."""
+TOP_COIL = {"magnetic_circuit.actuators": "top_coil"}
+"""The paper's bearing with 1 DOF as in its eq. (1): only the electromagnet above the rotor carries a current."""
 
 SLOW_AMPLIFIER = {"amplifier.supply_voltage": 30.0}
 """A tenth of the paper's supply voltage: current loop ten times slower, slew limit ten times lower."""
@@ -32,10 +32,10 @@ SLOW_VALUE = f"a supply of {SLOW_AMPLIFIER['amplifier.supply_voltage']:g} V"
 SLOW_NOTE = (
     "Why a slower amplifier: with electromagnets above and below the rotor, and with two axes, the values of table 1 "
     "lead from region B to D without C. In a bearing whose amplifiers are ten times slower, all regions follow. It has "
-    "a tenth of the supply voltage that the paper states; all else is equal. It shows what slow amplifiers do, not what "
-    "the paper's bearing does. The scaling of the PI controllers in the amplifiers, which the paper leaves open, does "
-    "not replace it: at 300 V, with a tenth and with three hundredths of K_P, sweeps of 10, 15 and 25 µm show no C "
-    "either."
+    "a tenth of the supply voltage that the paper states; all else is equal. It shows what slow amplifiers do, not "
+    "what the paper's bearing does. The scaling of the amplifiers' PI controllers, which the paper leaves open, does "
+    "not replace it: with electromagnets above and below, 300 V, and a tenth or three hundredths of K_P, sweeps of "
+    "10, 15 and 25 µm show no C either."
 )
 
 REST = 1.0  # s, before the sweep: the rotor settles at its sag
@@ -131,8 +131,14 @@ def in_order(bearing: SweptBearing) -> bool:
 
 def order_reason(as_stated: Sequence[SweptBearing], slow: SweptBearing) -> str:
     """Why a claim about the order of the regions does not agree, or only in part; empty if it agrees."""
-    if any(in_order(bearing) for bearing in as_stated):
+    ordered = [in_order(bearing) for bearing in as_stated]
+    if all(ordered):
         return ""
+    if any(ordered):
+        return (
+            "The paper does not state which of these bearings it simulated: not all that keep to its values go through "
+            "the regions in order."
+        )
     if in_order(slow):
         return (
             "With the values that the paper states a region is missing or out of order; with a tenth of the supply "

@@ -98,7 +98,8 @@ def gravity_claim(
         paper_figure="Fig. 3",
         statement="The behaviour is more pronounced in the vertical direction, because of gravity.",
         finding="; ".join(
-            f"{name}: swept on y {on_y.summary}, swept on x {on_x.summary}" for name, (on_y, on_x) in {**swept, **changed}.items()
+            f"{name}: swept on y {on_y.summary}, swept on x {on_x.summary}"
+            for name, (on_y, on_x) in {**swept, **changed}.items()
         ),
         verdict=judged(*earlier),
         reason="" if all(earlier[0]) else "Swept on x, the bearing leaves region A no later.",
