@@ -11,7 +11,6 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from amb_bringup.commands.inputs import parameter_file
-from amb_bringup.parameter_changes import changed_file
 from amb_core.errors import ParameterError
 from amb_core.parameters import Declaration, Parameters, declarations
 from amb_core.units import quantity_of
@@ -74,6 +73,8 @@ def with_changes(command: Command) -> Command:
             return
         if params is None and without:
             raise ParameterError(f"--set needs --params FILE here; without it there is {without}")
+        from amb_bringup.parameter_changes import changed_file  # imports the parameters of all nodes
+
         base = parameter_file(params)
         with TemporaryDirectory(prefix="amb-") as folder:
             path = Path(folder) / base.name

@@ -6,7 +6,6 @@ Topics are found by message type, so a bag from any namespace can be read.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -24,6 +23,7 @@ from amb_core.recording.messages.parameters import PARAMETER_EVENT, ParameterVal
 from amb_core.recording.messages.plant_state import PLANT_STATE
 from amb_core.recording.messages.state_space_model import STATE_SPACE_MODEL
 from amb_core.recording.storage import Storage
+from amb_core.recording.topic_info import TopicInfo
 
 if TYPE_CHECKING:
     from amb_core.regions import RegionState
@@ -50,15 +50,6 @@ KEPT = (
 
 CONTROLLER = "controller"
 """Last part of the name of the topic with linear controllers, whose message type is that of identified models."""
-
-
-@dataclass(frozen=True)
-class TopicInfo:
-    """A topic of a bag and the number of its messages."""
-
-    name: str
-    type: str
-    messages: int
 
 
 class BagContent:

@@ -17,13 +17,13 @@ from typing import Any
 from amb_core.errors import BagError
 from amb_core.files.regular_files import is_folder
 from amb_core.recording.bag_metadata import METADATA, write_metadata
-from amb_core.recording.content import TopicInfo
 from amb_core.recording.decoder import Decoder
 from amb_core.recording.mcap_file import FileContent, McapFile, StoredTopic
 from amb_core.recording.mcap_scan import McapScan, NotMcapError
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
 from amb_core.recording.step_audit import StepAudit
 from amb_core.recording.storage import Definition, description_of, files_by_number, mode_of
+from amb_core.recording.topic_info import TopicInfo
 
 Progress = Callable[[int, int], None]
 """Called with the bytes read so far and in all."""

@@ -104,12 +104,12 @@ class McapStorage:
     def __init__(self, files: list[Path]) -> None:
         self.definitions: dict[str, Definition] = {}
         self.damage = ""
-        self._files = files
+        self.files = files
 
     def messages(self) -> Iterator[StoredMessage]:
         """All messages that can be read, file after file."""
         damage = []
-        for file in self._files:
+        for file in self.files:
             scan = McapScan(file)
             for topic, message in scan.messages():
                 if topic.type not in self.definitions:
