@@ -26,9 +26,21 @@ def test_a_process_starts_without_what_it_does_not_compute_with(module: str, unw
     assert found.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize(
-    "command", ["bag", "bag info", "bag play", "bag export", "up", "view", "foxglove", "run", "rig"]
+LIGHT_HELP = (
+    "bag",
+    "bag info",
+    "bag play",
+    "bag export",
+    "demo",
+    "foxglove",
+    "model export",
+    "reproduce",
+    "rig",
+    "run",
 )
+
+
+@pytest.mark.parametrize("command", [*LIGHT_HELP, "up", "view"])
 def test_help_imports_neither_nodes_nor_what_computes(command: str) -> None:
     code = (
         "import sys; from typer.testing import CliRunner; from amb_bringup.cli import app; "
