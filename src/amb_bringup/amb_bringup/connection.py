@@ -17,7 +17,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from amb_core.errors import AmbError
-from amb_ros import interruptions
+from amb_ros import interruptions, middleware
 from amb_ros.leaving import leave_graph
 from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
@@ -58,6 +58,7 @@ class GraphConnection:
         self.timeout = timeout
         self._nodes = tuple(nodes)
         self._context = Context()
+        middleware.configure()
         with interruptions.held_back():
             rclpy.init(context=self._context, domain_id=domain_id)
             # It logs nothing, and several connections of one process would share one publisher of the log.
