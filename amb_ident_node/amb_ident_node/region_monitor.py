@@ -68,8 +68,7 @@ class RegionMonitorParameters(RegionParameters):
     parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of either", 0.05, 10.0)
     scheduler: str = choice(
         "",
-        "address of the dask scheduler that runs the sweeps of a map, tls://host:port, with the key and certificates of "
-        "dask's configuration; empty: this machine",
+        "address of the dask scheduler that runs the sweeps of a map, tls://host:port; empty: this machine",
     )
 
 

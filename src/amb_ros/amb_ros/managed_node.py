@@ -19,6 +19,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from amb_core.errors import AmbError, one_line
+from amb_ros.callers import callers
 
 SHUTDOWN = "shutdown"
 
@@ -106,6 +107,7 @@ class ManagedNode(LifecycleNode):
             possible = ", ".join(name for name in triggers if name in allowed) or "none, the node has been shut down"
             self.get_logger().error(f"{name} is not allowed while {self.state_label}; allowed: {possible}")
             return False
+        self.get_logger().info(f"{label}: asked for by {callers(self, '~/change_state')}")
         return bool(triggers[label]() == TransitionCallbackReturn.SUCCESS)
 
     def _done(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:

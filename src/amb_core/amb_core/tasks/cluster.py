@@ -139,8 +139,8 @@ def _connect(scheduler: str) -> Iterator[Client]:
         log.setLevel(logging.CRITICAL)
     if not scheduler.startswith(ENCRYPTED):
         logger.warning(
-            "scheduler %s is not encrypted: whoever reaches its port runs code as you, and as its workers; start it with "
-            "--protocol tls",
+            "scheduler %s is not encrypted: whoever reaches its port runs code as you, and as its workers; start it "
+            "with --protocol tls",
             scheduler,
         )
     try:
@@ -148,8 +148,8 @@ def _connect(scheduler: str) -> Iterator[Client]:
             client = Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError):
             raise TaskError(
-                f"scheduler {scheduler} does not answer within {CONNECT_TIMEOUT:g} s; is it running, with the same version "
-                "of dask, and with the certificate of your configuration of dask (distributed.comm.tls)?"
+                f"scheduler {scheduler} does not answer within {CONNECT_TIMEOUT:g} s; is it running, with the same "
+                "version of dask, and with the certificate of your configuration of dask (distributed.comm.tls)?"
             ) from None
         with client:
             if not client.scheduler_info()["workers"]:
