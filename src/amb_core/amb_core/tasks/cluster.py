@@ -102,11 +102,8 @@ class DetachedWorker(SubprocessWorker):
         )  # fmt: skip
 
     def _credentials(self) -> dict[str, str]:
-        tls = {
-            "CA_FILE": self._security.tls_ca_file,
-            "WORKER__KEY": self._security.tls_worker_key,
-            "WORKER__CERT": self._security.tls_worker_cert,
-        }
+        worker = self._security.get_tls_config_for_role("worker")
+        tls = {"CA_FILE": worker["ca_file"], "WORKER__KEY": worker["key"], "WORKER__CERT": worker["cert"]}
         return {
             "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "True",
             "DASK_DISTRIBUTED__WORKER__HTTP__ROUTES": "[]",
