@@ -279,7 +279,7 @@ class Shelf:
         self._stack.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # no nodes run beside the tests of another file
 def _shelf() -> Iterator[Shelf]:
     shelf = Shelf()
     yield shelf
