@@ -90,6 +90,7 @@ def serve(connection: socket.socket) -> list[str] | None:
                     os.environ.clear()
                     os.environ.update(environment)
                     os.chdir(folder)
+                    sys.path[0] = folder  # as `python -m` has it
                     return list(args)
                 os.close(errors)
                 watched = os.pidfd_open(process)
