@@ -67,7 +67,7 @@ def makes_its_node(process: NodeProcess) -> bool:
 
 def test_a_signal_while_a_node_starts_ends_it(graph: Graph) -> None:
     moments = itertools.cycle(itertools.product([makes_its_node, handles_signals], [signal.SIGINT, signal.SIGTERM]))
-    processes = {module: graph.start(module) for module in NODES}
+    processes = {module: graph.start(module, anew=True) for module in NODES}
     waiting = [(process, *moment) for process, moment in zip(processes.values(), moments, strict=False)]
 
     def all_signalled() -> bool:
