@@ -11,11 +11,13 @@ import re
 import sys
 from collections.abc import Iterator
 
-import dask
-from distributed import Client, Scheduler, SpecCluster
-from distributed.deploy.subprocess import SubprocessWorker
-
 from amb_core.errors import TaskError
+from amb_core.extras import extra
+
+with extra("cluster"):
+    import dask
+    from distributed import Client, Scheduler, SpecCluster
+    from distributed.deploy.subprocess import SubprocessWorker
 
 ADDRESS = re.compile(r"(tcp|tls|ws|wss)://\S+:\d+")
 CONNECT_TIMEOUT = 3.0  # s, within which a scheduler answers on any network
