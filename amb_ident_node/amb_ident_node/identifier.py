@@ -22,7 +22,7 @@ from amb_core.parameters import Parameters, choice, quantity
 from amb_core.recording.messages.excitation_status import answer_from_message
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.state_space_model import fill_model
-from amb_ident_node.certification import Certifier, Identified
+from amb_ident_node.identified import Identified
 from amb_ident_node.listening import LiveExperiment
 from amb_ident_node.sources import LoopSources
 from amb_msgs import action, msg, srv
@@ -68,7 +68,6 @@ class IdentifierNode(Node):
         self._ending = threading.Event()
         names = self._settings
         self._sources = LoopSources(self, self._live, names.controller, names.simulator, names.parameter_timeout)
-        self._certifier = Certifier(self._sources)
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="identifier")
         self._validator = ThreadPoolExecutor(1, thread_name_prefix="validator")
@@ -160,7 +159,9 @@ class IdentifierNode(Node):
         return response
 
     def _on_certify(self, request: srv.Certify.Request, response: srv.Certify.Response) -> srv.Certify.Response:
-        return self._certifier.certify(request, response, self._identified)
+        from amb_ident_node.certification import Certifier  # most identifiers never certify
+
+        return Certifier(self._sources).certify(request, response, self._identified)
 
     # -- in the workers
 

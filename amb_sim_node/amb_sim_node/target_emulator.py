@@ -22,9 +22,9 @@ from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.services import create_service
+from amb_sim_node.emulator_parameters import TargetEmulatorParameters
 from amb_sim_node.emulator_values import emulator_values, trips_text
 from amb_sim_node.machine_files import machine_file, machine_parameters
-from amb_sim_node.parameters import TargetEmulatorParameters
 
 
 class TargetEmulatorNode(Node):

@@ -17,11 +17,13 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-import dask
-from distributed import Client, Scheduler, Security, SpecCluster
-from distributed.deploy.subprocess import SubprocessWorker
-
 from amb_core.errors import TaskError
+from amb_core.extras import extra
+
+with extra("cluster"):
+    import dask
+    from distributed import Client, Scheduler, Security, SpecCluster
+    from distributed.deploy.subprocess import SubprocessWorker
 
 ADDRESS = re.compile(r"(tcp|tls|ws|wss)://\S+:\d+")
 ENCRYPTED = ("tls://", "wss://")
