@@ -34,10 +34,11 @@ def measure() -> dict[str, float | bool]:
 
 
 def _sample_duration(parameters: PlantParameters) -> float:
-    plant, controller = Plant(parameters), PdController(ControllerParameters())
+    plant = Plant(parameters)
+    controller = PdController(ControllerParameters(), len(plant.machine.axes))
     durations = []
     for _ in range(SAMPLES):
-        current = controller.update(plant.position, (0.0, 0.0))
+        current = controller.update(plant.position, controller.nominal_reference)
         started = time.perf_counter()
         plant.advance(current)
         durations.append(time.perf_counter() - started)

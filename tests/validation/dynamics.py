@@ -48,11 +48,13 @@ EVERYTHING = PlantParameters(
 def energy() -> Iterator[Row]:
     """Energy balances of magnetic circuit and rotor over 1 s of 50 um square waves of 5 Hz on both axes."""
     for name, parameters in (("paper", PlantParameters()), ("diffusion", DIFFUSION), ("everything on", EVERYTHING)):
-        plant, controller = Plant(parameters), PdController(ControllerParameters())
-        account = EnergyAccount(plant)
+        plant = Plant(parameters)
+        axes = len(plant.machine.axes)
+        account, controller = EnergyAccount(plant), PdController(ControllerParameters(), axes)
         for sample in range(10_000):
-            reference = 50e-6 if sample % 2_000 < 1_000 else -50e-6
-            account.add(plant.trace(controller.update(plant.position, (reference, reference))))
+            reference = np.zeros(axes)
+            reference[:2] = 50e-6 if sample % 2_000 < 1_000 else -50e-6
+            account.add(plant.trace(controller.update(plant.position, reference)))
         if parameters.backup_bearing.contact and account.contact == 0.0:
             raise RuntimeError("the rotor was to touch its backup bearing")
         yield Row(
