@@ -96,7 +96,7 @@ WEAK_COILS = {"over-current": Kind(Trip.OVER_CURRENT, *INVERTED)}
 OVERFLOW = {"law": Kind(Trip.LAW, lambda session: None, axis="x", steps=100)}
 
 
-def trips(folder: Path, machine: Path, each: int) -> dict[str, Any]:
+def trips(folder: Path, machine: Path, each: int = 50) -> dict[str, Any]:
     """So many trips of every kind: reason, axis, latched, and the second before it in the bag."""
     limits = {"missed_steps": float(MISSED), "host_time": HOST_TIME}
     weak = {**limits, "coil_current": 5.0, "settle_time": 100.0}
