@@ -1,10 +1,10 @@
-"""Settings of the middleware that prevent lost answers of services on a busy machine.
+"""Settings of the middleware that prevent lost answers of services on a busy machine, and a fault of it corrected.
 
 A request may reach a service before discovery has matched the service with the client's reader for answers.
 rmw_fastrtps then waits 100 ms for the match and drops the answer, with only a warning (ros2/rmw_fastrtps, issue 842). A
 loaded machine takes longer. A lost announcement is repeated within about 1.5 s, so 3 s allow for two of them. Parameter
 services and actions of a node wait equally long, since the middleware does the waiting. Middlewares other than
-rmw_fastrtps ignore these settings.
+rmw_fastrtps ignore these settings. The fault and its correction are described in `overflowed_wait`.
 """
 
 from __future__ import annotations
@@ -12,10 +12,16 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from amb_ros import overflowed_wait
+
 PROFILES = Path(__file__).with_name("fast_dds.xml")
 VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
 def configure() -> None:
-    """Apply the settings to this process unless the user has set their own; call it before `rclpy.init`."""
+    """Apply the settings to this process unless the user has set their own; call it before `rclpy.init`.
+
+    Then correct the fault by which a process can hang when it ends.
+    """
     os.environ.setdefault(VARIABLE, str(PROFILES))
+    overflowed_wait.correct()
