@@ -20,8 +20,11 @@ import rclpy
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
+from rclpy.utilities import get_default_context
 
 from amb_msgs.msg import CurrentReference, RotorPosition
+from amb_ros import middleware
+from amb_ros.leaving import leave_graph
 from amb_ros.qos import STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 from amb_sim_node.simulator import SimulatorNode
@@ -101,6 +104,7 @@ def _measure(arguments: list[str]) -> dict[str, float | bool]:
         subprocess.Popen(command, env=environment)
         for command in ([sys.executable, "-m", "amb_controller_node.pd_controller"], pong)
     ]
+    middleware.configure()
     rclpy.init(args=arguments, domain_id=DOMAIN)
     executor = EventsExecutor()
     simulator = SimulatorNode()
@@ -126,9 +130,7 @@ def _measure(arguments: list[str]) -> dict[str, float | bool]:
             child.send_signal(signal.SIGINT)
         for child in children:
             child.wait(TIMEOUT)
-        simulator.destroy_node()
-        ping.destroy_node()
-        rclpy.try_shutdown()
+        leave_graph(get_default_context(), executor, [simulator, ping])
     step_us, plant_us, floor_us = (1e6 * statistics.median(times) for times in (steps, plant, round_trips))
     return {
         "ratio": (step_us - plant_us) / floor_us,
