@@ -85,10 +85,9 @@ class ControllerNode(Node):
             FLUSH_PERIOD, self._on_flush_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
-    def destroy_node(self) -> None:
-        """Cancel an excitation that is being made, and end the node."""
+    def finish(self) -> None:
+        """Cancel an excitation that is being made."""
         self._excitation.close()
-        super().destroy_node()
 
     # -- the loop
 

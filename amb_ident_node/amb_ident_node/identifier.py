@@ -87,13 +87,12 @@ class IdentifierNode(Node):
         )
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report, exclusive=(topics.TELEMETRY,))
 
-    def destroy_node(self) -> None:
-        """Cancel the work in progress, without waiting for it, and end the node."""
+    def finish(self) -> None:
+        """Cancel the work in progress, without waiting for it."""
         self._ending.set()
         for worker in (self._worker, self._validator):
             worker.shutdown(wait=False, cancel_futures=True)
         self._action.destroy()
-        super().destroy_node()
 
     # -- topics
 

@@ -118,12 +118,11 @@ class RegionMonitorNode(Node):
             self, self._report, exclusive=(topics.TELEMETRY, topics.SIMULATOR_STATE)
         )
 
-    def destroy_node(self) -> None:
-        """Cancel the map in progress (its finished sweeps stay in the cache), then end the node."""
+    def finish(self) -> None:
+        """Cancel the map in progress (its finished sweeps stay in the cache)."""
         self._ending.set()
         self._worker.shutdown(cancel_futures=True)
         self._build_map.destroy()
-        super().destroy_node()
 
     # -- topics
 

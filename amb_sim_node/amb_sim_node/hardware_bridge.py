@@ -92,8 +92,8 @@ class HardwareBridgeNode(ManagedNode):
         )
         self._timer = self.create_timer(STATE_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def destroy_node(self) -> None:
-        """Land if the bridge is active and its parameters say so; leave the target and end the node."""
+    def finish(self) -> None:
+        """Land if the bridge is active and its parameters say so; leave the target."""
         if self._excitation is not None:
             self._excitation.close()
         try:
@@ -101,7 +101,6 @@ class HardwareBridgeNode(ManagedNode):
         except NotInTime:
             self.get_logger().error("the worker does not end; the target is left as it is")
         self.worker.shutdown(wait=False, cancel_futures=True)
-        super().destroy_node()
 
     def _leave(self) -> None:
         try:

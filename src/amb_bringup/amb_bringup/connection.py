@@ -18,7 +18,7 @@ from rclpy.node import Node
 
 from amb_core.errors import AmbError
 from amb_ros import interruptions, middleware
-from amb_ros.leaving import leave_graph
+from amb_ros.leaving import leave_graph_and_go_on
 from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
 
@@ -85,7 +85,7 @@ class GraphConnection:
         self.close()
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Leave the graph, within 5 s also if the middleware hangs."""
         self._leave()
 
     def wait_for_nodes(self, check: Callable[[], None] = lambda: None) -> None:
@@ -203,4 +203,4 @@ class GraphConnection:
 
 def _leave(executor: Executor, node: Node, context: Context) -> None:
     with interruptions.held_back():
-        leave_graph(context, executor, [node])
+        leave_graph_and_go_on(context, executor, node)

@@ -1,4 +1,4 @@
-"""Settings of the middleware that every process of the workbench applies: lost answers, and who can reach the nodes.
+"""Settings of the middleware in every process: lost answers, who can reach the nodes, and a fault of it corrected.
 
 A request may reach a service before discovery has matched the service with the client's reader for answers.
 rmw_fastrtps then waits 100 ms for the match and drops the answer, with only a warning (ros2/rmw_fastrtps, issue 842). A
@@ -9,7 +9,7 @@ DDS has no access control here: whoever reaches a node commands it. With ROS_AUT
 nodes of Jazzy announce themselves on this host only, but their sockets still take packets from every network, so a peer
 that knows the port gets in. For that range the profile binds the sockets to the loopback interface, too.
 
-Middlewares other than rmw_fastrtps ignore both settings.
+The fault and its correction are described in `overflowed_wait`. Middlewares other than rmw_fastrtps ignore the settings.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from socket import SOCK_DGRAM
 
-import psutil
+from amb_ros import overflowed_wait
 
 PROFILES = Path(__file__).with_name("fast_dds.xml")
 LOCAL_PROFILES = Path(__file__).with_name("fast_dds_local.xml")
@@ -49,8 +49,12 @@ def is_local() -> bool:
 
 
 def configure() -> None:
-    """Apply the settings to this process unless the user has set their own; call it before `rclpy.init`."""
+    """Apply the settings to this process unless the user has set their own; call it before `rclpy.init`.
+
+    Then correct the fault by which a process can hang when it ends.
+    """
     os.environ.setdefault(VARIABLE, str(LOCAL_PROFILES if is_local() else PROFILES))
+    overflowed_wait.correct()
 
 
 def sockets_open_to_network(domain: int, pid: int | None = None) -> list[str]:
@@ -64,6 +68,8 @@ def sockets_open_to_network(domain: int, pid: int | None = None) -> list[str]:
     pid : int, optional
         The process; by default this one.
     """
+    import psutil  # only a bridge needs it
+
     first = PORT_BASE + DOMAIN_GAIN * domain
     found = []
     for socket in psutil.Process(pid).net_connections("inet"):
