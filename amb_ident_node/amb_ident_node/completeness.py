@@ -34,22 +34,23 @@ class TelemetryAccount:
     """Blocks of telemetry, by their steps.
 
     Until the beginning of the recording is known, the first run may start at any step.
+
+    Attributes
+    ----------
+    conflict : str
+        Steps that arrived more than once with different samples, as text; empty if there are none in the recording.
     """
 
     def __init__(self) -> None:
         self._origin: Mark | None = None
         self._coverage: dict[int, StepCoverage] = {}
         self._repeated = RepeatedSteps()
+        self.conflict = ""
 
     @property
     def runs(self) -> list[int]:
         """Runs with telemetry, in the order of arrival."""
         return list(self._coverage)
-
-    @property
-    def conflict(self) -> str:
-        """Steps that arrived more than once with different samples, as text; empty if there are none."""
-        return self._repeated.conflict
 
     def begin(self, origin: Mark | None) -> None:
         """The recording begins there: it must have that run from that step onwards, and later runs from step 0."""
@@ -63,6 +64,7 @@ class TelemetryAccount:
             return
         self._coverage.setdefault(run, StepCoverage()).add(block.first_step, block.steps)
         self._repeated.add(run, block)
+        self.conflict = self._repeated.conflict or self.conflict
 
     def stop(self, run: int) -> int:
         """Step after the last known one of a run; 0 if none is known."""
@@ -215,13 +217,15 @@ class AnswerAccount:
         self._unanswered.clear()
 
     def note_excitation(self, run: int, number: int) -> None:
-        """An excitation has arrived."""
-        if (run, number) not in self._answers:
+        """An excitation has arrived; one of run 0 is meant for the run that its answer names."""
+        last = next(reversed(self._answers), (0, -1))
+        if (run, number) not in self._answers and (run or number != last[1]):
             self._unanswered[run, number] = None
 
     def note_answer(self, run: int, number: int) -> None:
         """An answer has arrived."""
         self._unanswered.pop((run, number), None)
+        self._unanswered.pop((0, number), None)
         self._answers[run, number] = None
         if len(self._answers) > self.KEPT:
             del self._answers[next(iter(self._answers))]

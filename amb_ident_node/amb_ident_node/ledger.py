@@ -127,6 +127,21 @@ class Ledger:
             return next(reversed(self._telemetry.runs), 0)
 
     @property
+    def within_run(self) -> bool:
+        """Whether a run is in progress, as far as is known; not one that is paused or over."""
+        with self._changed:
+            return self.state is None or self.state.mode in (SimulatorState.RUNNING, SimulatorState.WAITING)
+
+    @property
+    def end_of_telemetry(self) -> str:
+        """The last run and step with telemetry in this recording, as text."""
+        with self._changed:
+            run = next(reversed(self._telemetry.runs), 0)
+            return (
+                f"telemetry ends at step {self._telemetry.stop(run) - 1} of run {run}" if run else "no telemetry came"
+            )
+
+    @property
     def has_monitor(self) -> bool:
         """Whether a region, or a report of the region monitor, was received in this recording."""
         with self._changed:

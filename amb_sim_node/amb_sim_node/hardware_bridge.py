@@ -27,6 +27,7 @@ from amb_core.target import (
     TargetState,
 )
 from amb_ros import diagnostics, topics
+from amb_ros.alarms import RecentProblem
 from amb_ros.managed_node import ManagedNode
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -70,6 +71,8 @@ class HardwareBridgeNode(ManagedNode):
         self._ready: Rig | None = None  # while configured
         self._excitable = False  # while active
         self._unsent = ""  # why the target does not have the settings; empty: it has them
+        self._lost = 0  # samples, at the last report
+        self._losing = RecentProblem()
         self._host_loop: HostLoop | None = None
         self._excitation: RigExcitation | None = None
         if self._settings.mode == "host":
@@ -122,7 +125,7 @@ class HardwareBridgeNode(ManagedNode):
             link.close()
             raise
         self._link, self._unsent = link, ""
-        runs = self._watch.begin(description, settings.telemetry_block)
+        runs = self._watch.begin(description, settings.telemetry_block, settings.signals_rate)
         self._state.publish_machine(machine)
         self._ready = Rig(link, machine, runs, protection, guard)
         self.get_logger().info(
@@ -305,7 +308,14 @@ class HardwareBridgeNode(ManagedNode):
         known, settings = self._watch.known, self._settings
         limits = settings.protection.lowered(known.limits, settings.current_limit) if known is not None else None
         problem = self._watch.latched() or self._unsent or self.problem
-        return report(self.state_label, self._watch, self._link, limits, problem)
+        return report(self.state_label, self._watch, self._link, limits, problem, self._lost_lately())
+
+    def _lost_lately(self) -> str:
+        """That samples of telemetry have been lost since the last report, or shortly before."""
+        before, self._lost = self._lost, self._link.count.samples.lost if self._link is not None else 0
+        if self._lost > before:
+            self._losing.note(f"{self._lost - before} samples of telemetry lost, {self._lost} since the connection")
+        return self._losing.text
 
 
 def main(args: list[str] | None = None) -> int:

@@ -10,7 +10,7 @@ import pytest
 
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps
-from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount
+from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount, TelemetryAccount
 from amb_ident_node.ledger import Ledger
 from amb_msgs.msg import RegionState, SimulatorState
 from amb_ros.namesakes import Namesakes
@@ -264,6 +264,27 @@ def test_steps_that_come_twice_with_other_samples_are_a_conflict():
     assert repeated.conflict == ""
     repeated.add(1, record(150, 100, 1.0))
     assert repeated.conflict.startswith("telemetry of run 1: steps 150 to 249 came twice with different samples")
+
+
+def test_a_conflict_ends_with_its_run_and_once_enough_blocks_agree():
+    repeated = RepeatedSteps()
+    for run in (1, 2):
+        repeated.add(run, record(0, 100))
+        repeated.add(run, record(0, 100, 1.0))
+        assert f"run {run}" in repeated.conflict
+    for number in range(1, 1 + repeated.COMPARED_BLOCKS):
+        assert "run 2" in repeated.conflict
+        repeated.add(2, record(100 * number, 100))
+    repeated.add(2, record(50_000, 100))
+    assert repeated.conflict == ""
+
+
+def test_a_recording_keeps_the_conflict_of_an_earlier_run():
+    account = TelemetryAccount()
+    for value in (0.0, 1.0):
+        account.note(1, record(0, 100, value))
+    account.note(2, record(0, 100))
+    assert "run 1: steps 0 to 99 came twice" in account.conflict
 
 
 def test_two_instances_that_report_in_turn_are_two_nodes_and_a_restarted_one_is_not():

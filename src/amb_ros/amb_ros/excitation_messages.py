@@ -64,7 +64,8 @@ def read(data: bytes) -> Excitation | ExcitationStatus:
 def resolve(message: Excitation, run: int, step: int) -> None:
     """Put in the present run and step where a message leaves them open, as requests to services do.
 
-    Run 0 is the present run. A stop whose first step has passed, such as one that gives none, is one from the next step.
+    Run 0 is the present run. A stop whose first step has passed, such as one that gives none, is one from the next
+    step on.
     """
     message.run = message.run or run
     if message.kind == STOP and message.run == run and 0 <= message.first_step <= step:

@@ -131,8 +131,8 @@ def instantaneous_frequency(
 class Checksum:
     """Checksum of samples that two processors may round differently in the last place.
 
-    It is their sum, weighted by fixed pseudo-random numbers from -1 to 1, in units of `RESOLUTION`. Rounding moves it by
-    one unit at most. Samples that really differ, such as those of another seed, move it by many.
+    It is their sum, weighted by fixed pseudo-random numbers from -1 to 1, in units of `RESOLUTION`. Rounding moves it
+    by one unit at most. Samples that really differ, such as those of another seed, move it by many.
     """
 
     def __init__(self) -> None:

@@ -68,7 +68,7 @@ class RepeatedSteps:
     Attributes
     ----------
     conflict : str
-        The last finding, as text; empty if there is none.
+        The last finding, as text; empty if there is none in the present run, or none among its latest blocks.
     """
 
     COMPARED_BLOCKS = 100
@@ -77,18 +77,23 @@ class RepeatedSteps:
         self._run: int | None = None
         self._blocks: deque[LoopRecord] = deque(maxlen=self.COMPARED_BLOCKS)
         self._stop = 0
+        self._blocks_since = 0  # the conflict
         self.conflict = ""
 
     def add(self, run: int, block: LoopRecord) -> None:
         """Add a block of telemetry."""
         if run != self._run:
-            self._run, self._stop = run, 0
+            self._run, self._stop, self.conflict = run, 0, ""
             self._blocks.clear()
+        self._blocks_since += 1
+        if self._blocks_since > self.COMPARED_BLOCKS:
+            self.conflict = ""
         if block.first_step < self._stop and any(_contradict(known, block) for known in self._blocks):
             self.conflict = (
                 f"telemetry of run {run}: steps {block.first_step} to {block.first_step + block.steps - 1} came twice "
                 "with different samples; do two controllers publish it?"
             )
+            self._blocks_since = 0
         self._blocks.append(block)
         self._stop = max(self._stop, block.first_step + block.steps)
 
