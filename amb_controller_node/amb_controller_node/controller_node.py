@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 from amb_controller_node.excitation_input import ExcitationInput
 from amb_controller_node.parameters import CommonParameters
-from amb_core.errors import AmbError
+from amb_core.errors import AmbError, one_line
 from amb_core.loop.law import ControlLaw
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
@@ -175,7 +175,7 @@ class ControllerNode(Node):
         try:
             law = self.law_for(machine, self._settings)
         except AmbError as problem:
-            self._machine_error = f"{problem}; no position of machine {machine.name!r} is answered"
+            self._machine_error = f"{one_line(problem)}; no position of machine {machine.name!r} is answered"
             self.get_logger().error(self._machine_error, throttle_duration_sec=5.0)
             return
         self._flush()  # of the last run

@@ -25,6 +25,7 @@ from amb_msgs.msg import BridgeState, Excitation, ExcitationStatus, SimulatorSta
 from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
 from amb_ros import diagnostics, topics
+from amb_ros.excitation_messages import HIGHEST_STEP
 from amb_ros.machine import MachineInput
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -220,7 +221,8 @@ class ExcitationGeneratorNode(Node):
 
     def _on_status(self, message: ExcitationStatus) -> None:
         answer = self._awaited.get(message.id)
-        if answer is not None and not answer.done():
+        # A later first step is not one of a controller: the generator asks for none.
+        if answer is not None and not answer.done() and message.first_step <= HIGHEST_STEP:
             answer.set_result(message)
 
     def _report(self) -> diagnostics.Report:

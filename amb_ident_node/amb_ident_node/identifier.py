@@ -107,7 +107,7 @@ class IdentifierNode(Node):
             self._malformed += 1
             if self._malformed_lately.note(one_line(problem)):
                 self._diagnostics.publish()
-            self.get_logger().error(str(problem), throttle_duration_sec=5.0)
+            self.get_logger().error(one_line(problem), throttle_duration_sec=5.0)
 
     def _on_excitation_status(self, message: msg.ExcitationStatus) -> None:
         self._live.add_excitation(answer_from_message(message))

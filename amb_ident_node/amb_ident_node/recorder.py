@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from amb_core.errors import AmbError, BagError, ParameterError
+from amb_core.errors import AmbError, BagError, ParameterError, one_line
 from amb_core.recording import BagWriter
 from amb_core.recording.messages.loop_samples import steps_in
 from amb_core.recording.messages.parameters import ParameterValue
@@ -324,7 +324,7 @@ class RecorderNode(Node):
         try:
             self._start("")
         except AmbError as problem:
-            self.get_logger().error(str(problem))
+            self.get_logger().error(one_line(problem))
 
     def _undescribed_nodes(self) -> list[str]:
         """Nodes of the workbench without parameters in the bag."""
@@ -345,7 +345,7 @@ class RecorderNode(Node):
             except ParameterError as problem:
                 self._attempts[name] += 1
                 self._next_attempt[name] = time.monotonic() + min(2.0 ** self._attempts[name], LONGEST_PAUSE)
-                self.get_logger().warning(f"{problem} They are missing from the bag.")
+                self.get_logger().warning(f"{one_line(problem)} They are missing from the bag.")
         return parameters
 
     def _describe(self, nodes: Iterable[str], timeout: float) -> None:

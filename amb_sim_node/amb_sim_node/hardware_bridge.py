@@ -105,7 +105,7 @@ class HardwareBridgeNode(ManagedNode):
             if self.state_label == "active" and self._settings.at_exit == "land":
                 self.deactivate()
         except AmbError as problem:
-            self.get_logger().error(str(problem))
+            self.get_logger().error(one_line(problem))
         self.clean_up()
 
     # -- transitions, in the worker
@@ -270,7 +270,7 @@ class HardwareBridgeNode(ManagedNode):
             self._send(self._link)
         except AmbError as problem:
             self._unsent = one_line(problem)
-            self.get_logger().error(f"the target has not taken the settings: {problem}")
+            self.get_logger().error(f"the target has not taken the settings: {self._unsent}")
         self._note_state()
 
     def _send(self, link: TargetLink) -> None:

@@ -278,6 +278,27 @@ def test_a_stop_that_gives_nothing_but_its_kind_ends_the_excitation_of_the_prese
     assert not running.record(run, 200).reference.any()
 
 
+def test_an_answer_that_no_controller_gives_is_not_taken_for_one(graph) -> None:
+    """The test is the controller, and a stranger who answers first."""
+    node = graph.node
+    machine = machine_publisher(node)
+    machine.publish(machine_message(machine_of(PlantParameters())))
+    answers = node.create_publisher(ExcitationStatus, "/amb/excitation_status", EVERY_STATE)
+
+    def answer(message: Excitation) -> None:
+        for first_step in (2**64 - 1, 2**63, 40):
+            answers.publish(ExcitationStatus(run=message.run, id=message.id, accepted=True, first_step=first_step))
+
+    node.create_subscription(Excitation, "/amb/excitation", answer, LATCHED)
+    graph.start(GENERATOR)
+    graph.wait_until(answers.get_subscription_count, "the generator")
+    answer = graph.call(
+        StartExcitation, "/amb/excitation_generator/start", kind="square", amplitude=1e-6, duration=0.1, run=7
+    )
+    assert answer.success, answer.message
+    assert answer.first_step == 40
+
+
 # -- the controller alone
 
 

@@ -18,9 +18,10 @@ from lifecycle_msgs.msg import State, Transition
 from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from amb_core.errors import AmbError, one_line
+from amb_core.errors import AmbError, bounded, one_line
 
 SHUTDOWN = "shutdown"
+LONGEST_LABEL = 50  # characters of a request that are repeated in the log
 
 
 class ManagedNode(LifecycleNode):
@@ -102,7 +103,7 @@ class ManagedNode(LifecycleNode):
             SHUTDOWN: self.trigger_shutdown,
         }
         if label not in allowed or label not in triggers:
-            name = label or _NAMES.get(asked.id, f"transition {asked.id}")
+            name = bounded(label, LONGEST_LABEL) or _NAMES.get(asked.id, f"transition {asked.id}")
             possible = ", ".join(name for name in triggers if name in allowed) or "none, the node has been shut down"
             self.get_logger().error(f"{name} is not allowed while {self.state_label}; allowed: {possible}")
             return False

@@ -12,7 +12,12 @@ from amb_core.loop.records import LoopRecord
 
 
 class StepCoverage:
-    """The known steps of a run, as disjoint spans; adding is cheap while blocks arrive in order."""
+    """The known steps of a run, as disjoint spans; adding is cheap while blocks arrive in order.
+
+    Memory is bounded: beyond `MOST_SPANS` spans, steps that touch none of them count as unknown.
+    """
+
+    MOST_SPANS = 100_000
 
     def __init__(self) -> None:
         self._spans: list[tuple[int, int]] = []
@@ -43,7 +48,8 @@ class StepCoverage:
         while self._spans and self._spans[-1][1] >= start:
             known = self._spans.pop()
             start, stop = min(start, known[0]), max(stop, known[1])
-        self._spans.append((start, stop))
+        if len(self._spans) + len(later) < self.MOST_SPANS:
+            self._spans.append((start, stop))
         self._spans.extend(reversed(later))
 
     def missing(self, first_step: int, stop: int) -> list[tuple[int, int]]:
