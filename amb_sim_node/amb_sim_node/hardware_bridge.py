@@ -287,7 +287,7 @@ class HardwareBridgeNode(ManagedNode):
         link = self._connected()
         link.reset_faults()
         self._watch.forget_own_trips()
-        self.problem = ""
+        self.problem = self.refusal = ""
         self._watch.on_status(link.status())
         response.success = True
         self._note_state()
@@ -298,7 +298,11 @@ class HardwareBridgeNode(ManagedNode):
         self._note_state()
 
     def _note_state(self) -> None:
-        self._state.publish(self._link, self._unsent, self.problem)
+        self._state.publish(self._link, self._unsent, self.problem, self.refusal)
+
+    def report_transition(self) -> None:
+        """Publish the state: its `problem` is why a transition failed or was refused."""
+        self._note_state()
 
     def _on_parameters(self, parameters: BridgeParameters) -> None:
         self._settings = parameters
