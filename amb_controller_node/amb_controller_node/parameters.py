@@ -13,6 +13,9 @@ class CommonParameters(Parameters):
 
     allowed: AllowedChanges = AllowedChanges()
     telemetry_block: int = quantity(100, "-", "steps in a block of telemetry", 1, 10_000)
+    signals_rate: float = quantity(
+        100.0, "Hz", "messages on signals/<axis> per second of loop time, for plots; 0: none", 0.0, 1000.0
+    )
 
 
 class PdControllerParameters(CommonParameters, ControllerParameters):

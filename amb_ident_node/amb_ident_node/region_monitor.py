@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.errors import BagError, RegionError
+from amb_core.errors import BagError, RegionError, one_line
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.parameters import choice, load_parameters, part_of, quantity
 from amb_core.plant import PlantParameters
@@ -34,6 +34,7 @@ from amb_msgs.msg import AxisRegion, BearingRegion, BridgeState, LoopSamples, Re
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_ros import diagnostics, topics
 from amb_ros.actions import create_action
+from amb_ros.alarms import RecentProblem
 from amb_ros.machine import MachineInput
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -89,6 +90,7 @@ class RegionMonitorNode(Node):
         self._watch = RegionWatch(self._regions, self._settings.publish_period)
         self._wait = MachineWait(self._settings.machine_timeout)
         self._malformed = 0
+        self._left_out = RecentProblem()  # steps that are missing, and blocks that are not classified
         self._sequence = 0  # of the last message on region
         self._maps = 0  # published
         self._building = ""  # progress of the map in progress
@@ -149,14 +151,19 @@ class RegionMonitorNode(Node):
             states = self._watch.add_block(message.run, block_from_message(message))
         except BagError as problem:
             self._malformed += 1
-            self.get_logger().error(str(problem), throttle_duration_sec=5.0)
+            self._note_left_out(one_line(problem))
             return
         except RegionError as problem:
-            self.get_logger().error(str(problem), throttle_duration_sec=5.0)
+            self._note_left_out(one_line(problem))
             return
         if self._watch.restarts > restarts:
-            self.get_logger().warning(self._watch.problem, throttle_duration_sec=5.0)
+            self._note_left_out(self._watch.problem)
         self._publish(states)
+
+    def _note_left_out(self, problem: str) -> None:
+        self.get_logger().warning(problem, throttle_duration_sec=5.0)
+        if self._left_out.note(problem):
+            self._diagnostics.publish()
 
     def _on_simulator_state(self, message: SimulatorState) -> None:
         if message.mode == SimulatorState.DELEVITATED:
@@ -290,8 +297,7 @@ class RegionMonitorNode(Node):
                 return diagnostics.ERROR, problem, values
         if watch.conflict:
             return diagnostics.ERROR, f"{summary}; {watch.conflict}", values
-        malformed = f"{self._malformed} malformed blocks of telemetry" if self._malformed else ""
-        problems = [problem for problem in (watch.problem or malformed, self._machine_problem()) if problem]
+        problems = [problem for problem in (self._left_out.text, self._machine_problem()) if problem]
         if problems:
             return max(level, diagnostics.WARN), "; ".join([summary, *problems]), values
         return level, summary, values

@@ -53,3 +53,6 @@ class BridgeParameters(ControllerParameters):
     )
     at_exit: Literal["land", "stay"] = choice("land", "what an active bridge does with the rotor when it is ended")
     telemetry_block: int = quantity(100, "-", "steps in a block of telemetry", 1, 10_000)
+    signals_rate: float = quantity(
+        100.0, "Hz", "messages on signals/<axis> per second of loop time, for plots; 0: none", 0.0, 1000.0
+    )

@@ -28,6 +28,7 @@ from amb_core.target import (
     TargetState,
 )
 from amb_ros import diagnostics, middleware, topics
+from amb_ros.alarms import RecentProblem
 from amb_ros.callers import callers
 from amb_ros.managed_node import ManagedNode
 from amb_ros.parameters import declare
@@ -76,6 +77,8 @@ class HardwareBridgeNode(ManagedNode):
         self._ready: Rig | None = None  # while configured
         self._excitable = False  # while active
         self._unsent = ""  # why the target does not have the settings; empty: it has them
+        self._lost = 0  # samples, at the last report
+        self._losing = RecentProblem()
         self._host_loop: HostLoop | None = None
         self._excitation: RigExcitation | None = None
         if self._settings.mode == "host":
@@ -107,7 +110,7 @@ class HardwareBridgeNode(ManagedNode):
             if self.state_label == "active" and self._settings.at_exit == "land":
                 self.deactivate()
         except AmbError as problem:
-            self.get_logger().error(str(problem))
+            self.get_logger().error(one_line(problem))
         self.clean_up()
 
     # -- transitions, in the worker
@@ -127,7 +130,7 @@ class HardwareBridgeNode(ManagedNode):
             link.close()
             raise
         self._link, self._unsent = link, ""
-        runs = self._watch.begin(description, settings.telemetry_block)
+        runs = self._watch.begin(description, settings.telemetry_block, settings.signals_rate)
         self._state.publish_machine(machine)
         self._ready = Rig(link, machine, runs, protection, guard)
         self.get_logger().info(
@@ -275,7 +278,7 @@ class HardwareBridgeNode(ManagedNode):
             self._send(self._link)
         except AmbError as problem:
             self._unsent = one_line(problem)
-            self.get_logger().error(f"the target has not taken the settings: {problem}")
+            self.get_logger().error(f"the target has not taken the settings: {self._unsent}")
         self._note_state()
 
     def _send(self, link: TargetLink) -> None:
@@ -293,7 +296,7 @@ class HardwareBridgeNode(ManagedNode):
         self.get_logger().info(f"reset_faults: asked for by {callers(self, '~/reset_faults')}")
         link.reset_faults()
         self._watch.forget_own_trips()
-        self.problem = ""
+        self.problem = self.refusal = ""
         self._watch.on_status(link.status())
         response.success = True
         self._note_state()
@@ -304,7 +307,11 @@ class HardwareBridgeNode(ManagedNode):
         self._note_state()
 
     def _note_state(self) -> None:
-        self._state.publish(self._link, self._unsent, self.problem)
+        self._state.publish(self._link, self._unsent, self.problem, self.refusal)
+
+    def report_transition(self) -> None:
+        """Publish the state: its `problem` is why a transition failed or was refused."""
+        self._note_state()
 
     def _check_parameters(self, parameters: BridgeParameters) -> None:
         """Refuse what the operator has not allowed, and less protection than now while the rotor is not off."""
@@ -328,7 +335,14 @@ class HardwareBridgeNode(ManagedNode):
         known, settings = self._watch.known, self._settings
         limits = settings.protection.lowered(known.limits, settings.current_limit) if known is not None else None
         problem = self._watch.latched() or self._unsent or self.problem
-        return report(self.state_label, self._watch, self._link, limits, problem)
+        return report(self.state_label, self._watch, self._link, limits, problem, self._lost_lately())
+
+    def _lost_lately(self) -> str:
+        """That samples of telemetry have been lost since the last report, or shortly before."""
+        before, self._lost = self._lost, self._link.count.samples.lost if self._link is not None else 0
+        if self._lost > before:
+            self._losing.note(f"{self._lost - before} samples of telemetry lost, {self._lost} since the connection")
+        return self._losing.text
 
 
 def main(args: list[str] | None = None) -> int:

@@ -25,7 +25,7 @@ from amb_core.target import ExcitationPhase, TargetLink, TargetState, TooLateErr
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
 from amb_ros.callers import publishers
-from amb_ros.excitation_messages import STOP, Checked, check, read
+from amb_ros.excitation_messages import STOP, Checked, check, read, require_samples, resolve
 from amb_ros.qos import EVERY_STATE
 from amb_ros.subscriptions import create_subscription
 from amb_sim_node.region_guard import Guard
@@ -104,6 +104,8 @@ class RigExcitation:
             rig = self._rig_of()
             if rig is None or not rig.runs.levitated:
                 raise ExcitationError("the rotor is not levitated; activate hardware_bridge first")
+            resolve(message, rig.runs.run, rig.runs.next_step - 1)
+            status.run = message.run
             if message.run != rig.runs.run:
                 raise ExcitationError(f"meant for run {message.run}; the present run is {rig.runs.run}")
             checked = check(message, rig.machine, rig.runs.run, rig.runs.next_step - 1)
@@ -153,11 +155,7 @@ class RigExcitation:
             return checked.samples
         machine, rate = rig.machine, rig.machine.sample_rate
         playback = Playback(checked.excitation, rate, machine, called_off)
-        if checked.checksum and checked.checksum != playback.checksum:
-            raise ExcitationError(
-                f"the samples made from its description have checksum {playback.checksum}, those of the sender "
-                f"{checked.checksum}; does it run another version of amb_core or numpy, or another kind of processor?"
-            )
+        require_samples(checked.checksum, playback.checksum)
         samples = np.empty((playback.steps, len(machine.axes)))
         index = 0
         while index < playback.steps:

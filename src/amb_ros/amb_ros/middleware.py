@@ -9,7 +9,7 @@ DDS has no access control here: whoever reaches a node commands it. With ROS_AUT
 nodes of Jazzy announce themselves on this host only, but their sockets still take packets from every network, so a peer
 that knows the port gets in. For that range the profile binds the sockets to the loopback interface, too.
 
-The fault and its correction are described in `overflowed_wait`. Middlewares other than rmw_fastrtps ignore the settings.
+`overflowed_wait` describes the fault and its correction. Middlewares other than rmw_fastrtps ignore all settings.
 """
 
 from __future__ import annotations
