@@ -10,7 +10,9 @@ from amb_ros import deferred_answers
 
 ROOT = Path(__file__).parents[2]
 PUBLIC = {"_exit", "_asdict", "_replace", "_fields"}  # documented names of os and of named tuples
-SOURCES = [file for folder in ("src", "amb_*_node") for file in ROOT.glob(f"{folder}/**/*.py") if "build" not in file.parts]
+SOURCES = [
+    file for folder in ("src", "amb_*_node") for file in ROOT.glob(f"{folder}/**/*.py") if "build" not in file.parts
+]
 
 
 def private_names(tree: ast.AST) -> tuple[set[str], set[str]]:
@@ -32,7 +34,9 @@ def private_names(tree: ast.AST) -> tuple[set[str], set[str]]:
 def test_no_private_attribute_of_a_library_is_used() -> None:
     modules = {file: private_names(ast.parse(file.read_text())) for file in SOURCES}
     own = set().union(*(defined for _, defined in modules.values()))
-    foreign = {str(file.relative_to(ROOT)): found for file, (read, _) in modules.items() if (found := read - own - PUBLIC)}
+    foreign = {
+        str(file.relative_to(ROOT)): found for file, (read, _) in modules.items() if (found := read - own - PUBLIC)
+    }
     assert not foreign
 
 
