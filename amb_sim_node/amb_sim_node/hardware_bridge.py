@@ -27,7 +27,7 @@ from amb_core.target import (
     TargetSettings,
     TargetState,
 )
-from amb_ros import diagnostics, middleware, topics
+from amb_ros import diagnostics, network, topics
 from amb_ros.alarms import RecentProblem
 from amb_ros.callers import callers
 from amb_ros.managed_node import ManagedNode
@@ -70,7 +70,7 @@ class HardwareBridgeNode(ManagedNode):
                 self.declare_parameter(name, value)
         self._start: BridgeParameters | None = None  # what the operator gave; later changes come from anybody
         self._settings = self._start = declare(self, BridgeParameters, self._on_parameters, self._check_parameters)
-        self._open_sockets = middleware.sockets_open_to_network(self.context.get_domain_id())
+        self._open_sockets = network.sockets_open_to_network(self.context.get_domain_id())
         if self._open_sockets:
             self.get_logger().warning(self._reach())
         self._link: TargetLink | None = None

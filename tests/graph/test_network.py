@@ -8,13 +8,13 @@ import subprocess
 import pytest
 
 from amb_msgs.srv import StopRecording
-from amb_ros import middleware
+from amb_ros import middleware, network
 from tests.graph.conftest import Graph
 
 
 def start_recorder(graph: Graph, **environment: str) -> int:
     """Start a recorder by the command line, and wait until it answers; its process."""
-    for name in (middleware.RANGE, middleware.VARIABLE):
+    for name in (network.RANGE, middleware.VARIABLE):
         graph.environment.pop(name, None)
     graph.environment |= environment
     process = graph.start_command(["amb", "run", "amb_ident_node", "recorder"])
@@ -25,12 +25,12 @@ def start_recorder(graph: Graph, **environment: str) -> int:
 
 def test_a_node_of_this_host_takes_no_packets_from_a_network(graph: Graph) -> None:
     pid = start_recorder(graph)
-    assert middleware.sockets_open_to_network(graph.domain, pid) == []
+    assert network.sockets_open_to_network(graph.domain, pid) == []
 
 
 def test_a_node_of_the_network_is_reached_from_this_host_too(graph: Graph) -> None:
     pid = start_recorder(graph, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
-    assert middleware.sockets_open_to_network(graph.domain, pid), "otherwise the test above could not fail"
+    assert network.sockets_open_to_network(graph.domain, pid), "otherwise the test above could not fail"
 
 
 @pytest.mark.parametrize(
@@ -49,13 +49,13 @@ def test_the_command_line_keeps_to_this_host_unless_the_environment_says_more(en
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    middleware.keep_to_this_host()
-    assert middleware.is_local() == local
+    network.keep_to_this_host()
+    assert network.is_local() == local
 
 
 def test_amb_up_warns_when_it_opens_the_graph_to_the_network(graph: Graph) -> None:
     environment = {
-        name: value for name, value in os.environ.items() if name not in (middleware.RANGE, middleware.VARIABLE)
+        name: value for name, value in os.environ.items() if name not in (network.RANGE, middleware.VARIABLE)
     }
     environment |= {"ROS_DOMAIN_ID": str(graph.domain), "ROS_LOG_DIR": str(graph.folder)}
     command = ["amb", "up", "--network", "--controller", "pd_controller"]

@@ -22,6 +22,7 @@ from amb_bringup.connection import ClientError
 from amb_msgs.msg import BridgeState, Trip
 from amb_ros import topics
 from amb_ros.qos import EVERY_STATE, LATCHED
+from amb_ros.requests import QUICKLY
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class Rig:
 
     def reset_faults(self) -> None:
         """Forget latched trips."""
-        self._client.call(Trigger, f"{BRIDGE}/reset_faults")
+        self._client.call(Trigger, f"{BRIDGE}/reset_faults", repeat_after=QUICKLY)
 
     def life_cycle(self) -> str:
         """State in the life cycle: unconfigured, inactive, active or finalized."""

@@ -1,51 +1,32 @@
-"""Settings of the middleware in every process: lost answers, who can reach the nodes, and a fault of it corrected.
+"""What keeps nodes reachable: settings against lost answers of services, and no segments of dead processes.
 
 A request may reach a service before discovery has matched the service with the client's reader for answers.
 rmw_fastrtps then waits 100 ms for the match and drops the answer, with only a warning (ros2/rmw_fastrtps, issue 842). A
 loaded machine takes longer. A lost announcement is repeated within about 1.5 s, so 3 s allow for two of them. Parameter
-services and actions of a node wait equally long, since the middleware does the waiting.
+services and actions of a node wait equally long, since the middleware does the waiting. Middlewares other than
+rmw_fastrtps ignore these settings. `network` says who can reach the nodes, `overflowed_wait` which fault is corrected.
 
-DDS has no access control here: whoever reaches a node commands it. With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST the
-nodes of Jazzy announce themselves on this host only, but their sockets still take packets from every network, so a peer
-that knows the port gets in. For that range the profile binds the sockets to the loopback interface, too.
-
-`overflowed_wait` describes the fault and its correction. Middlewares other than rmw_fastrtps ignore all settings.
+A killed process leaves half a megabyte in shared memory for each of its participants, until that is full.
 """
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
-from ipaddress import ip_address
+import re
+import time
 from pathlib import Path
-from socket import SOCK_DGRAM
 
-from amb_ros import overflowed_wait
+from amb_ros import network, overflowed_wait
 
 PROFILES = Path(__file__).with_name("fast_dds.xml")
 LOCAL_PROFILES = Path(__file__).with_name("fast_dds_local.xml")
 VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-PORT_BASE, DOMAIN_GAIN = 7400, 250  # PB and DG of DDSI-RTPS
-THIS_HOST = ("LOCALHOST", "OFF")
+SHARED_MEMORY = Path("/dev/shm")
+SETTLED = 10.0  # s; younger locks may belong to a process that is about to take them
 
-
-def keep_to_this_host() -> None:
-    """Limit the nodes of this process, and of those that it starts, to this host, unless the user has set a range."""
-    if "ROS_LOCALHOST_ONLY" not in os.environ:  # it would hold instead, with a warning
-        os.environ.setdefault(RANGE, "LOCALHOST")
-
-
-def open_to_network() -> None:
-    """Let hosts of the network find the nodes of this process, and of those that it starts."""
-    os.environ.pop("ROS_LOCALHOST_ONLY", None)
-    os.environ[RANGE] = "SUBNET"
-
-
-def is_local() -> bool:
-    """Whether the environment limits nodes to this host."""
-    if "ROS_LOCALHOST_ONLY" in os.environ:
-        return os.environ["ROS_LOCALHOST_ONLY"] == "1"
-    return os.environ.get(RANGE, "").upper() in THIS_HOST and not os.environ.get("ROS_STATIC_PEERS")
+_LOCK = re.compile(r"fastrtps_[0-9a-f]{16}_el")
 
 
 def configure() -> None:
@@ -53,30 +34,25 @@ def configure() -> None:
 
     Then correct the fault by which a process can hang when it ends.
     """
-    os.environ.setdefault(VARIABLE, str(LOCAL_PROFILES if is_local() else PROFILES))
+    os.environ.setdefault(VARIABLE, str(LOCAL_PROFILES if network.is_local() else PROFILES))
     overflowed_wait.correct()
 
 
-def sockets_open_to_network(domain: int, pid: int | None = None) -> list[str]:
-    """Addresses at which other hosts reach the DDS participants of a process; empty if its nodes keep to this host.
+def remove_dead_segments() -> None:
+    """Remove the segments of Fast DDS whose process has ended: a living one holds the lock of each of its segments.
 
-    Parameters
-    ----------
-    domain : int
-        Their DDS domain, which decides the UDP ports (DDSI-RTPS 2.5, section 9.6.2: 250 ports from 7400 + 250 domain).
-        Ports elsewhere only send. A TCP port that listens counts, too.
-    pid : int, optional
-        The process; by default this one.
+    Ports are left alone: others may still have them open, and Fast DDS itself renews those of dead processes.
     """
-    import psutil  # only a bridge needs it
+    for lock in SHARED_MEMORY.glob("fastrtps_*_el"):
+        if _LOCK.fullmatch(lock.name):
+            with contextlib.suppress(OSError):  # locked, of another user, or just removed
+                _remove_if_dead(lock)
 
-    first = PORT_BASE + DOMAIN_GAIN * domain
-    found = []
-    for socket in psutil.Process(pid).net_connections("inet"):
-        host, port = socket.laddr
-        listens = socket.status == psutil.CONN_LISTEN
-        receives = socket.type == SOCK_DGRAM and first <= port < first + DOMAIN_GAIN
-        address = ip_address(host)
-        if (listens or receives) and not (address.is_loopback or address.is_multicast):
-            found.append(f"{host}:{port}")
-    return sorted(found)
+
+def _remove_if_dead(lock: Path) -> None:
+    with lock.open("rb") as file:
+        if time.time() - os.fstat(file.fileno()).st_mtime < SETTLED:
+            return
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        (SHARED_MEMORY / lock.name.removesuffix("_el")).unlink(missing_ok=True)
+        lock.unlink()

@@ -39,6 +39,7 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: end.ask_for())
     middleware.configure()
+    middleware.remove_dead_segments()
     # rclpy would shut the context down in its own thread. While a node is being made that can fail without a message,
     # and rclpy then has nothing left to shut down: no signal would end the process.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)

@@ -13,7 +13,7 @@ import typer
 from amb_bringup.commands.options import ParamsOption
 from amb_core.errors import ParameterError
 from amb_core.files.parameter_files import CONTROLLERS, nodes_with
-from amb_ros import middleware
+from amb_ros import network as network_of_graph
 
 if TYPE_CHECKING:
     from amb_bringup.launcher import Graph
@@ -53,8 +53,8 @@ def up(
 def choose_network(network: bool) -> None:
     """Open the graph to the network if asked for; warn whenever it is, since DDS asks nobody who they are."""
     if network:
-        middleware.open_to_network()
-    if not middleware.is_local():
+        network_of_graph.open_to_network()
+    if not network_of_graph.is_local():
         typer.secho(
             "amb: warning: other hosts of the network can reach the nodes, and command them: levitate, excite, change "
             "gains; nothing is encrypted",
