@@ -70,10 +70,6 @@ def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
     for name, value in content.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")
-        elif isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:  # a struct of version 5
-            yield from _flat({field: value[field].ravel()[0] for field in value.dtype.names}, f"{prefix}{name}.")
-        elif isinstance(value, np.ndarray) and value.dtype.names:
-            yield from _flat({field: value[field] for field in value.dtype.names}, f"{prefix}{name}.")
         else:
             yield prefix + name, value
 
