@@ -14,6 +14,7 @@ REQUIRED = [  # versions that these allow; those that are tested are pinned in r
     "dask>=2026.8",
     "distributed>=2026.8",
     "h5py>=3.16,<4",
+    "lz4>=4",
     "matplotlib>=3.11,<4",
     "mcap>=1.6,<2",
     "numba>=0.68",

@@ -102,12 +102,12 @@ class BagPlayer:
         if not SLOWEST <= rate <= FASTEST:
             raise BagError(f"rate = {rate:g} is not allowed; allowed: {SLOWEST:g} to {FASTEST:g}")
         self._wait_for_listeners()
-        start, first, played = time.monotonic(), None, 0
-        for message in BagApart(self._path).messages(list(self._publishers), stored=True, decoded=False):
+        start, first = time.monotonic(), None
+        stored = BagApart(self._path).messages(list(self._publishers), stored=True, decoded=False)
+        for played, message in enumerate(stored, start=1):
             first = message.log_time if first is None else first
             time.sleep(max(0.0, start + 1e-9 * (message.log_time - first) / rate - time.monotonic()))
             self._publishers[message.topic].publish(message.data)
-            played += 1
             if progress is not None:
                 progress(played)
         self._wait_for_late_listeners()

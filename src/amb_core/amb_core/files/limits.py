@@ -58,7 +58,7 @@ def limits_for(path: str | Path) -> Limits:
         values=max(128 * MIB, 32 * size),
         texts=max(16 * MIB, 16 * size),
         memory=512 * MIB + 32 * size,
-        seconds=15.0 + 4.0 * size / MIB,
+        seconds=6.0 + 4.0 * size / MIB,
     )
 
 

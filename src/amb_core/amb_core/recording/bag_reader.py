@@ -19,7 +19,7 @@ MODEL = "amb_msgs/msg/StateSpaceModel"
 
 
 class ReadMessage(NamedTuple):
-    """A message of a bag: time of recording (ns since 1970), data as stored, and decoded; None for what was not asked."""
+    """A message of a bag: time of recording (ns since 1970), as stored and decoded, each None if not asked for."""
 
     topic: str
     type: str

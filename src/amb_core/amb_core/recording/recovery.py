@@ -188,6 +188,8 @@ def _contradictions(path: Path, messages: int) -> list[str]:
     if not description:
         return [f"{METADATA} is missing or cannot be read"]
     listed = description.get("message_count")
+    if not isinstance(listed, int):
+        return [f"{METADATA} has no number of messages"]
     return [] if listed == messages else [f"{METADATA} lists {listed} messages, and {messages} can be read"]
 
 

@@ -118,10 +118,10 @@ def listed_files(folder: Path, description: Mapping[str, Any]) -> list[Path]:
 
 
 def _compression_of(path: Path, description: Mapping[str, Any]) -> Compressed:
-    mode = str(description.get("compression_mode") or "").lower()
-    form = description.get("compression_format")
-    if mode in ("file", "message") and form != "zstd":
-        raise BagError(f"bag {path}: compression format {form!r} is not supported; allowed: zstd")
+    mode = description.get("compression_mode") or ""
+    mode = mode.lower() if isinstance(mode, str) else ""
+    if mode in ("file", "message") and description.get("compression_format") != "zstd":
+        raise BagError(f"bag {path}: its compression format is not supported; allowed: zstd")
     return Compressed(mode, limits_for(path).expanded)
 
 
