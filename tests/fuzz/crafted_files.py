@@ -24,7 +24,6 @@ SECRET = b"SECRET-4711-"
 """What the file beside the crafted ones holds; whoever reads it has read elsewhere."""
 GIB = 1 << 30
 LOOP = "amb_msgs/msg/LoopSamples"
-BUNDLE = "/secret.bin"
 
 CRAFTED: dict[str, Callable[[Path], None]] = {}
 """Makers of a file or folder at a path, by its name."""
@@ -181,7 +180,9 @@ def _bomb_v5(path: Path) -> None:
     head = _matrix(b"u", 6, (count, 1), b"")[8:]
     data = packer.compress(struct.pack("<II", 14, len(head) + 8 + 8 * count) + head + struct.pack("<II", 9, 8 * count))
     zeros = bytes(1 << 20)
-    data += b"".join(packer.compress(zeros) for _ in range(8 * count >> 20)) + packer.compress(bytes(8 * count % (1 << 20)))
+    data += b"".join(packer.compress(zeros) for _ in range(8 * count >> 20)) + packer.compress(
+        bytes(8 * count % (1 << 20))
+    )
     data += packer.flush()
     _mat5(path, struct.pack("<II", 15, len(data)) + data)
 
@@ -199,7 +200,10 @@ def _npy_head(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
 
 @crafted("bomb.npz")
 def _bomb_npz(path: Path) -> None:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("u.npy", "w", force_zip64=True) as file:
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("u.npy", "w", force_zip64=True) as file,
+    ):
         file.write(_npy_head((2 * GIB // 8,)))
         for _ in range(2048):
             file.write(bytes(1 << 20))
@@ -368,9 +372,7 @@ def _metadata(path: Path, **values: object) -> None:
 
 @crafted("compressed_file")
 def _compressed_file(path: Path) -> None:
-    _metadata(
-        path, relative_file_paths=["a.mcap.zstd"], compression_format="zstd", compression_mode="FILE"
-    )
+    _metadata(path, relative_file_paths=["a.mcap.zstd"], compression_format="zstd", compression_mode="FILE")
     (path / "a.mcap.zstd").write_bytes(_zeros(6 * GIB))
 
 
@@ -430,7 +432,9 @@ NUMBERS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
 
 @crafted("view.db3")
 def _view(path: Path) -> None:
-    _database(path, f"CREATE VIEW messages AS {NUMBERS} SELECT i AS id, 1 AS topic_id, i AS timestamp, x'00' AS data FROM n;")
+    _database(
+        path, f"CREATE VIEW messages AS {NUMBERS} SELECT i AS id, 1 AS topic_id, i AS timestamp, x'00' AS data FROM n;"
+    )
 
 
 @crafted("generated.db3")

@@ -7,7 +7,6 @@ import json
 import multiprocessing
 import os
 import random
-import resource
 import shutil
 import signal
 import sys
@@ -225,7 +224,7 @@ def _attempted(path: Path, action: Callable[[Path], str]) -> dict[str, str]:
     if int(peak.split()[1]) << 10 > LARGEST:
         found["over_limits"] = peak
     secret = SECRET.decode()
-    if secret in shown or ", ".join(str(byte) for byte in SECRET[:6]) in shown :
+    if secret in shown or ", ".join(str(byte) for byte in SECRET[:6]) in shown:
         found["escaped"] = shown[:200]
     return found
 
@@ -249,10 +248,6 @@ def mutants(folder: Path, count: int, seed: int) -> Iterator[tuple[str, Path]]:
 
 def campaign(count: int, seed: int, names: list[str], report: Callable[[str], None]) -> Found:
     """All crafted files and so many mutants."""
-    import amb_bringup.commands.bag  # imported once, before the forks
-    import amb_bringup.commands.bag_export
-    import amb_bringup.commands.identify
-    import amb_bringup.commands.model
     import amb_core.recording.recording  # noqa: F401
 
     found = Found()

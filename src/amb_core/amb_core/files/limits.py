@@ -15,7 +15,9 @@ from amb_core.files.regular_files import MIB
 DEEPEST = 32
 """Levels of structs, cells, groups or lists within each other."""
 MOST_COLUMNS = 4096
-"""Columns of a text table."""
+"""Columns of a table."""
+MOST_ITEMS = 100_000
+"""Items of all cells and structs of a MATLAB file, each as often as it is referred to."""
 LONGEST_LINE = MIB
 """Longest line of a text table (B)."""
 
@@ -95,6 +97,21 @@ class Expansion:
         if number > self._left:
             raise too_much(f"expands to more than {self._limit // MIB} MiB")
         self._left -= number
+
+
+class Items:
+    """Counts items of nested data, and refuses too many of them, or too deep ones."""
+
+    def __init__(self) -> None:
+        self._left = MOST_ITEMS
+
+    def take(self, depth: int) -> None:
+        """Count an item at a depth; OSError if it is too much."""
+        self._left -= 1
+        if self._left < 0:
+            raise too_much(f"has more than {MOST_ITEMS} items")
+        if depth > DEEPEST:
+            raise too_much(f"is nested deeper than {DEEPEST} levels")
 
 
 def too_much(reason: str) -> OSError:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from amb_core.errors import IdentificationError
 from amb_core.files.apart import read_apart
 from amb_core.files.apart_server import seal
-from amb_core.files.limits import DEEPEST, too_much
+from amb_core.files.limits import Items
 from amb_core.files.regular_files import open_regular
 
 
@@ -66,24 +66,24 @@ def variables_of_file(path: str) -> dict[str, Any]:
             content = io.loadmat(file)
         except NotImplementedError:
             return _load_hdf5(file)
-    return {name: _plain(value) for name, value in content.items() if not name.startswith("__")}
+    items = Items()
+    return {name: _plain(value, items, 0) for name, value in content.items() if not name.startswith("__")}
 
 
-def _plain(value: Any, depth: int = 0) -> Any:
+def _plain(value: Any, items: Items, depth: int) -> Any:
     """A variable without structured arrays, sparse matrices and objects, which stay out."""
-    if depth > DEEPEST:
-        raise too_much(f"is nested deeper than {DEEPEST} levels")
+    items.take(depth)
     if not isinstance(value, np.ndarray):
         return None
     if value.dtype.names and value.size == 1:
-        return {field: _plain(value[field].ravel()[0], depth + 1) for field in value.dtype.names}
+        return {field: _plain(value[field].ravel()[0], items, depth + 1) for field in value.dtype.names}
     if value.dtype.names:
-        return {field: _plain(value[field], depth + 1) for field in value.dtype.names}
+        return {field: _plain(value[field], items, depth + 1) for field in value.dtype.names}
     if value.dtype == object:
-        items = np.empty(value.size, dtype=object)
+        content = np.empty(value.size, dtype=object)
         for index, item in enumerate(value.ravel().tolist()):
-            items[index] = _plain(item, depth + 1)
-        return items.reshape(value.shape)
+            content[index] = _plain(item, items, depth + 1)
+        return content.reshape(value.shape)
     return value if value.dtype.kind in "fiubcUS" else None
 
 
@@ -92,7 +92,8 @@ def _load_hdf5(stream: BinaryIO) -> dict[str, Any]:
 
     try:
         with h5py.File(stream, "r") as content:
-            return {name: _member(content, content, name, 0) for name in content if not name.startswith("#")}
+            items = Items()
+            return {name: _member(content, content, name, items, 0) for name in content if not name.startswith("#")}
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as problem:
         if isinstance(problem, OSError) and problem.errno == errno.EFBIG:
             raise
@@ -101,23 +102,22 @@ def _load_hdf5(stream: BinaryIO) -> dict[str, Any]:
         ) from None
 
 
-def _member(file: Any, group: Any, name: str, depth: int) -> Any:
+def _member(file: Any, group: Any, name: str, items: Items, depth: int) -> Any:
     """A variable or field by its name; one that is elsewhere, or a link to another name, is refused."""
     import h5py
 
-    if depth > DEEPEST:
-        raise too_much(f"is nested deeper than {DEEPEST} levels")
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         raise IdentificationError(f"{name!r} is a link, which MATLAB does not write; allowed: data in the file itself")
-    return _of_hdf5(file, group[name], depth)
+    return _of_hdf5(file, group[name], items, depth)
 
 
-def _of_hdf5(file: Any, item: Any, depth: int) -> Any:
+def _of_hdf5(file: Any, item: Any, items: Items, depth: int) -> Any:
     """A variable as `load_variables` returns it."""
     import h5py
 
+    items.take(depth)
     if isinstance(item, h5py.Group):
-        return {name: _member(file, item, name, depth + 1) for name in item}
+        return {name: _member(file, item, name, items, depth + 1) for name in item}
     if not isinstance(item, h5py.Dataset):
         return None
     if item.external or item.is_virtual:
@@ -131,7 +131,5 @@ def _of_hdf5(file: Any, item: Any, depth: int) -> Any:
         return np.array(["".join(chr(code) for code in np.asarray(value).T.ravel().tolist())])
     if item.dtype.kind == "O":  # references: the items of a cell
         references = np.asarray(value).T.ravel().tolist()
-        if depth >= DEEPEST:
-            raise too_much(f"is nested deeper than {DEEPEST} levels")
-        return cell([_of_hdf5(file, file[reference], depth + 1) for reference in references])
+        return cell([_of_hdf5(file, file[reference], items, depth + 1) for reference in references])
     return np.atleast_2d(np.asarray(value)).T if np.ndim(value) != 1 else np.asarray(value)[:, np.newaxis]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from amb_core.errors import IdentificationError
 from amb_core.files.apart import read_apart
 from amb_core.files.apart_server import seal
+from amb_core.files.limits import MOST_COLUMNS
 from amb_core.files.regular_files import open_regular
 from amb_core.tables.table import Column, Table, split_unit
 
@@ -38,7 +39,10 @@ def columns_of_file(path: str) -> tuple[list[str], list[tuple[str, NDArray[np.fl
 
     with open_regular(path) as file:
         seal()
-        content = parquet.ParquetFile(file).read(use_threads=False)
+        whole = parquet.ParquetFile(file)
+        if len(whole.schema) > MOST_COLUMNS:
+            raise IdentificationError(f"has {len(whole.schema)} columns; allowed: at most {MOST_COLUMNS}")
+        content = whole.read(use_threads=False)
     columns = [
         (column.name, column.values, column.unit, column.source)
         for name in content.column_names
