@@ -47,8 +47,7 @@ def make_secret(folder: Path) -> Path:
 
 
 def _hdf5(path: Path) -> h5py.File:
-    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(384))
-    return h5py.File(path, "r+" if False else "w", userblock_size=512)
+    return h5py.File(path, "w", userblock_size=512)
 
 
 def _closed(path: Path, file: h5py.File) -> None:

@@ -1,6 +1,6 @@
 """One rule for all commands that write: what a user has there is replaced only with --overwrite.
 
-A file that a user names must not exist. A folder must be new, empty, or one in which a command has written before, which
+A file that a user names must not exist. A folder must be new, empty, or one in which a command has written before, as
 its file `.amb` shows. The default places in `results` belong to the commands.
 """
 
