@@ -64,21 +64,13 @@ def play(
 
     Do not play a bag into a graph with a simulator: both would publish on the same topics.
     """
-    import rclpy
-    from rclpy.node import Node
-    from rclpy.signals import SignalHandlerOptions
-
+    from amb_bringup.connection import GraphConnection
     from amb_ros.bag_player import BagPlayer
 
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Python handles Ctrl-C, not the context
-    try:
-        node = Node("bag_player", start_parameter_services=False)
-        player = BagPlayer(node, bag)
+    with GraphConnection("", 10.0, None, ()) as connection:
+        player = BagPlayer(connection.node, bag)
         with Stages(Console(), "messages") as stages:
             player.play(rate, lambda played: stages.update("playing", played, player.messages))
-        node.destroy_node()
-    finally:
-        rclpy.try_shutdown()
 
 
 @app.command()

@@ -1,4 +1,7 @@
-"""Inputs of commands: parameter files and values."""
+"""Inputs of commands: parameter files and values.
+
+Nodes are imported where their parameters are read: most commands that name a file of parameters need none.
+"""
 
 from __future__ import annotations
 

@@ -71,9 +71,10 @@ def with_changes(command: Command) -> Command:
         if not changes:
             command(**values)
             return
+        from amb_bringup.parameter_changes import changed_file  # imports all nodes
+
         if params is None and without:
             raise ParameterError(f"--set needs --params FILE here; without it there is {without}")
-        from amb_bringup.parameter_changes import changed_file  # imports the parameters of all nodes
 
         base = parameter_file(params)
         with TemporaryDirectory(prefix="amb-") as folder:
