@@ -68,11 +68,10 @@ class TargetEmulatorNode(Node):
         create_service(self, Trigger, "~/reboot", self._on_reboot)
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
 
-    def destroy_node(self) -> None:
-        """End the emulator, and destroy the node."""
+    def finish(self) -> None:
+        """End the emulator."""
         if self._emulator is not None:
             self._emulator.close()
-        super().destroy_node()
 
     def _check(self, settings: TargetEmulatorParameters) -> None:
         """Refuse faults of axes that the machine lacks; the machine is read once, before the emulator starts."""

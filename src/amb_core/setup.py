@@ -8,6 +8,7 @@ NAME = "amb_core"
 REQUIRED = [  # lower bounds are tested by `make floor`, the versions in requirements.txt by all other targets
     "PyYAML>=6,<7",
     "ctrlsys>=1.1,<2",
+    "lz4>=4",
     "mcap>=1.5,<2",
     "numba>=0.59",
     "numpy>=1.26,<3",
@@ -18,7 +19,7 @@ REQUIRED = [  # lower bounds are tested by `make floor`, the versions in require
     "zstandard>=0.22",
 ]
 EXTRAS = {
-    "cluster": ["dask>=2024.5", "distributed>=2024.5"],
+    "cluster": ["cryptography>=41", "dask>=2024.5", "distributed>=2024.5"],
     "control": ["control>=0.10.1,<0.11"],
     "figures": ["Jinja2>=3.1,<4", "MarkupSafe>=2.1,<4", "matplotlib>=3.6,<4", "plotly>=6,<7"],
     "files": ["Jinja2>=3.1,<4", "h5py>=3.10,<4", "pyarrow>=14"],

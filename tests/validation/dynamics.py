@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from row import Row
 from scipy.constants import mu_0
 from scipy.integrate import trapezoid
 
@@ -24,6 +23,7 @@ from amb_core.plant.closed_forms import AXIS_COSINE, force_constant
 from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.network import COIL_POLES, POLES
 from amb_core.plant.parameters import BackupBearingParameters, ConverterParameters, IronParameters, SensorParameters
+from tests.validation.row import Row
 
 PERIODS = 40  # until the loops of the iron, which run into one another, repeat
 DIFFUSION = PlantParameters(iron=IronParameters(laminations="diffusion"))
@@ -46,14 +46,16 @@ EVERYTHING = PlantParameters(
 )
 
 
-def energy() -> Iterator[Row]:
+def energy(samples: int = 10_000) -> Iterator[Row]:
     """Energy balances of magnetic circuit and rotor over 1 s of 50 um square waves of 5 Hz on both axes."""
     for name, parameters in (("paper", PlantParameters()), ("diffusion", DIFFUSION), ("everything on", EVERYTHING)):
-        plant, controller = Plant(parameters), PdController(ControllerParameters())
-        account = EnergyAccount(plant)
-        for sample in range(10_000):
-            reference = 50e-6 if sample % 2_000 < 1_000 else -50e-6
-            account.add(plant.trace(controller.update(plant.position, (reference, reference))))
+        plant = Plant(parameters)
+        axes = len(plant.machine.axes)
+        account, controller = EnergyAccount(plant), PdController(ControllerParameters(), axes)
+        for sample in range(samples):
+            reference = np.zeros(axes)
+            reference[:2] = 50e-6 if sample % 2_000 < 1_000 else -50e-6
+            account.add(plant.trace(controller.update(plant.position, reference)))
         if parameters.backup_bearing.contact and account.contact == 0.0:
             raise RuntimeError("the rotor was to touch its backup bearing")
         yield Row(

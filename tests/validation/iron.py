@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from row import Row
 from scipy.constants import mu_0
 from scipy.integrate import quad, solve_ivp, trapezoid
 from scipy.optimize import brentq
@@ -23,6 +22,7 @@ from amb_core.plant.kernel.iron import advance_hysteresis
 from amb_core.plant.kernel.langevin import ASYMPTOTE_FROM, langevin
 from amb_core.plant.kernel.records import ELEMENTS
 from amb_core.plant.parameters import IronParameters
+from tests.validation.row import Row
 
 STEEL = IronParameters(
     saturation=True,
