@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident bench-view bench-robust docs lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor stress soak validate fuzz bench bench-regions bench-ident bench-view bench-robust docs lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -36,6 +36,9 @@ LOADED ?= 5
 NICE ?= 3
 stress: setup  ## what `make test` runs, IDLE=10 times alone, LOADED=5 under load, NICE=3 with low priority (hours); writes results/stress.json
 	@$(RUN) python -m tests.stress --idle $(IDLE) --loaded $(LOADED) --nice $(NICE)
+
+floor:  ## the unit tests with the oldest versions allowed, those of a stock Jazzy (half an hour); makes .floor
+	@bash scripts/floor.sh
 
 validate: setup  ## the plant against independent solutions; writes results/validation.json
 	@$(RUN) python -m tests.validation.run
@@ -81,5 +84,5 @@ lint: setup  ## ruff, mypy and the direction of imports
 	@$(RUN) ruff check . && ruff format --check . && mypy && lint-imports
 
 clean:  ## remove everything that the targets above made
-	rm -rf .venv .venv-peers .venv-docs build install log results docs/repository docs/reference/api .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf .venv .venv-peers .venv-docs .floor build install log results docs/repository docs/reference/api .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -10,6 +10,7 @@ setup(
     description="Simulator of active magnetic bearings as a ROS 2 node, and an emulator of their real-time target.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",
+    url="https://users.noreply.example/amb-workbench",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["py.typed"]},
@@ -17,7 +18,8 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["setuptools"],
+    install_requires=["numpy>=1.26,<3", "pydantic>=2.5,<3"],
+    extras_require={"test": ["hypothesis", "pytest", "pytest-timeout"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -12,6 +12,7 @@ setup(
     description="Launch files, parameter files and the command line of the active magnetic bearing workbench.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",
+    url="https://users.noreply.example/amb-workbench",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["py.typed", "view/page/*"]},
@@ -23,8 +24,12 @@ setup(
         (f"share/{NAME}/config", sorted(glob("config/*.yaml") + glob("config/*.npz"))),
         ("bin", ["bin/amb"]),  # colcon puts bin/ on PATH, so `amb` works wherever the workspace is sourced
     ],
-    install_requires=["setuptools"],
-    extras_require={"foxglove": ["foxglove-sdk>=0.30,<0.31"]},  # pinned in requirements-foxglove.txt
+    install_requires=["PyYAML>=6,<7", "numpy>=1.26,<3", "rich>=13.7", "scipy>=1.11,<2", "typer>=0.12.4"],
+    extras_require={
+        "foxglove": ["foxglove-sdk>=0.30,<0.31"],  # pinned in requirements-foxglove.txt
+        "test": ["hypothesis", "pytest", "pytest-timeout"],
+        "view": ["tornado>=6.4"],
+    },
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -13,7 +13,7 @@ REQUIRED = [  # lower bounds are tested by `make floor`, the versions in require
     "numba>=0.59",
     "numpy>=1.26,<3",
     "pydantic>=2.5,<3",
-    "rosbags>=0.11,<0.12",
+    "rosbags>=0.11.9,<0.12",
     "scipy>=1.11,<2",
     "threadpoolctl>=3.1,<4",
     "zstandard>=0.22",
@@ -34,6 +34,7 @@ setup(
     description="Active magnetic bearings without ROS: plant, control law, excitations, identification and bags.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",
+    url="https://users.noreply.example/amb-workbench",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
@@ -53,6 +54,7 @@ setup(
     extras_require={
         **EXTRAS,
         "all": sorted({requirement for part in EXTRAS.values() for requirement in part}),
+        "test": ["hypothesis", "pytest", "pytest-timeout"],
         "ross": ["ross-rotordynamics>=2.3,<3", "plotly<7"],  # pinned in requirements-ross.txt
     },
     zip_safe=False,

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+CORE = Path(__file__).parents[2] / "src" / "amb_core"
 
 EXTRAS = ("amb_core.report", "amb_core.figures", "amb_core.export", "amb_core.tasks.cluster", "amb_core.tasks.pool")
 PACKAGES = (  # of the extras, and of the command line
@@ -88,3 +92,9 @@ for code in {codes!r}:
 def test_a_command_without_its_extra_ends_with_that_line() -> None:
     code = "import amb_bringup.cli\nsys.argv = ['amb', 'plant', 'describe']\nprint(amb_bringup.cli.main())"
     assert run_without(("control",), code).strip() == "1"
+
+
+@pytest.mark.slow
+def test_a_model_is_identified_from_a_simulated_experiment_without_the_optional_parts() -> None:
+    example = re.findall(r"^```python\n(.*?)^```$", (CORE / "README.md").read_text(), re.DOTALL | re.MULTILINE)[0]
+    assert "2 unstable plant poles" in run_without(PACKAGES, example.replace("result.model.save", "#"))
