@@ -1,6 +1,6 @@
 """Node `excitation_generator`: the excitations of amb_core as a service, and their prediction from a region map.
 
-A request is checked and published as a definition. The controller makes the samples from it, and the checksum proves
+A request is checked and published as a definition. The controller makes the samples from it, and the checksum shows
 that they are the same. The response waits for the controller's answer: only the controller knows the next step.
 
 The topic is latched: a controller that starts later takes what was published last. So a start that fails takes back
@@ -27,7 +27,8 @@ from amb_core.recording.messages.excitation import fill_excitation
 from amb_msgs.msg import BridgeState, Excitation, ExcitationStatus, SimulatorState
 from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
-from amb_ros import topics
+from amb_ros import diagnostics, topics
+from amb_ros.excitation_messages import HIGHEST_STEP
 from amb_ros.machine import MachineInput
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -85,6 +86,7 @@ class ExcitationGeneratorNode(Node):
         create_service(self, StartExcitation, "~/start", self._on_start, starter, lambda: (self._stops,))
         create_service(self, StopExcitation, "~/stop", self._on_stop, stopper, self._call_off)
         create_service(self, PreviewExcitation, "~/preview", self._on_preview, previewer)
+        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report, exclusive=(topics.EXCITATION_STATUS,))
 
     def _on_start(
         self, request: StartExcitation.Request, response: StartExcitation.Response, stops: int
@@ -274,8 +276,15 @@ class ExcitationGeneratorNode(Node):
     def _on_status(self, message: ExcitationStatus) -> None:
         with self._publishing:
             answer = self._awaited.get(message.id)
-            if answer is not None and not answer.done():
+            # A later first step is not one of a controller: the generator asks for none.
+            if answer is not None and not answer.done() and message.first_step <= HIGHEST_STEP:
                 answer.set_result(message)
+
+    def _report(self) -> diagnostics.Report:
+        values = {"run": self._run, "excitations": self._id}
+        if self._machine_input.problem:
+            return diagnostics.WARN, self._machine_input.problem, values
+        return diagnostics.OK, "ready", values
 
     def _on_region_map(self, message: RegionMapMessage) -> None:
         self._last_map = message

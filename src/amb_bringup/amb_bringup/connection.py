@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
@@ -18,9 +18,9 @@ from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
-from amb_core.errors import AmbError
-from amb_ros import interruptions
-from amb_ros.leaving import leave_graph
+from amb_core.errors import AmbError, bounded
+from amb_ros import interruptions, middleware
+from amb_ros.leaving import leave_graph_and_go_on
 from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
 
@@ -66,6 +66,7 @@ class GraphConnection:
         self.timeout = timeout
         self._nodes = tuple(nodes)
         self._context = Context()
+        middleware.configure()
         with interruptions.held_back():
             rclpy.init(context=self._context, domain_id=domain_id)
             # It logs nothing, and several connections of one process would share one publisher of the log.
@@ -92,7 +93,7 @@ class GraphConnection:
         self.close()
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Leave the graph, within 5 s also if the middleware hangs."""
         self._leave()
 
     def wait_for_nodes(self, check: Callable[[], None] = lambda: None) -> None:
@@ -154,6 +155,7 @@ class GraphConnection:
             self._clients[name] = self.node.create_client(service, name)
         client = self._clients[name]
         full_name = self.node.resolve_service_name(name)
+        refuse_cut_texts(full_name, fields)
         wait = self.timeout if timeout is None else timeout
         self.wait_until(client.service_is_ready, self.timeout, f"no service {full_name}; is the node running?")
         pending = PendingRequest(client, service.Request(**fields), repeat_after)
@@ -188,6 +190,7 @@ class GraphConnection:
             self._rejections[name] = RejectionListener(self.node, name)
         client = self._clients[name]
         full_name = self.node.resolve_service_name(name)
+        refuse_cut_texts(full_name, {field: getattr(goal, field) for field in goal.get_fields_and_field_types()})
         self.wait_until(client.server_is_ready, complaint=f"no action {full_name}; is the node running?")
         self._rejections[name].forget(goal)
         accepted = client.send_goal_async(goal, on_feedback)
@@ -225,6 +228,13 @@ class GraphConnection:
         return str(heard.reason(goal))
 
 
+def refuse_cut_texts(name: str, fields: Mapping[str, Any]) -> None:
+    """Raise ClientError for a text with a NUL character: rclpy sends it up to there, and no node can see that."""
+    for field, value in fields.items():
+        if isinstance(value, str) and "\0" in value:
+            raise ClientError(f"{name}: {field} = {bounded(repr(value), 200)} has a NUL character; allowed: none")
+
+
 def _leave(executor: Executor, node: Node, context: Context) -> None:
     with interruptions.held_back():
-        leave_graph(context, executor, [node])
+        leave_graph_and_go_on(context, executor, node)

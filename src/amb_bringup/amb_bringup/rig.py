@@ -152,7 +152,11 @@ class Rig:
         if answer.result().success:
             return
         self._client.wait_until(
-            lambda: self.state is not None and self.state.sequence > before and f"{label}: " in self.state.problem,
+            lambda: (
+                self.state is not None
+                and self.state.sequence > before
+                and any(text in self.state.problem for text in (f"{label}: ", f"{label} is not allowed"))
+            ),
             REASON_TIMEOUT,
             f"{BRIDGE}: {label} failed; see its log",
         )

@@ -17,10 +17,12 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from amb_core.errors import AmbError, one_line
+from amb_core.errors import AmbError, bounded, one_line
+from amb_ros.callers import callers
 from amb_ros.deferred_answers import answer_by
 
 SHUTDOWN = "shutdown"
+LONGEST_LABEL = 50  # characters of a request that are repeated in the log
 
 
 class ManagedNode(LifecycleNode):
@@ -32,11 +34,13 @@ class ManagedNode(LifecycleNode):
         Runs the transitions, and whatever must not run at the same time.
     problem : str
         Why the last transition failed; empty after one that did not.
+    refusal : str
+        Why the last request was refused, since the present state does not allow it; empty after one that is allowed.
     """
 
     def __init__(self, name: str, **arguments: Any) -> None:
         self.worker = ThreadPoolExecutor(1, thread_name_prefix=name)
-        self.problem = ""
+        self.problem = self.refusal = ""
         super().__init__(name, **arguments)
         answer_by(self, self._service_of(ChangeState, "change_state"), self._on_change, self.worker)
 
@@ -57,6 +61,9 @@ class ManagedNode(LifecycleNode):
     @abstractmethod
     def clean_up(self) -> None:
         """From inactive to unconfigured, and at shutdown."""
+
+    def report_transition(self) -> None:
+        """Publish `problem` and `refusal`, before the caller of a transition gets its answer, which has no text."""
 
     # -- transitions
 
@@ -95,6 +102,7 @@ class ManagedNode(LifecycleNode):
         except Exception:  # in every case the caller gets an answer and the node keeps running
             self.get_logger().error(traceback.format_exc())
             response.success = False
+        self.report_transition()
         return response
 
     def _change(self, asked: Any) -> bool:
@@ -109,10 +117,13 @@ class ManagedNode(LifecycleNode):
             SHUTDOWN: self.trigger_shutdown,
         }
         if label not in allowed or label not in triggers:
-            name = label or _NAMES.get(asked.id, f"transition {asked.id}")
+            name = bounded(label, LONGEST_LABEL) or _NAMES.get(asked.id, f"transition {asked.id}")
             possible = ", ".join(name for name in triggers if name in allowed) or "none, the node has been shut down"
-            self.get_logger().error(f"{name} is not allowed while {self.state_label}; allowed: {possible}")
+            self.refusal = f"{name} is not allowed while {self.state_label}; allowed: {possible}"
+            self.get_logger().error(self.refusal)
             return False
+        self.get_logger().info(f"{label}: asked for by {callers(self, '~/change_state')}")
+        self.refusal = ""
         return bool(triggers[label]() == TransitionCallbackReturn.SUCCESS)
 
     def _done(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:
