@@ -152,7 +152,7 @@ class IdentifierNode(Node):
         response.success = True
         response.message = found.summary + remark
         response.report = found.report()
-        response.validated = found.validated
+        response.verdict, response.validated = found.verdict.code, found.validated
         response.fit = found.fit.tolist()
         response.one_step_fit = found.one_step_fit.tolist()
         response.white = found.white
@@ -197,7 +197,7 @@ class IdentifierNode(Node):
         message.sequence = self._models
         self._identified, self._model = Identified(result, loop), message
         self._publisher.publish(message)
-        answer.success = True
+        answer.success, answer.verdict = True, result.verdict.code
         answer.message = result.summary + remark
         answer.warnings = [f"{finding.check}: {finding.text}" for finding in result.report.warnings]
         answer.model = message

@@ -18,7 +18,7 @@ from amb_core.identification import StateSpaceModel as CoreModel
 from amb_core.loop.records import LoopRecord
 from amb_core.recording.messages.state_space_model import fill_model, model_from_message
 from amb_msgs.msg import SimulatorState, StateSpaceModel
-from amb_msgs.srv import StartRecording, StopRecording
+from amb_msgs.srv import Identify, StartRecording, StopRecording
 from amb_ros.qos import LATCHED
 from tests.graph.identifier_loop import FIRST_STEP, PAPER, SAMPLE_TIME, STEPS, Loop, linear_loop
 from tests.graph.limits import TIMEOUT
@@ -173,6 +173,9 @@ def test_a_bag_gives_the_same_model_here_and_on_the_command_line(loop: Loop, rec
         app, ["identify", started.uri, "--order", "4", "--controller", PAPER, "--out", str(file)]
     )
     assert shown.exit_code == 0, shown.output
+    assert answer.verdict in (Identify.Response.VALIDATED_WITH_RESERVATIONS, Identify.Response.NOT_VALIDATED)
+    assert f"{answer.verdict.replace('_', ' ')} on the data of the estimate" in " ".join(shown.output.split())
+    assert answer.message.startswith(answer.verdict.replace("_", " "))
     np.testing.assert_array_equal(CoreModel.load(file).a, model_from_message(answer.model).a)
 
 

@@ -67,12 +67,14 @@ def test_where_the_reference_is_unknown_the_model_is_not_simulated(data: Identif
     assert result.simulations == (None,) and result.model.fit.size == 0
     assert result.stable, "the poles of the loop need no reference"
     assert "no reference" in result.summary
+    assert result.verdict == "validated with reservations"
 
 
 def test_a_simulation_that_diverges_at_the_current_limit_is_told(data: IdentificationData) -> None:
     result = identify(data, 6, "ssarx", ControllerParameters(current_limit=0.05))
     assert result.stable and not np.isfinite(result.model.fit).any()
     assert "the simulated closed loop diverges" in result.summary
+    assert result.verdict == "not validated"
     assert result.summary.endswith("closed loop stable while the control currents are within their limit")
 
 

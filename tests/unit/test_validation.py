@@ -14,7 +14,7 @@ from amb_core.errors import IdentificationError
 from amb_core.identification import IdentificationData, StateSpaceModel, Validation, validate
 from amb_core.identification.data import detrend, merge
 from amb_core.identification.estimate.predictor import kalman_gain
-from amb_core.identification.validation import check_residuals, predict
+from amb_core.identification.validation import check_residuals, predict, verdict_of
 from amb_core.identification.validation.report import WIDTH
 from amb_core.loop.control import ControllerParameters
 
@@ -320,3 +320,21 @@ class TestResiduals:
     ) -> None:
         with pytest.raises(IdentificationError, match=reason):
             check_residuals([residuals], [inputs])
+
+
+@pytest.mark.parametrize(
+    ("follows", "explained", "new_data", "word"),
+    [
+        (True, True, True, "validated"),
+        (True, False, True, "validated_with_reservations"),
+        (True, True, False, "validated_with_reservations"),
+        (False, True, True, "not_validated"),
+        (None, True, True, "validated"),
+        (None, True, False, "validated_with_reservations"),
+        (None, False, False, "not_validated"),
+    ],
+)
+def test_the_verdict_needs_a_loop_that_follows_and_new_data(follows, explained, new_data, word) -> None:
+    verdict = verdict_of(follows, explained, new_data)
+    assert verdict.code == word
+    assert verdict == word.replace("_", " ")

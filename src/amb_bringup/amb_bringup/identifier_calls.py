@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +15,25 @@ from amb_core.recording.messages.state_space_model import model_from_message
 from amb_msgs.action import Identify
 from amb_msgs.srv import Certify, GetModel, Validate
 from amb_ros.requests import COMPUTED, QUICKLY
+
+
+class IdentifiedModel(StateSpaceModel):
+    """A model, and the verdict on it.
+
+    Attributes
+    ----------
+    verdict : str
+        A constant of `amb_msgs/action/Identify`; a copy with other matrices is NOT_VALIDATED.
+    """
+
+    verdict: str = Identify.Result.NOT_VALIDATED
+
+    @classmethod
+    def of(cls, model: StateSpaceModel, verdict: str) -> IdentifiedModel:
+        """A model with a verdict."""
+        found = cls(**{item.name: getattr(model, item.name) for item in fields(model)})
+        object.__setattr__(found, "verdict", verdict)
+        return found
 
 
 class IdentifierCalls(GraphConnection):
@@ -30,7 +50,7 @@ class IdentifierCalls(GraphConnection):
         progress: Callable[[IdentificationProgress], None] | None = None,
         cancelled: Callable[[], bool] | None = None,
         controller: str | Path = "",
-    ) -> StateSpaceModel:
+    ) -> IdentifiedModel:
         """Identify from the last experiment or from a bag, without a time limit.
 
         Parameters
@@ -49,7 +69,12 @@ class IdentifierCalls(GraphConnection):
             Called while waiting; when it returns true the identification is cancelled, which raises an error.
         controller : str or Path, optional
             Controller of the experiment: `paper`, a ROS parameter file (.yaml), or the name of a running node; by
-            default the running one, or the one recorded in the bag. An error if that is not known.
+            running one, or the one recorded in the bag. An error if that is not known.
+
+        Returns
+        -------
+        IdentifiedModel
+            The model, with the verdict on it: look at `verdict`, or `validate` on other data, before you use it.
         """
 
         def on_feedback(message: Any) -> None:
@@ -71,7 +96,7 @@ class IdentifierCalls(GraphConnection):
         result = self.act(Identify, "identifier/identify", goal, on_feedback, cancelled or (lambda: False))
         if not result.success:
             raise ClientError(result.message)
-        return model_from_message(result.model)
+        return IdentifiedModel.of(model_from_message(result.model), result.verdict)
 
     def validate(
         self,

@@ -26,6 +26,7 @@ from amb_core.identification import Focus, Identification, IdentificationData, I
 from amb_core.identification.controller_choice import ALLOWED, NO_CONTROLLER, needs_controller
 from amb_core.identification.data import merge
 from amb_core.identification.data.drift import DriftOption
+from amb_core.identification.validation import Verdict
 from amb_core.loop.known_controller import KnownController
 
 UNITS = 1e6
@@ -184,6 +185,7 @@ def summary_of(result: Identification) -> dict[str, Any]:
                 for step in result.drift.steps
             ],
         },
+        "verdict": result.verdict,
         "closed_loop_stable": None if result.closed_loop_poles is None else result.stable,
         "closed_loop_poles": None
         if result.closed_loop_poles is None
@@ -253,6 +255,8 @@ def _table(result: Identification) -> Table:
         table.add_row("search", f"{end}, {search.iterations} steps")
     if result.closed_loop_poles is not None:
         table.add_row("closed loop", "stable" if result.stable else "[red]unstable[/red]")
+    colour = "red" if result.verdict is Verdict.NOT_VALIDATED else "yellow"
+    table.add_row("verdict", f"[{colour}]{result.verdict}[/{colour}] on the data of the estimate")
     return table
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -23,7 +24,8 @@ from amb_core.identification.focus.focus import focus_simulation
 from amb_core.identification.numerics import LARGEST_RADIUS
 from amb_core.identification.progress import Cancelled, Progress, SearchEnd, Watch
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
-from amb_core.identification.validation import nrmse_fit
+from amb_core.identification.validation import Verdict, nrmse_fit, validate, verdict_of
+from amb_core.identification.validation.simulation import NEEDED_FIT
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
@@ -76,6 +78,18 @@ class Identification:
         """Whether model and controller make a stable loop; False where there is no such loop."""
         return self.closed_loop_poles is not None and bool(np.all(np.abs(self.closed_loop_poles) < 1.0))
 
+    @cached_property
+    def verdict(self) -> Verdict:
+        """On the data of the estimate: validated with reservations at best, by the rule of `validate`."""
+        if len(self.model.fit):
+            return verdict_of(self.stable and bool(np.all(self.model.fit >= NEEDED_FIT)), True, new_data=False)
+        if self.closed_loop_poles is not None and not self.stable:
+            return Verdict.NOT_VALIDATED
+        try:
+            return verdict_of(None, validate(self.model, self.data).unreserved, new_data=False)
+        except IdentificationError:  # too few data to test the residuals
+            return Verdict.NOT_VALIDATED
+
     @property
     def summary(self) -> str:
         """One line of text."""
@@ -92,7 +106,8 @@ class Identification:
         else:
             fit = "no reference to simulate the closed loop with"
         parts = [
-            f"{self.model.method}, order {self.model.order}, {self.model.samples} samples: {fit}",
+            f"{self.verdict} on the data of the estimate: {self.model.method}, order {self.model.order}, "
+            f"{self.model.samples} samples: {fit}",
             f"{len(self.model.unstable_poles())} unstable plant poles",
         ]
         if self.closed_loop_poles is not None:

@@ -6,6 +6,7 @@ from amb_core.identification.validation.prediction import Prediction, predict
 from amb_core.identification.validation.residuals import ChiSquareTest, ResidualTests, check_residuals
 from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop, simulate_records
 from amb_core.identification.validation.validate import HORIZONS, Validation, validate
+from amb_core.identification.validation.verdict import Verdict, verdict_of
 
 __all__ = [
     "HORIZONS",
@@ -16,6 +17,7 @@ __all__ = [
     "Prediction",
     "ResidualTests",
     "Validation",
+    "Verdict",
     "check_closed_loop",
     "check_residuals",
     "compare_responses",
@@ -23,4 +25,5 @@ __all__ = [
     "predict",
     "simulate_records",
     "validate",
+    "verdict_of",
 ]

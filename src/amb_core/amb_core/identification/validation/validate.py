@@ -20,6 +20,7 @@ from amb_core.identification.validation.prediction import Prediction, predict
 from amb_core.identification.validation.report import report_text, report_values, summary_line
 from amb_core.identification.validation.residuals import LAGS, NEGLIGIBLE, ResidualTests, check_residuals
 from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop
+from amb_core.identification.validation.verdict import Verdict, verdict_of
 from amb_core.loop.known_controller import KnownController
 from amb_core.model.state_space import StateSpaceModel
 
@@ -95,14 +96,12 @@ class Validation:
 
     @property
     def validated(self) -> bool:
-        """Whether the model passes the criterion for its use.
+        """Whether the model passes the criterion for its use, if with reservations.
 
         If controller and reference are known: its closed loop is stable and follows each output with a fit of 90 % or
         more. If not: past inputs explain nothing, or less than 5 %, of the variance of the residuals.
         """
-        if self.closed_loop is None:
-            return self.unreserved
-        return self.closed_loop.follows
+        return self.verdict is not Verdict.NOT_VALIDATED
 
     @property
     def unreserved(self) -> bool:
@@ -110,11 +109,9 @@ class Validation:
         return self.independent or self.residuals.independence.unexplained < NEGLIGIBLE
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """Validated, validated with reservations (residuals depend on past inputs), or not validated."""
-        if not self.validated:
-            return "not validated"
-        return "validated" if self.unreserved else "validated with reservations"
+        return verdict_of(None if self.closed_loop is None else self.closed_loop.follows, self.unreserved)
 
     @property
     def summary(self) -> str:
