@@ -32,6 +32,7 @@ from amb_ros.qos import HISTORY, STREAM
 from amb_ros.sample_messages import pack_current, unpack_position
 from amb_ros.signals import AxisSignalPublishers
 
+RIG = "bridge"  # source of a machine that is no simulated one
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
 LARGEST_POSITION = 1.0  # m; far above every clearance, and far below values that would overflow in the control law
 
@@ -54,7 +55,9 @@ class ControllerNode(Node):
         self._outdated = False  # whether the law is to be made anew for the next run
         self._step_at_change = -1  # last step answered when the latest machine arrived
         self._machine_error = ""  # why the latest machine cannot be controlled, or the present run's is another
+        self._start: Any = None  # the parameters that the operator gave; later changes come from anybody
         self._settings: Any = declare(self, parameters, self._on_parameters, self._check_parameters)
+        self._start = self._settings
         self._law: ControlLaw | None = None  # for it
         self._nominal_reference: list[float] = []
         self._run = 0
@@ -86,10 +89,9 @@ class ControllerNode(Node):
             FLUSH_PERIOD, self._on_flush_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
-    def destroy_node(self) -> None:
-        """Cancel an excitation that is being made, and end the node."""
+    def finish(self) -> None:
+        """Cancel an excitation that is being made."""
         self._excitation.close()
-        super().destroy_node()
 
     # -- the loop
 
@@ -173,6 +175,8 @@ class ControllerNode(Node):
     def _take_machine(self, machine: Machine) -> None:
         """Control a machine; if the parameters are not for it, the reason is kept as an error."""
         try:
+            if machine.source == RIG:
+                self._start.allowed.require(self._settings, self._start)
             law = self.law_for(machine, self._settings)
         except AmbError as problem:
             self._machine_error = f"{one_line(problem)}; no position of machine {machine.name!r} is answered"
@@ -217,9 +221,11 @@ class ControllerNode(Node):
         self._answer_held()
 
     def _check_parameters(self, parameters: Any) -> None:
-        """Refuse lists for another number of axes than the machine has."""
+        """Refuse lists for another number of axes than the machine has; at a rig, what its operator has not allowed."""
         if self._axes:
             parameters.require_axes(len(self._axes))
+        if self._start is not None and self._machine is not None and self._machine.source == RIG:
+            self._start.allowed.require(parameters, self._start)
 
     # -- what a kind of controller gives
 

@@ -22,7 +22,7 @@ from amb_core.parameters import Parameters, choice, quantity
 from amb_core.recording.messages.excitation_status import answer_from_message
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.state_space_model import fill_model
-from amb_ident_node.certification import Certifier, Identified
+from amb_ident_node.identified import Identified
 from amb_ident_node.listening import LiveExperiment
 from amb_ident_node.sources import LoopSources
 from amb_msgs import action, msg, srv
@@ -70,7 +70,6 @@ class IdentifierNode(Node):
         self._ending = threading.Event()
         names = self._settings
         self._sources = LoopSources(self, self._live, names.controller, names.simulator, names.parameter_timeout)
-        self._certifier = Certifier(self._sources)
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="identifier")
         self._validator = ThreadPoolExecutor(1, thread_name_prefix="validator")
@@ -90,13 +89,12 @@ class IdentifierNode(Node):
         )
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report, exclusive=(topics.TELEMETRY,))
 
-    def destroy_node(self) -> None:
-        """Cancel the work in progress, without waiting for it, and end the node."""
+    def finish(self) -> None:
+        """Cancel the work in progress, without waiting for it."""
         self._ending.set()
         for worker in (self._worker, self._validator):
             worker.shutdown(wait=False, cancel_futures=True)
         self._action.destroy()
-        super().destroy_node()
 
     # -- topics
 
@@ -164,7 +162,9 @@ class IdentifierNode(Node):
         return response
 
     def _on_certify(self, request: srv.Certify.Request, response: srv.Certify.Response) -> srv.Certify.Response:
-        return self._certifier.certify(request, response, self._identified)
+        from amb_ident_node.certification import Certifier  # most identifiers never certify
+
+        return Certifier(self._sources).certify(request, response, self._identified)
 
     # -- in the workers
 

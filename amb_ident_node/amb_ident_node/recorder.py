@@ -97,14 +97,13 @@ class RecorderNode(Node):
         if self._settings.record_on_start:
             self._worker.submit(self._start_by_itself)
 
-    def destroy_node(self) -> None:
-        """Close the bag, then the node; a waiting stop request returns."""
+    def finish(self) -> None:
+        """Close the bag; a waiting stop request returns."""
         self._ledger.end()
         self._departures.end()
         self._close()
         self._worker.shutdown()
         self._close()  # a start may have been in progress
-        super().destroy_node()
 
     def _subscribe(self, name: str, topic: RecordedTopic) -> Subscription:
         create = partial(create_subscription, self) if topic.keeps_history else self.create_subscription

@@ -67,6 +67,10 @@ class RegionMonitorParameters(RegionParameters):
         60.0,
     )
     parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of either", 0.05, 10.0)
+    scheduler: str = choice(
+        "",
+        "address of the dask scheduler that runs the sweeps of a map, tls://host:port; empty: this machine",
+    )
 
 
 class RegionMonitorNode(Node):
@@ -78,6 +82,10 @@ class RegionMonitorNode(Node):
         )
         self._settings = declare(self, RegionMonitorParameters)
         self._regions = part_of(RegionParameters, self._settings.model_dump())
+        if self._settings.scheduler:
+            from amb_core.tasks.cluster import check_address  # loads the library of the cluster
+
+            check_address(self._settings.scheduler)
         rehearse()  # nothing is compiled once telemetry arrives
         self._watch = RegionWatch(self._regions, self._settings.publish_period)
         self._wait = MachineWait(self._settings.machine_timeout)
@@ -112,12 +120,11 @@ class RegionMonitorNode(Node):
             self, self._report, exclusive=(topics.TELEMETRY, topics.SIMULATOR_STATE)
         )
 
-    def destroy_node(self) -> None:
-        """Cancel the map in progress (its finished sweeps stay in the cache), then end the node."""
+    def finish(self) -> None:
+        """Cancel the map in progress (its finished sweeps stay in the cache)."""
         self._ending.set()
         self._worker.shutdown(cancel_futures=True)
         self._build_map.destroy()
-        super().destroy_node()
 
     # -- topics
 
@@ -181,13 +188,9 @@ class RegionMonitorNode(Node):
     # -- the action
 
     def _check_goal(self, goal: BuildMap.Goal) -> None:
-        """Refuse a goal with impossible settings, files or scheduler before it is accepted."""
+        """Refuse a goal with impossible settings or files before it is accepted."""
         map_settings_from_message(goal)
         _new_file(goal.path)
-        if goal.scheduler:
-            from amb_core.tasks.cluster import check_address  # loads the library of the cluster
-
-            check_address(goal.scheduler)
         machine = self._machine_input.machine
         if goal.parameter_file:
             self._loop_parameters(goal.parameter_file)
@@ -224,7 +227,7 @@ class RegionMonitorNode(Node):
                 plant,
                 controller,
                 self._regions.model_copy(update={"backup_bearing_radius": radius}),
-                scheduler=goal.scheduler or None,
+                scheduler=self._settings.scheduler or None,
                 progress=report,
                 cancelled=ended,
             )

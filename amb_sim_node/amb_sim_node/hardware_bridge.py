@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from amb_core.errors import AmbError, TargetError, one_line
 from amb_core.loop.real_time import enter_real_time
+from amb_core.parameters import flatten
 from amb_core.rig import ExcitationProtection
 from amb_core.target import (
     HostLoopLink,
@@ -26,8 +27,9 @@ from amb_core.target import (
     TargetSettings,
     TargetState,
 )
-from amb_ros import diagnostics, topics
+from amb_ros import diagnostics, middleware, topics
 from amb_ros.alarms import RecentProblem
+from amb_ros.callers import callers
 from amb_ros.managed_node import ManagedNode
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -66,7 +68,11 @@ class HardwareBridgeNode(ManagedNode):
         for name, value in gains_in(arguments, self.get_namespace()).items():
             if not self.has_parameter(name):
                 self.declare_parameter(name, value)
-        self._settings = declare(self, BridgeParameters, self._on_parameters)
+        self._start: BridgeParameters | None = None  # what the operator gave; later changes come from anybody
+        self._settings = self._start = declare(self, BridgeParameters, self._on_parameters, self._check_parameters)
+        self._open_sockets = middleware.sockets_open_to_network(self.context.get_domain_id())
+        if self._open_sockets:
+            self.get_logger().warning(self._reach())
         self._link: TargetLink | None = None
         self._ready: Rig | None = None  # while configured
         self._excitable = False  # while active
@@ -89,8 +95,8 @@ class HardwareBridgeNode(ManagedNode):
         )
         self._timer = self.create_timer(STATE_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def destroy_node(self) -> None:
-        """Land if the bridge is active and its parameters say so; leave the target and end the node."""
+    def finish(self) -> None:
+        """Land if the bridge is active and its parameters say so; leave the target."""
         if self._excitation is not None:
             self._excitation.close()
         try:
@@ -98,7 +104,6 @@ class HardwareBridgeNode(ManagedNode):
         except NotInTime:
             self.get_logger().error("the worker does not end; the target is left as it is")
         self.worker.shutdown(wait=False, cancel_futures=True)
-        super().destroy_node()
 
     def _leave(self) -> None:
         try:
@@ -137,6 +142,11 @@ class HardwareBridgeNode(ManagedNode):
     def activate(self) -> None:
         """Levitate. A rotor that is levitated already, since an earlier bridge left it so, stays as it is."""
         link = self._connected()
+        if self._open_sockets and self._settings.network == "refuse":
+            raise TargetError(
+                f"{self._reach()}; start it with ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, or with network: allow in "
+                "its parameter file"
+            )
         status = link.status()
         self._require_same_machine()
         if self._watch.latched():
@@ -189,6 +199,9 @@ class HardwareBridgeNode(ManagedNode):
             position = self._watch.runs.position if self._watch.runs is not None else np.zeros(0)
             self._host_loop.rehearse(self._watch.new_run(), np.nan_to_num(position).tolist())
 
+    def _reach(self) -> str:
+        return f"other hosts of the network reach this node at {', '.join(self._open_sockets)}, and may command the rig"
+
     def _connected(self) -> TargetLink:
         if self._link is None:
             raise TargetError("the bridge is not configured")
@@ -214,13 +227,8 @@ class HardwareBridgeNode(ManagedNode):
 
     def _protection(self, description: TargetDescription, wanted: TargetSettings) -> ExcitationProtection:
         """What excitations of this target are checked against."""
-        machine = description.machine
         return ExcitationProtection(
-            self._settings.protection,
-            wanted.limits,
-            machine.axis_names,
-            machine.sample_rate,
-            description.waveform_steps,
+            self._settings.protection, wanted.limits, description.machine, description.waveform_steps
         )
 
     def _wait_for_run(self) -> None:
@@ -285,6 +293,7 @@ class HardwareBridgeNode(ManagedNode):
 
     def _on_reset_faults(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         link = self._connected()
+        self.get_logger().info(f"reset_faults: asked for by {callers(self, '~/reset_faults')}")
         link.reset_faults()
         self._watch.forget_own_trips()
         self.problem = self.refusal = ""
@@ -304,7 +313,21 @@ class HardwareBridgeNode(ManagedNode):
         """Publish the state: its `problem` is why a transition failed or was refused."""
         self._note_state()
 
+    def _check_parameters(self, parameters: BridgeParameters) -> None:
+        """Refuse what the operator has not allowed, and less protection than now while the rotor is not off."""
+        if self._start is None:
+            return
+        self._start.allowed.require(parameters, self._start)
+        parameters.protection.require_no_looser(self._start.protection, "at the start of this node")
+        status = self._watch.status
+        if status is not None and status.state is not TargetState.OFF:
+            parameters.protection.require_no_looser(self._settings.protection, "now, while the rig is on")
+
     def _on_parameters(self, parameters: BridgeParameters) -> None:
+        before, after = flatten(self._settings.model_dump()), flatten(parameters.model_dump())
+        changed = ", ".join(f"{name} = {value}" for name, value in after.items() if value != before[name])
+        senders = [callers(self, f"~/set_parameters{kind}") for kind in ("", "_atomically")]
+        self.get_logger().info(f"parameters {changed or 'as before'}: set by {' or '.join(senders)}")
         self._settings = parameters
         self.worker.submit(self._send_settings)
 

@@ -24,6 +24,7 @@ from amb_core.rig import ExcitationProtection, Runs
 from amb_core.target import ExcitationPhase, TargetLink, TargetState, TooLateError
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
+from amb_ros.callers import publishers
 from amb_ros.excitation_messages import STOP, Checked, check, read, require_samples, resolve
 from amb_ros.qos import EVERY_STATE
 from amb_ros.subscriptions import create_subscription
@@ -117,6 +118,8 @@ class RigExcitation:
             self._node.get_logger().error(traceback.format_exc())
             self._refuse(status, f"internal error: {problem!r}; see the log of the bridge")
             return
+        senders = publishers(self._node, topics.EXCITATION)
+        self._node.get_logger().info(f"excitation {status.kind} from step {status.first_step} of {senders}")
         status.accepted = True
         self._applied = _identity(message, status.first_step)
         if self._node.context.ok():
@@ -129,7 +132,7 @@ class RigExcitation:
             return rig.runs.next_step
         rig.protection.require_length(checked.steps)
         samples = self._samples(rig, checked, called_off)
-        rig.protection.require(samples)
+        rig.protection.require(samples, rig.runs.position)
         self._make_room(rig, called_off)
         arm = rig.link.upload(samples, called_off)
         if message.first_step != Excitation.FROM_NEXT_STEP:

@@ -1,6 +1,6 @@
 """The documentation says what the code says: parameter tables, interfaces, units, docstrings and links.
 
-The parameter tables in the READMEs are rendered from the declarations; `python tests/unit/test_docs.py` rewrites them.
+The parameter tables in the READMEs are rendered from the declarations; `python -m tests.unit.test_docs` rewrites them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ TOPIC_NAMES = {
 def test_parameter_tables_are_those_of_the_declarations(readme: Path) -> None:
     text = readme.read_text()
     assert text == with_current_tables(text), (
-        f"{readme.relative_to(ROOT)} is out of date; run: python tests/unit/test_docs.py"
+        f"{readme.relative_to(ROOT)} is out of date; run: python -m tests.unit.test_docs"
     )
 
 

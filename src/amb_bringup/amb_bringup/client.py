@@ -319,7 +319,6 @@ class AmbClient(IdentifierCalls):
     def build_map(
         self,
         parameter_file: str | Path = "",
-        scheduler: str = "",
         path: str | Path = "",
         progress: Callable[[MapProgress], None] | None = None,
         cancelled: Callable[[], bool] | None = None,
@@ -331,8 +330,6 @@ class AmbClient(IdentifierCalls):
         ----------
         parameter_file : str or Path, optional
             ROS parameter file with another plant and controller.
-        scheduler : str, optional
-            Address of a dask scheduler, tcp://host:port; by default the machine of the monitor computes.
         path : str or Path, optional
             File for the map.
         progress : callable, optional
@@ -358,7 +355,6 @@ class AmbClient(IdentifierCalls):
         goal = BuildMap.Goal(
             **known_settings(BuildMap.Goal, settings),
             parameter_file=absolute(parameter_file),
-            scheduler=scheduler,
             path=absolute(path),
         )
         result = self.act(BuildMap, "region_monitor/build_map", goal, on_feedback, cancelled or (lambda: False))

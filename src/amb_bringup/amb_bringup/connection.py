@@ -17,8 +17,8 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from amb_core.errors import AmbError, bounded
-from amb_ros import interruptions
-from amb_ros.leaving import leave_graph
+from amb_ros import interruptions, middleware
+from amb_ros.leaving import leave_graph_and_go_on
 from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
 
@@ -58,6 +58,7 @@ class GraphConnection:
         self.timeout = timeout
         self._nodes = tuple(nodes)
         self._context = Context()
+        middleware.configure()
         with interruptions.held_back():
             rclpy.init(context=self._context, domain_id=domain_id)
             # It logs nothing, and several connections of one process would share one publisher of the log.
@@ -84,7 +85,7 @@ class GraphConnection:
         self.close()
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Leave the graph, within 5 s also if the middleware hangs."""
         self._leave()
 
     def wait_for_nodes(self, check: Callable[[], None] = lambda: None) -> None:
@@ -211,4 +212,4 @@ def refuse_cut_texts(name: str, fields: Mapping[str, Any]) -> None:
 
 def _leave(executor: Executor, node: Node, context: Context) -> None:
     with interruptions.held_back():
-        leave_graph(context, executor, [node])
+        leave_graph_and_go_on(context, executor, node)

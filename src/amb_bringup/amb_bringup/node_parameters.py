@@ -12,7 +12,8 @@ from amb_ident_node.identifier import IdentifierParameters
 from amb_ident_node.recorder_parameters import RecorderParameters
 from amb_ident_node.region_monitor import RegionMonitorParameters
 from amb_sim_node.bridge_parameters import BridgeParameters
-from amb_sim_node.parameters import SimulatorParameters, TargetEmulatorParameters
+from amb_sim_node.emulator_parameters import TargetEmulatorParameters
+from amb_sim_node.parameters import SimulatorParameters
 
 PARAMETERS: dict[str, type[Parameters]] = {
     "simulator": SimulatorParameters,

@@ -49,6 +49,10 @@ class TaskError(AmbError):
     """A task cannot be run: no scheduler, no worker, or what the task itself raised."""
 
 
+class MissingExtraError(AmbError, ImportError):
+    """A package of an optional part is not installed."""
+
+
 LONGEST_TEXT = 2_000  # characters
 
 

@@ -19,6 +19,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from amb_core.errors import AmbError, bounded, one_line
+from amb_ros.callers import callers
 
 SHUTDOWN = "shutdown"
 LONGEST_LABEL = 50  # characters of a request that are repeated in the log
@@ -115,6 +116,7 @@ class ManagedNode(LifecycleNode):
             self.get_logger().error(self.refusal)
             return False
         self.refusal = ""
+        self.get_logger().info(f"{label}: asked for by {callers(self, '~/change_state')}")
         return bool(triggers[label]() == TransitionCallbackReturn.SUCCESS)
 
     def _done(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:

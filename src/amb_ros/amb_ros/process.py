@@ -7,6 +7,7 @@ import gc
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
@@ -80,23 +81,30 @@ class _End:
 
 def _run(factories: Sequence[Callable[[], Node]], end: _End) -> int:
     nodes: list[Node] = []
+    code = 0
     executor = end.executor = EventsExecutor()
     try:
         for factory in factories:
             if end:
-                return 0
+                break
             nodes.append(factory())
             executor.add_node(nodes[-1])
         gc.freeze()  # present objects stay: the collector need not traverse them while the loop runs
         end.wait()
-    except AmbError as problem:
-        print(f"[amb] {problem}", file=sys.stderr)
-        return 1
     except ExternalShutdownException:
         pass
-    finally:
-        leave_graph(get_default_context(), executor, nodes)
-    return 0
+    except AmbError as problem:
+        print(f"[amb] {problem}", file=sys.stderr)
+        code = 1
+    except Exception:
+        traceback.print_exc()
+        code = 1
+    try:
+        leave_graph(get_default_context(), executor, nodes, code)
+    except Exception:
+        traceback.print_exc()
+        code = 1
+    return code
 
 
 def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> NoReturn:
