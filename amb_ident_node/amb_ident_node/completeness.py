@@ -15,7 +15,8 @@ from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, StepCoverage, describe_gaps
 
 KEPT_RUNS = 10_000  # whose messages are accounted for; others may send any number of runs
-K, V = TypeVar("K"), TypeVar("V")
+K = TypeVar("K")
+V = TypeVar("V")
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,10 @@ def refuse_wrong_transitions(rig: Rig, state: str, count: int) -> None:
     assert rig.life_cycle == state
     for _ in range(count):
         if draw.random() < 0.7:
-            assert not rig.change(draw.choice(WRONG[state]))
+            label = draw.choice(WRONG[state])
+            assert not rig.change(label)
+            reason = f"{label} is not allowed while {state}; allowed: "
+            rig.graph.wait_until(lambda reason=reason: reason in rig.state.problem, "the reason")
         else:
             assert not rig.change(number=draw.choice([9, 77, 255]))
     assert rig.life_cycle == state

@@ -325,3 +325,12 @@ def test_what_strangers_send_takes_bounded_memory(monkeypatch: pytest.MonkeyPatc
     coverage.add(91, 1)
     assert len(coverage.spans) == 10
     assert coverage.spans[-1] == (90, 92)
+
+
+def test_large_blocks_are_compared_with_fewer_others():
+    repeated = RepeatedSteps()
+    for number in range(20):
+        repeated.add(1, record(10_000 * number, 10_000))
+    assert len(repeated._blocks) == 10
+    repeated.add(1, record(190_000, 10_000, 1.0))
+    assert repeated.conflict

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from amb_core.errors import IdentificationError
 from amb_core.loop.experiments import (
+    KEPT_EXCITATIONS,
     AppliedExcitation,
     ExperimentBuffer,
     controller_of,
@@ -17,6 +20,7 @@ from amb_core.loop.experiments import (
 )
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import StepCoverage, describe_gaps
+from amb_core.recording.messages.excitation_status import answer_from_message
 
 
 def excitation(first_step: int, steps: int, run: int = 1, number: int = 1, accepted: bool = True) -> AppliedExcitation:
@@ -103,6 +107,21 @@ def test_the_buffer_knows_an_excitation_that_came_before_its_run() -> None:
     buffer.add_excitation(excitation(0, 80, run=2))
     assert buffer.experiment is None
     buffer.add_block(2, block(0))
+    assert buffer.experiment == (0, 80)
+
+
+def test_excitations_of_strangers_take_bounded_memory() -> None:
+    """Answers to excitations of runs to come, each with texts of any length."""
+    buffer = ExperimentBuffer(capacity=1000)
+    buffer.add_block(1, block(0))
+    for number in range(KEPT_EXCITATIONS + 100):
+        answer = SimpleNamespace(
+            run=2 + number, id=number, kind="x" * 1000, accepted=False, message="x" * 100_000, first_step=0, steps=9
+        )
+        buffer.add_excitation(answer_from_message(answer))
+    assert len(buffer._excitations) == KEPT_EXCITATIONS
+    assert max(len(kept.message) + len(kept.kind) for kept in buffer._excitations.values()) < 3_000
+    buffer.add_excitation(excitation(0, 80))
     assert buffer.experiment == (0, 80)
 
 

@@ -55,3 +55,15 @@ def test_a_message_holds_all_of_it() -> None:
 def test_a_machine_that_contradicts_itself_is_refused(change: dict[str, Any], reason: str) -> None:
     with pytest.raises(MachineError, match=reason):
         Machine(**{**vars(RIG), **change})
+
+
+def test_a_name_that_is_too_long_is_refused_and_not_repeated_whole() -> None:
+    machine = machine_of(PlantParameters())
+    for changed in (
+        {"name": "x" * 100_000},
+        {"axes": (replace(machine.axes[0], name="x" * 100_000), machine.axes[1])},
+        {"axes": (replace(machine.axes[0], bearing="x" * 100_000), machine.axes[1])},
+    ):
+        with pytest.raises(MachineError, match="of 100000 characters; allowed: 64") as problem:
+            replace(machine, **changed)
+        assert len(str(problem.value)) < 200

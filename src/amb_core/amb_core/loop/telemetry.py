@@ -69,7 +69,7 @@ class StepCoverage:
 class RepeatedSteps:
     """Finds steps that arrive twice with different samples, for example from two controllers.
 
-    It compares with the latest blocks only, so memory use is constant.
+    It compares with the latest blocks only, of at most so many steps, so memory use is bounded.
 
     Attributes
     ----------
@@ -78,6 +78,7 @@ class RepeatedSteps:
     """
 
     COMPARED_BLOCKS = 100
+    COMPARED_STEPS = 100_000
 
     def __init__(self) -> None:
         self._run: int | None = None
@@ -101,6 +102,8 @@ class RepeatedSteps:
             )
             self._blocks_since = 0
         self._blocks.append(block)
+        while len(self._blocks) > 1 and sum(known.steps for known in self._blocks) > self.COMPARED_STEPS:
+            self._blocks.popleft()
         self._stop = max(self._stop, block.first_step + block.steps)
 
 
