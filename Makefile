@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate fuzz bench bench-regions bench-ident bench-view bench-robust docs lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph stress soak validate leaving fuzz bench bench-regions bench-ident bench-view bench-robust docs lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -35,6 +35,11 @@ test-graph: setup  ## the graph tests COUNT=10 times, with a summary of the fail
 
 stress: setup  ## the graph tests idle, under load and with low priority (two hours); writes results/stress.json
 	@$(RUN) python tests/stress.py --idle 10 --loaded 5 --nice 3
+
+ENDS ?= 400
+LOADED ?= 100
+leaving: setup  ## ends of graphs at the worst moment, ENDS=400 idle and LOADED=100 under load (hours); writes results/leaving.json
+	@$(RUN) python -m tests.stress_leaving --ends $(ENDS) --loaded $(LOADED)
 
 validate: setup  ## the plant against independent solutions; writes results/validation.json
 	@$(RUN) python tests/validation/run.py

@@ -8,6 +8,8 @@ import sys
 
 from amb_bringup.startup import ending_signals, leave
 
+AT_EXIT = 30.0  # s, in which Python ends; a machine with thirty busy programs needs fifteen
+
 
 def main() -> int:
     """Run `amb` with the arguments of the process; returns its exit code."""
@@ -27,4 +29,4 @@ def main() -> int:
         if leaving := sys.modules.get("amb_ros.leaving"):  # otherwise the command was in no graph
             with contextlib.suppress(OSError):  # Python reports it when it ends
                 sys.stdout.flush()
-            leaving.end_within(leaving.LIMIT, code if isinstance(code, int) else int(code is not None))
+            leaving.end_within(AT_EXIT, code if isinstance(code, int) else int(code is not None))
