@@ -7,7 +7,8 @@ alone or beside four busy loops. `make leaving` writes results/leaving.json, for
     ends                  of graphs; every graph has six nodes
     hung                  nodes that were alive 6 s after Ctrl-C
     bounded               nodes that were ended by their limit of time; they have shown their stacks
-    longest_s             from Ctrl-C to the end of the last node and of amb up
+    longest_s             from Ctrl-C to the end of the last node
+    longest_up_s          from Ctrl-C to the end of amb up
     exit_codes            of amb up, with their numbers; 0 if every node ended with 0
     bags_whole            bags that can be read to their end
     shm_left              files of the graphs in /dev/shm after their ends, by no process in use
@@ -54,6 +55,7 @@ class End:
     hung: int
     bounded: int
     seconds: float
+    up_seconds: float
     exit_code: int
     bag_whole: bool
     left: tuple[str, ...]
@@ -82,18 +84,22 @@ def end_one(folder: Path, environment: dict[str, str]) -> End:
             files = set().union(*map(mapped, nodes)) | (mapped(graph.pid) - own)
             began = time.monotonic()
             graph.send_signal(signal.SIGINT)
-            wait_for(lambda: not any(map(alive, nodes)) and graph.poll() is not None, HUNG_AFTER)
+            wait_for(lambda: not any(map(alive, nodes)), HUNG_AFTER)
             hung = sum(map(alive, nodes))
-            graph.wait(GIVEN_UP_AFTER)
+            wait_for(lambda: not any(map(alive, nodes)))
             seconds = time.monotonic() - began
+            graph.wait(GIVEN_UP_AFTER)
+            up_seconds = time.monotonic() - began
         finally:
             if graph.poll() is None:
-                os.killpg(graph.pid, signal.SIGKILL)
+                graph.send_signal(signal.SIGINT)  # it ends its nodes, in the end by force
+                graph.wait(GIVEN_UP_AFTER)
         said = (folder / "output.txt").read_text()
     return End(
         hung,
         said.count("Timeout (0:"),
         seconds,
+        up_seconds,
         graph.returncode,
         not inspect_bag(bag).damage,
         tuple(sorted(left(files - before))),
@@ -142,6 +148,7 @@ def summary(ends: Sequence[End]) -> dict[str, object]:
         "hung": sum(end.hung for end in ends),
         "bounded": sum(end.bounded for end in ends),
         "longest_s": round(max((end.seconds for end in ends), default=0.0), 2),
+        "longest_up_s": round(max((end.up_seconds for end in ends), default=0.0), 2),
         "exit_codes": {str(code): count for code, count in sorted(Counter(end.exit_code for end in ends).items())},
         "bags_whole": sum(end.bag_whole for end in ends),
         "shm_left": left,
