@@ -6,7 +6,7 @@ alone or beside four busy loops. `make leaving` writes results/leaving.json, for
 
     ends                  of graphs; every graph has six nodes
     hung                  nodes that were alive 6 s after Ctrl-C
-    bounded               nodes that were ended by their limit of time; they have shown their stacks
+    slow                  nodes that have shown their stacks, a second before their limit of time
     longest_s             from Ctrl-C to the end of the last node
     longest_up_s          from Ctrl-C to the end of amb up
     exit_codes            of amb up, with their numbers; 0 if every node ended with 0
@@ -53,7 +53,7 @@ class End:
     """What the end of one graph has left."""
 
     hung: int
-    bounded: int
+    slow: int
     seconds: float
     up_seconds: float
     exit_code: int
@@ -146,7 +146,7 @@ def summary(ends: Sequence[End]) -> dict[str, object]:
     return {
         "ends": len(ends),
         "hung": sum(end.hung for end in ends),
-        "bounded": sum(end.bounded for end in ends),
+        "slow": sum(end.slow for end in ends),
         "longest_s": round(max((end.seconds for end in ends), default=0.0), 2),
         "longest_up_s": round(max((end.up_seconds for end in ends), default=0.0), 2),
         "exit_codes": {str(code): count for code, count in sorted(Counter(end.exit_code for end in ends).items())},
