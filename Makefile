@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor stress soak validate fuzz bench bench-regions bench-ident bench-view bench-robust docs lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor stress soak validate leaving fuzz bench bench-regions bench-ident bench-view bench-robust docs lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -39,6 +39,11 @@ stress: setup  ## what `make test` runs, IDLE=10 times alone, LOADED=5 under loa
 
 floor:  ## the unit tests with the oldest versions allowed, those of a stock Jazzy (half an hour); makes .floor
 	@bash scripts/floor.sh
+
+ENDS ?= 400
+LOADED ?= 100
+leaving: setup  ## ends of graphs at the worst moment, ENDS=400 idle and LOADED=100 under load (hours); writes results/leaving.json
+	@$(RUN) python -m tests.stress_leaving --ends $(ENDS) --loaded $(LOADED)
 
 validate: setup  ## the plant against independent solutions; writes results/validation.json
 	@$(RUN) python -m tests.validation.run

@@ -28,7 +28,6 @@ from amb_core.target import (
     TargetState,
 )
 from amb_ros import diagnostics, network, topics
-from amb_ros import diagnostics, middleware, topics
 from amb_ros.alarms import RecentProblem
 from amb_ros.callers import callers
 from amb_ros.managed_node import ManagedNode

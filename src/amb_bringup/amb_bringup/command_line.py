@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import signal
 import sys
 
 from amb_bringup.startup import ending_signals, leave
+
+AT_EXIT = 30.0  # s, in which Python ends; a machine with thirty busy programs needs a few
 
 
 def main() -> int:
@@ -24,7 +27,8 @@ def main() -> int:
     finally:
         for number in ending_signals():
             signal.signal(number, leave)  # while Python ends
+        gc.freeze()  # otherwise Python looks at every object again while it ends, for half a second
         if leaving := sys.modules.get("amb_ros.leaving"):  # otherwise the command was in no graph
             with contextlib.suppress(OSError):  # Python reports it when it ends
                 sys.stdout.flush()
-            leaving.end_within(leaving.LIMIT, code if isinstance(code, int) else int(code is not None))
+            leaving.end_within(AT_EXIT, code if isinstance(code, int) else int(code is not None))

@@ -1,0 +1,186 @@
+"""Ends graphs of six nodes at the worst moment, again and again, and measures what each end leaves.
+
+Every node is in a discovery callback while it leaves: callbacks take 20 ms longer, and a node waits up to 0.2 s for one
+before it goes (`delayed_discovery.c`). Each graph is started by `amb up`, records a running loop, and ends by Ctrl-C,
+alone or beside four busy loops. `make leaving` writes results/leaving.json, for all ends and for each kind:
+
+    ends                  of graphs; every graph has six nodes
+    hung                  nodes that were alive 6 s after Ctrl-C
+    slow                  nodes that have shown their stacks, a second before their limit of time
+    longest_s             from Ctrl-C to the end of the last node
+    longest_up_s          from Ctrl-C to the end of amb up
+    exit_codes            of amb up, with their numbers; 0 if every node ended with 0
+    bags_whole            bags that can be read to their end
+    shm_left              files of the graphs in /dev/shm after their ends, by no process in use
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from domain_coordinator import domain_id
+
+from amb_bringup.client import AmbClient
+from amb_bringup.packages import find_executable
+from amb_core.recording import inspect_bag
+from amb_msgs.srv import RunSteps
+from tests.delayed_discovery import build_delayed_discovery, delays
+from tests.graph.processes import SHARED_MEMORY
+from tests.stress import BUSY_LOOPS, RESULTS, load
+
+NODES = 6
+HUNG_AFTER = 6.0  # s
+GIVEN_UP_AFTER = 120.0  # s; for the start of a graph, and for its end
+STEPS = 2_000  # that are recorded at least
+MAPPED = re.compile(r"/dev/shm/(\S*fastrtps_\S+)")
+
+
+@dataclass(frozen=True)
+class End:
+    """What the end of one graph has left."""
+
+    hung: int
+    slow: int
+    seconds: float
+    up_seconds: float
+    exit_code: int
+    bag_whole: bool
+    left: tuple[str, ...]
+
+
+def end_one(folder: Path, environment: dict[str, str]) -> End:
+    """Start a graph, let it record, end it by Ctrl-C."""
+    with domain_id() as domain, (folder / "output.txt").open("w+") as output:
+        settings = os.environ | environment | {"ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(folder / "log")}
+        command = [str(find_executable("amb_bringup", "amb")), "up"]
+        before = {path.name for path in SHARED_MEMORY.iterdir()}  # such as ports that a killed program has left
+        graph = subprocess.Popen(
+            command, env=settings, stdout=output, stderr=subprocess.STDOUT, cwd=folder, start_new_session=True
+        )
+        try:
+            with AmbClient(domain_id=domain, timeout=GIVEN_UP_AFTER) as amb:
+                amb.wait_for_nodes()
+                bag = Path(amb.start_recording(str(folder / "bag")))
+                amb.call(RunSteps, "simulator/run", steps=0)
+                amb.wait_until(lambda: amb.simulator_state is not None and amb.simulator_state.step > STEPS)
+                wait_for(lambda: "amb: ready" in (folder / "output.txt").read_text())
+                own = mapped(os.getpid())
+            children = Path(f"/proc/{graph.pid}/task/{graph.pid}/children").read_text().split()
+            nodes = [int(child) for child in children]
+            assert len(nodes) == NODES, f"{len(nodes)} nodes run"
+            files = set().union(*map(mapped, nodes)) | (mapped(graph.pid) - own)
+            began = time.monotonic()
+            graph.send_signal(signal.SIGINT)
+            wait_for(lambda: not any(map(alive, nodes)), HUNG_AFTER)
+            hung = sum(map(alive, nodes))
+            wait_for(lambda: not any(map(alive, nodes)))
+            seconds = time.monotonic() - began
+            graph.wait(GIVEN_UP_AFTER)
+            up_seconds = time.monotonic() - began
+        finally:
+            if graph.poll() is None:
+                graph.send_signal(signal.SIGINT)  # it ends its nodes, in the end by force
+                graph.wait(GIVEN_UP_AFTER)
+        said = (folder / "output.txt").read_text()
+    return End(
+        hung,
+        said.count("Timeout (0:"),
+        seconds,
+        up_seconds,
+        graph.returncode,
+        not inspect_bag(bag).damage,
+        tuple(sorted(left(files - before))),
+    )
+
+
+def mapped(process: int) -> set[str]:
+    """Files of Fast DDS in shared memory that a process has open."""
+    return set(MAPPED.findall(Path(f"/proc/{process}/maps").read_text()))
+
+
+def left(files: set[str]) -> set[str]:
+    """Those that still exist, and are not of a program that runs: all DDS domains of a machine share the ports."""
+    there = {name for name in files if (SHARED_MEMORY / name).exists()}
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            there -= mapped(int(process.name))
+    return there
+
+
+def alive(process: int) -> bool:
+    """Whether a process exists and has not ended."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def wait_for(condition: Callable[[], bool], limit: float = GIVEN_UP_AFTER) -> None:
+    """Wait until a condition holds, at most for a time (s)."""
+    deadline = time.monotonic() + limit
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
+def is_clean(end: End) -> bool:
+    """Whether an end was as it is to be; a limit of time is no fault."""
+    return not end.hung and end.exit_code == 0 and end.bag_whole and not end.left
+
+
+def summary(ends: Sequence[End]) -> dict[str, object]:
+    """The figures of some ends."""
+    left = sorted(name for end in ends for name in end.left)
+    return {
+        "ends": len(ends),
+        "hung": sum(end.hung for end in ends),
+        "slow": sum(end.slow for end in ends),
+        "longest_s": round(max((end.seconds for end in ends), default=0.0), 2),
+        "longest_up_s": round(max((end.up_seconds for end in ends), default=0.0), 2),
+        "exit_codes": {str(code): count for code, count in sorted(Counter(end.exit_code for end in ends).items())},
+        "bags_whole": sum(end.bag_whole for end in ends),
+        "shm_left": left,
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ends", type=int, default=1, help="ends of graphs alone on the machine")
+    parser.add_argument("--loaded", type=int, default=0, help=f"ends of graphs beside {BUSY_LOOPS} busy loops")
+    parser.add_argument("--out", type=Path, default=RESULTS / "leaving.json", help="file of the results")
+    settings = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # through the ends of the processes that run beside
+    ends: dict[str, list[End]] = {"idle": [], "loaded": []}
+    with tempfile.TemporaryDirectory() as name:
+        library = Path(name, "delayed_discovery.so")
+        build_delayed_discovery(library)
+        environment = delays(library, each=0.02, held=0.02, wait=0.2)
+        for number, kind in enumerate(["idle"] * settings.ends + ["loaded"] * settings.loaded, 1):
+            folder = Path(name, str(number))
+            folder.mkdir()
+            with load(BUSY_LOOPS if kind == "loaded" else 0):
+                end = end_one(folder, environment)
+            print(f"end {number}, {kind}: {end}", flush=True)
+            if not is_clean(end):
+                print((folder / "output.txt").read_text(), flush=True)
+            ends[kind].append(end)
+            result = summary(ends["idle"] + ends["loaded"]) | {name: summary(each) for name, each in ends.items()}
+            settings.out.parent.mkdir(parents=True, exist_ok=True)
+            settings.out.write_text(json.dumps(result, indent=2) + "\n")
+    return 0 if all(is_clean(end) for each in ends.values() for end in each) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
