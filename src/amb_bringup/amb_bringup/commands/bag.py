@@ -9,12 +9,13 @@ import rclpy
 import typer
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.commands import bag_export
 from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import Stages
+from amb_bringup.commands.terminal import Terminal
 from amb_core.errors import BagError
 from amb_core.recording import Recording, TopicInfo, inspect_bag, recover_bag
 from amb_ros.bag_player import BagPlayer
@@ -31,8 +32,8 @@ def bag() -> None:
 def info(bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")]) -> None:
     """Show topics, runs, excitations and the model of a bag, even if the bag is incomplete."""
     recording = Recording.read(bag)
-    console = Console()
-    console.print(f"[bold]{recording.path}[/bold]: {recording.messages} messages in {recording.duration:.1f} s")
+    console = Terminal()
+    console.print(f"{recording.path}: {recording.messages} messages in {recording.duration:.1f} s", style="bold")
     warn_of_damage(console, bag, recording.truncated)
     console.print(_topics(recording.topics))
     if recording.runs:
@@ -55,7 +56,7 @@ def play(
     try:
         node = Node("bag_player", start_parameter_services=False)
         player = BagPlayer(node, bag)
-        with Stages(Console(), "messages") as stages:
+        with Stages(Terminal(), "messages") as stages:
             player.play(rate, lambda played: stages.update("playing", played, player.messages))
         node.destroy_node()
     finally:
@@ -73,10 +74,10 @@ def recover(
 
     The bag itself is not changed. Of a whole bag no copy is made.
     """
-    console = Console()
+    console = Terminal()
     with Stages(console, "bytes") as stages:
         state = inspect_bag(bag, lambda done, total: stages.update("reading", done, total))
-    console.print(f"[bold]{bag}[/bold]: {state.messages} messages", highlight=False)
+    console.print(f"{bag}: {state.messages} messages", style="bold", highlight=False)
     console.print(_topics(state.topics))
     for (topic, run), audit in state.runs.items():
         console.print(f"{topic}, run {run}: {audit.describe()}", highlight=False, markup=False, soft_wrap=True)
@@ -109,9 +110,9 @@ def _runs(bag: Recording) -> Table:
         try:
             record = bag.telemetry(run)
             end = record.first_step + record.steps - 1
-            telemetry = f"steps {record.first_step} to {end}, {record.steps * record.sample_time:g} s"
+            telemetry: str | Text = f"steps {record.first_step} to {end}, {record.steps * record.sample_time:g} s"
         except BagError as problem:
-            telemetry = f"[yellow]{problem}[/yellow]"
+            telemetry = Text(str(problem), "yellow")
         excitations = [
             f"{item.kind}: " + (f"{item.steps} steps from {item.first_step}" if item.accepted else "refused")
             for item in bag.excitations(run)

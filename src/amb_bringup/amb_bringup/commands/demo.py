@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.demo import DemoSummary, run_demo
 from amb_bringup.launcher import own_domain
 from amb_bringup.machine_demo import MachineDemoSummary, run_machine_demo
@@ -34,7 +35,7 @@ def demo(
 
     Results of an earlier demo in the folder are replaced. The graph runs in its own DDS domain, or in ROS_DOMAIN_ID.
     """
-    console = Console()
+    console = Terminal()
     check_parameter_file(parameter_file(params))  # a wrong file must not delete the results of an earlier demo
     make_folder(out)
     _clear(out)
@@ -63,7 +64,7 @@ def _table(summary: DemoSummary) -> Table:
     table = Table("quantity", "value", title="The bearing over ROS 2 topics")
     table.add_row("steps over topics", f"{summary.steps:,} in {summary.wall_s:.1f} s ({summary.steps_per_s:,.0f} 1/s)")
     table.add_row("node processes", str(summary.processes))
-    table.add_row("samples equal to those without ROS", "bit for bit" if summary.bit_identical else "[red]NO[/red]")
+    table.add_row("samples equal to those without ROS", "bit for bit" if summary.bit_identical else Text("NO", "red"))
     table.add_row("sag", f"{summary.sag_um:.1f} um")
     table.add_row("natural frequency, x", f"{summary.closed_loop_natural_hz:.1f} Hz")
     table.add_row("damping ratio, x", f"{summary.damping_ratio:.3f}")
@@ -77,7 +78,7 @@ def _machine_table(summary: MachineDemoSummary) -> Table:
     table = Table("quantity", "value", title=f"The machine over ROS 2 topics: {', '.join(summary.axes)}")
     table.add_row("steps over topics", f"{summary.steps:,} in {summary.wall_s:.1f} s ({summary.steps_per_s:,.0f} 1/s)")
     table.add_row("node processes", str(summary.processes))
-    table.add_row("samples equal to those without ROS", "bit for bit" if summary.bit_identical else "[red]NO[/red]")
+    table.add_row("samples equal to those without ROS", "bit for bit" if summary.bit_identical else Text("NO", "red"))
     table.add_row("running speed", f"{60.0 * summary.running_speed:.0f} r/min")
     table.add_row("model order", str(summary.order))
     table.add_row("closed-loop fit", ", ".join(f"{name} {value:.2f} %" for name, value in summary.fit.items()))

@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.paper.campaign import CampaignProgress, run_campaign
 from amb_bringup.paper.output import write_figures, write_paper
 from amb_bringup.paper.studies import STUDIES, studies_named
@@ -28,7 +29,7 @@ def reproduce(
     workers: Annotated[int | None, typer.Option(help="Number of processes, by default one for each core.")] = None,
 ) -> None:
     """Reproduce every figure and claim of the paper on the simulator; finished studies are not run again."""
-    console = Console()
+    console = Terminal()
     studies = studies_named(only) if only else STUDIES
     make_folder(out)
     done = 0
@@ -59,6 +60,6 @@ def _claims(results: dict[str, StudyResult]) -> Table:
     colours = {"agrees": "green", "agrees in part": "yellow", "does not agree": "red"}
     for result in results.values():
         for claim in result.claims:
-            verdict = f"[{colours[claim.verdict]}]{claim.verdict}[/]"
+            verdict = Text(claim.verdict, colours[claim.verdict])
             table.add_row(claim.paper_figure, claim.id, claim.finding, verdict)
     return table
