@@ -20,24 +20,25 @@ rig-demo: setup  ## the first session with a rig, on an emulated target; leaves 
 reproduce: setup  ## the paper's figures and claims on the simulator; leaves results/paper/index.html
 	@$(RUN) amb reproduce
 
-GRAPHS := --numprocesses 3 --dist loadfile  # graphs wait more than they compute; each has a domain of its own
-test: setup  ## all tests but the slow ones
-	@$(RUN) python -m pytest -m "not slow" --ignore tests/graph --ignore tests/fuzz --numprocesses 2 --dist worksteal; \
-	  computed=$$?; \
-	  python -m pytest -m "not slow" tests/graph tests/fuzz $(GRAPHS) && exit $$computed
+WORKERS ?= 4
+test: setup  ## all tests but the slow ones; WORKERS=4 processes, since tests of graphs wait more than they compute
+	@$(RUN) python -m pytest -m "not slow" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test-slow: setup  ## the slow tests
 	@$(RUN) python -m pytest -m slow
 
 COUNT ?= 10
 test-graph: setup  ## the graph tests COUNT=10 times, with a summary of the failures; leaves results/stress
-	@$(RUN) python tests/stress.py --idle $(COUNT)
+	@$(RUN) python -m tests.stress --idle $(COUNT) tests/graph
 
-stress: setup  ## the graph tests idle, under load and with low priority (two hours); writes results/stress.json
-	@$(RUN) python tests/stress.py --idle 10 --loaded 5 --nice 3
+IDLE ?= 10
+LOADED ?= 5
+NICE ?= 3
+stress: setup  ## what `make test` runs, IDLE=10 times alone, LOADED=5 under load, NICE=3 with low priority (hours); writes results/stress.json
+	@$(RUN) python -m tests.stress --idle $(IDLE) --loaded $(LOADED) --nice $(NICE)
 
 validate: setup  ## the plant against independent solutions; writes results/validation.json
-	@$(RUN) python tests/validation/run.py
+	@$(RUN) python -m tests.validation.run
 
 soak: setup  ## a rig under stress: losses, kills, trips, hostile frames (an hour); writes results/soak.json
 	@$(RUN) python -m tests.soak.run
@@ -52,21 +53,21 @@ fuzz-files: setup  ## damaged and hostile files to readers and commands (MUTANTS
 	@$(RUN) python -m tests.fuzz.files --mutants $(MUTANTS) --seed $(SEED)
 
 bench: setup  ## speed of plant and loop; writes results/bench.json
-	@$(RUN) python tests/benchmarks/run.py
+	@$(RUN) python -m tests.benchmarks.run
 
 bench-regions: setup  ## regions, excitation design and identification on random cases; writes results/bench_regions.json
-	@$(RUN) python tests/benchmarks/regions/run.py
+	@$(RUN) python -m tests.benchmarks.regions.run
 
 bench-ident: setup .venv-peers/.complete  ## identification next to other packages (hours); writes results/bench_ident.json
-	@$(RUN) python tests/benchmarks/ident/run.py
+	@$(RUN) python -m tests.benchmarks.ident.run
 
 bench-view: setup  ## a user's first hour: live page, pages, files, new bearings; writes results/first_hour.json
 	@$(RUN) python -m tests.benchmarks.first_hour.run
 
 RUNS ?= 200
 bench-robust: setup  ## the robustness certificate on RUNS=200 loops and experiments (hours; RUNS=20: minutes); resumes after an interruption; writes results/bench_robust.json
-	@$(RUN) python tests/benchmarks/robust/run.py --runs $(RUNS)
-	@$(RUN) python tests/benchmarks/robust/emulator.py
+	@$(RUN) python -m tests.benchmarks.robust.run --runs $(RUNS)
+	@$(RUN) python -m tests.benchmarks.robust.emulator
 
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@

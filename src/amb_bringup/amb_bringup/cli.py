@@ -15,6 +15,7 @@ from amb_bringup.exit_codes import INTERRUPTED
 from amb_bringup.startup import ending_signals, leaving_at_once
 from amb_core.errors import AmbError
 from amb_core.plain_text import plain_text
+from amb_ros import network
 
 PASSING_ON = {"allow_extra_args": True, "allow_interspersed_args": False}
 COMMANDS = {
@@ -200,6 +201,7 @@ def amb(
 
 def main() -> int:
     """Run `amb` with the arguments of the process; returns its exit code."""
+    network.keep_to_this_host()
     for number in ending_signals():  # a command may have something to close, nodes to stop or a rotor to land
         signal.signal(number, signal.default_int_handler)
     try:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.extras import extra
 from amb_core.files.apart import read_apart
 from amb_core.files.apart_server import seal
 from amb_core.files.limits import Items
@@ -88,7 +89,8 @@ def _plain(value: Any, items: Items, depth: int) -> Any:
 
 
 def _load_hdf5(stream: BinaryIO) -> dict[str, Any]:
-    import h5py  # takes a while to import
+    with extra("files"):
+        import h5py  # takes a while to import
 
     try:
         with h5py.File(stream, "r") as content:
@@ -104,7 +106,8 @@ def _load_hdf5(stream: BinaryIO) -> dict[str, Any]:
 
 def _member(file: Any, group: Any, name: str, items: Items, depth: int) -> Any:
     """A variable or field by its name; one that is elsewhere, or a link to another name, is refused."""
-    import h5py
+    with extra("files"):
+        import h5py  # takes a while to import
 
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         raise IdentificationError(f"{name!r} is a link, which MATLAB does not write; allowed: data in the file itself")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.extras import extra
 from amb_core.files.apart import read_apart
 from amb_core.files.apart_server import seal
 from amb_core.files.limits import MOST_COLUMNS
@@ -35,7 +36,8 @@ def read_parquet_table(path: Path) -> Table:
 
 def columns_of_file(path: str) -> tuple[list[str], list[tuple[str, NDArray[np.float64], str, str]], float | None]:
     """Names of all columns; name, values, unit and source of those of numbers; and the sample time (s)."""
-    import pyarrow.parquet as parquet  # takes a while to import
+    with extra("files"):
+        import pyarrow.parquet as parquet  # takes a while to import
 
     with open_regular(path) as file:
         seal()
@@ -60,7 +62,8 @@ def _sample_time(metadata: Mapping[bytes, bytes]) -> float | None:
 
 
 def _columns(content: Any, heading: str) -> Iterator[Column]:
-    import pyarrow as pa
+    with extra("files"):
+        import pyarrow as pa
 
     field, data = content.schema.field(heading), content.column(heading)
     name, unit = split_unit(heading)
