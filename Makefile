@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor stress soak validate leaving fuzz bench bench-regions bench-ident bench-view bench-robust docs lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor stress soak validate leaving fuzz fuzz-files bench bench-regions bench-ident bench-view bench-robust docs lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -55,6 +55,10 @@ MINUTES ?= 10
 SEED ?= 1
 fuzz: setup  ## hostile messages to the whole graph (MINUTES=60 SEED=2 for more); writes results/fuzz.json
 	@$(RUN) python -m tests.fuzz.run --minutes $(MINUTES) --seed $(SEED)
+
+MUTANTS ?= 20000
+fuzz-files: setup  ## damaged and hostile files to readers and commands (MUTANTS=500 for less); adds to results/security.json
+	@$(RUN) python -m tests.fuzz.files --mutants $(MUTANTS) --seed $(SEED)
 
 bench: setup  ## speed of plant and loop; writes results/bench.json
 	@$(RUN) python -m tests.benchmarks.run

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import multiprocessing
 import os
 import random
@@ -13,11 +14,12 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,6 +34,20 @@ SECONDS = 20.0
 """Processor time that a file may take (s)."""
 EACH_COMMAND = 40
 """One mutant of so many goes through a whole command; the others through the part of it that reads."""
+
+
+PATIENCE = 600.0
+"""Longest wait for an answer on a loaded machine (s)."""
+BATCH = 200
+"""Files in one process."""
+
+
+class Job(NamedTuple):
+    """A file and what is done with it."""
+
+    name: str
+    make: Callable[[], Path]
+    action: Callable[[Path], str]
 
 
 @dataclass
@@ -183,49 +199,52 @@ def actions_for(path: Path, whole: bool) -> dict[str, Callable[[Path], str]]:
     return {" ".join(words[:2]): partial(run_command, words=words) for words in commands_for(path)}
 
 
-def attempt(path: Path, action: Callable[[Path], str], spool: Path) -> dict[str, str]:
-    """What an action does wrong with a file, by kind; in a process of its own, which a crash may end."""
-    receiving, sending = multiprocessing.Pipe(duplex=False)
-    before = _listed(spool)
-    child = os.fork()
-    if child == 0:
-        sending.send(_attempted(path, action))
-        os._exit(0)
-    sending.close()
-    try:
-        found: dict[str, str] = receiving.recv() if receiving.poll(20 * SECONDS) else {"over_limits": "no answer"}
-    except EOFError:
-        found = {}
-    if "no answer" in found.values():
-        os.kill(child, signal.SIGKILL)
-    _, status, usage = os.wait4(child, 0)
-    if os.WIFSIGNALED(status) and "over_limits" not in found:
-        found["crashes"] = f"signal {os.WTERMSIG(status)}"
-    if usage.ru_utime + usage.ru_stime > SECONDS:
-        found["over_limits"] = f"{usage.ru_utime + usage.ru_stime:.0f} s"
-    if left := _listed(spool) - before:
-        found["escaped"] = f"left {left}"
-    return found
+def attempt(jobs: Sequence[Job], spool: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    """Names of jobs, and what went wrong with each by kind; in a process that a crash may end."""
+    done = 0
+    while done < len(jobs):
+        receiving, sending = multiprocessing.Pipe(duplex=False)
+        child = os.fork()
+        if child == 0:
+            for job in jobs[done:]:
+                sending.send(_attempted(job, spool))
+            os._exit(0)
+        sending.close()
+        try:
+            while done < len(jobs):
+                if not receiving.poll(PATIENCE):
+                    os.kill(child, signal.SIGKILL)
+                yield jobs[done].name, receiving.recv()
+                done += 1
+        except EOFError:
+            yield jobs[done].name, {"crashes": "the process ended, or did not answer"}
+            done += 1
+        os.waitpid(child, 0)
 
 
-def _attempted(path: Path, action: Callable[[Path], str]) -> dict[str, str]:
+def _attempted(job: Job, spool: Path) -> dict[str, str]:
     from amb_core.errors import AmbError
 
     found = {}
     shown = ""
+    before, path = _listed(spool), job.make()
+    Path("/proc/self/clear_refs").write_text("5")
+    began = time.process_time()
     try:
-        Path("/proc/self/clear_refs").write_text("5")
-        shown = action(path)
+        shown = job.action(path)
     except AmbError as problem:
         shown = str(problem)
     except BaseException:
-        found["tracebacks"] = traceback.format_exc()[-2000:]
+        found["tracebacks"] = traceback.format_exc()[-3000:]
     peak = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
     if int(peak.split()[1]) << 10 > LARGEST:
         found["over_limits"] = peak
-    secret = SECRET.decode()
-    if secret in shown or ", ".join(str(byte) for byte in SECRET[:6]) in shown:
+    if (taken := time.process_time() - began) > SECONDS:
+        found["over_limits"] = f"{taken:.0f} s"
+    if SECRET.decode() in shown or ", ".join(str(byte) for byte in SECRET[:6]) in shown:
         found["escaped"] = shown[:200]
+    if left := _listed(spool) - before:
+        found["escaped"] = f"left {left}"
     return found
 
 
@@ -233,24 +252,30 @@ def _listed(folder: Path) -> set[str]:
     return {item.name for item in folder.iterdir()}
 
 
-def mutants(folder: Path, count: int, seed: int) -> Iterator[tuple[str, Path]]:
+def jobs_of_mutants(folder: Path, count: int, seed: int) -> Iterator[Job]:
     """Mutants of the seeds, one after the other at a place that the next one takes again."""
     originals = seeds(folder)
     for number in range(count):
         chance = random.Random(seed * 1_000_003 + number)
         original = chance.choice(originals)
-        path = folder / f"mutant{original.suffix}"
-        if original.stem.startswith("model"):
-            path = folder / f"model_mutant{original.suffix}"
-        path.write_bytes(mutated(original.read_bytes(), chance))
-        yield f"{number} of {original.name}", path
+        model = original.stem.startswith("model")
+        path = folder / f"{'model_' if model else ''}mutant{original.suffix}"
+
+        def make(path: Path = path, original: Path = original, chance: random.Random = chance) -> Path:
+            path.write_bytes(mutated(original.read_bytes(), chance))
+            return path
+
+        for what, action in actions_for(path, number % EACH_COMMAND == 0).items():
+            yield Job(f"mutant {number} of {original.name}, {what}", make, action)
 
 
-def campaign(count: int, seed: int, names: list[str], report: Callable[[str], None]) -> Found:
-    """All crafted files and so many mutants."""
+def campaign(
+    count: int, seed: int, names: list[str], report: Callable[[str], None], minutes: float = math.inf
+) -> Found:
+    """Crafted files by name, and so many mutants, or as many as the time allows."""
     import amb_core.recording.recording  # noqa: F401
 
-    found = Found()
+    found, stop = Found(), time.monotonic() + 60.0 * minutes
     with tempfile.TemporaryDirectory(prefix="fuzz_files_") as name:
         folder, spool = Path(name) / "files", Path(name) / "spool"
         for part in (folder, spool):
@@ -263,18 +288,22 @@ def campaign(count: int, seed: int, names: list[str], report: Callable[[str], No
             for item in names:
                 path = folder / item
                 CRAFTED[item](path)
-                found.crafted += 1
+                actions = actions_for(path, False) | actions_for(path, True)
+                jobs = [Job(f"{item}, {what}", lambda path=path: path, action) for what, action in actions.items()]
                 began = time.monotonic()
-                for what, action in (actions_for(path, False) | actions_for(path, True)).items():
-                    found.add(attempt(path, action, spool), f"{item}, {what}", report)
+                for name, outcome in attempt(jobs, spool):
+                    found.add(outcome, name, report)
                 report(f"{item}: {time.monotonic() - began:.1f} s")
+                found.crafted += 1
                 path.unlink() if not path.is_dir() else shutil.rmtree(path)
-            for item, path in mutants(folder, count, seed):
-                found.mutants += 1
-                for what, action in actions_for(path, found.mutants % EACH_COMMAND == 0).items():
-                    found.add(attempt(path, action, spool), f"{item}, {what}", report)
-                if found.mutants % 500 == 0:
-                    report(f"{found.mutants} mutants, {found.counts}")
+            mutants = jobs_of_mutants(folder, count, seed)
+            while batch := list(islice(mutants, BATCH)):
+                for name, outcome in attempt(batch, spool):
+                    found.add(outcome, name, report)
+                found.mutants = min(count, found.mutants + BATCH)
+                report(f"{found.mutants} mutants, {found.counts}")
+                if time.monotonic() > stop:
+                    break
         finally:
             tempfile.tempdir = None
             del os.environ["TMPDIR"]
@@ -292,11 +321,12 @@ def main() -> int:
     """Run what the command line asks for; 1 if anything was found."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--mutants", type=int, default=20_000)
+    options.add_argument("--minutes", type=float, default=math.inf, help="end after this time")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--only", nargs="*", help="names of crafted files", default=None)
     chosen = options.parse_args()
     names = list(CRAFTED) if chosen.only is None else chosen.only
-    found = campaign(chosen.mutants, chosen.seed, names, lambda line: print(line, flush=True))
+    found = campaign(chosen.mutants, chosen.seed, names, lambda line: print(line, flush=True), chosen.minutes)
     print(json.dumps(found.counts))
     if chosen.only is None:
         write_results(found.counts)

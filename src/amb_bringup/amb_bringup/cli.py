@@ -14,6 +14,7 @@ from typer.main import get_command
 from amb_bringup.exit_codes import INTERRUPTED
 from amb_bringup.startup import ending_signals, leaving_at_once
 from amb_core.errors import AmbError
+from amb_core.plain_text import plain_text
 from amb_ros import network
 
 PASSING_ON = {"allow_extra_args": True, "allow_interspersed_args": False}
@@ -207,5 +208,5 @@ def main() -> int:
         app()
         return 0
     except AmbError as problem:
-        print(f"amb: {problem}", file=sys.stderr)
+        print(f"amb: {plain_text(problem)}", file=sys.stderr)
         return 1

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.commands import bag_export
 from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import Stages
+from amb_bringup.commands.terminal import Terminal
 from amb_core.errors import BagError
 
 if TYPE_CHECKING:
@@ -39,15 +40,15 @@ def info(
     from amb_core.recording import Recording, read_overview
 
     found = read_overview(bag)
-    console = Console()
-    console.print(f"[bold]{bag}[/bold]: {found.messages} messages in {found.duration:.1f} s")
+    console = Terminal()
+    console.print(f"{bag}: {found.messages} messages in {found.duration:.1f} s", style="bold")
     warn_of_damage(console, bag, found.damage)
     console.print(_topics(found.topics))
     if runs:
         _show_runs(console, Recording.read(bag))
 
 
-def _show_runs(console: Console, recording: Recording) -> None:
+def _show_runs(console: Terminal, recording: Recording) -> None:
     if recording.runs:
         console.print(_runs(recording))
     model = recording.model()
@@ -69,7 +70,7 @@ def play(
 
     with GraphConnection("", 10.0, None, ()) as connection:
         player = BagPlayer(connection.node, bag)
-        with Stages(Console(), "messages") as stages:
+        with Stages(Terminal(), "messages") as stages:
             player.play(rate, lambda played: stages.update("playing", played, player.messages))
 
 
@@ -86,10 +87,10 @@ def recover(
     """
     from amb_core.recording import inspect_bag, recover_bag
 
-    console = Console()
+    console = Terminal()
     with Stages(console, "bytes") as stages:
         state = inspect_bag(bag, lambda done, total: stages.update("reading", done, total))
-    console.print(f"[bold]{bag}[/bold]: {state.messages} messages", highlight=False)
+    console.print(f"{bag}: {state.messages} messages", style="bold", highlight=False)
     console.print(_topics(state.topics))
     for (topic, run), audit in state.runs.items():
         console.print(f"{topic}, run {run}: {audit.describe()}", highlight=False, markup=False, soft_wrap=True)
@@ -122,9 +123,9 @@ def _runs(bag: Recording) -> Table:
         try:
             record = bag.telemetry(run)
             end = record.first_step + record.steps - 1
-            telemetry = f"steps {record.first_step} to {end}, {record.steps * record.sample_time:g} s"
+            telemetry: str | Text = f"steps {record.first_step} to {end}, {record.steps * record.sample_time:g} s"
         except BagError as problem:
-            telemetry = f"[yellow]{problem}[/yellow]"
+            telemetry = Text(str(problem), "yellow")
         excitations = [
             f"{item.kind}: " + (f"{item.steps} steps from {item.first_step}" if item.accepted else "refused")
             for item in bag.excitations(run)

@@ -13,6 +13,7 @@ from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.options import QUANTITY, Quantity
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_place, new_file
+from amb_bringup.commands.terminal import Terminal
 from amb_core.errors import BagError
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def export(
     ending = TABLES.get(form, ".mcap")
     path = out or bag.absolute().with_name(f"{bag.absolute().stem}{'' if form in TABLES else f'_{form}'}{ending}")
     make_place(path, (ending,))
-    console = Console()
+    console = Terminal()
     wanted = [name.strip() for name in topics.split(",") if name.strip()]
     with ExitStack() as files:
         part = files.enter_context(new_file(path, overwrite))

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.commands.inputs import load_loop
@@ -16,6 +15,7 @@ from amb_bringup.commands.interrupt import Interrupt
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import ResultError, make_folder, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.exit_codes import INTERRUPTED
 from amb_core.errors import ParameterError
 from amb_core.figures.campbell import campbell_chart
@@ -61,7 +61,7 @@ def campbell(
     settings = validate(SpeedSettings, given)
     wanted = np.linspace(0.0, max_speed, speeds) if at is None else np.array(_speeds(at))
     make_folder(out)
-    console = Console()
+    console = Terminal()
     with Interrupt() as interrupt, Stages(console, "speeds") as stages:
         found = identify_over_speeds(
             plant,
@@ -81,9 +81,9 @@ def campbell(
     console.print(_table(found))
     for result in found.results:
         if result.problem:
-            console.print(f"[yellow]{result.rpm:.0f} rpm: no model: {result.problem}[/yellow]", soft_wrap=True)
+            console.print(f"{result.rpm:.0f} rpm: no model: {result.problem}", style="yellow", soft_wrap=True)
     if not found.computed.stable:
-        console.print("[yellow]the computed loop is unstable at some of the speeds[/yellow]")
+        console.print("the computed loop is unstable at some of the speeds", style="yellow")
     console.print(f"campbell.png, campbell.html, modes.csv, summary.json, models: {out}", soft_wrap=True)
 
 

@@ -13,6 +13,7 @@ from amb_bringup.commands.options import declared_options
 from amb_bringup.commands.own_data import DataOptions
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import ResultError, make_folder
+from amb_bringup.commands.terminal import Terminal, say
 from amb_bringup.commands.validate import load_recorded
 from amb_bringup.exit_codes import NOT_CERTIFIED
 from amb_core.analysis import RecordedLoop
@@ -60,7 +61,7 @@ def certify(
     domain, simulator or rig; its bag stays in --out. Exit code 0 if the loop is certified, 4 if it is not, 1 if nothing
     could be computed.
     """
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     make_folder(out)
     settings, sweep = part_of(RobustnessSettings, given), part_of(SweepSettings, given)
     if sweep.sweep_amplitude:
@@ -83,7 +84,7 @@ def certify(
             known, law, used, judged, settings=settings, inputs=inputs, swept=swept, progress=stages.update
         )
     write_certificate(found, out)
-    typer.echo(found.verdict)
+    say(found.verdict)
     console.print(f"certificate.html and certificate.json: {out}")
     if not found.certified:
         raise typer.Exit(NOT_CERTIFIED)

@@ -12,11 +12,13 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.client import AmbClient
 from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.results import make_folder, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.commissioning import Session
 from amb_bringup.launcher import Graph, launch_file, own_domain
 from amb_bringup.node_parameters import check_parameter_file
@@ -58,7 +60,7 @@ def commission(
     After a step that fails, and after Ctrl-C, the rotor is landed. Results of an earlier session in the folder are
     replaced. Exit code 0 if no step failed, 3 if one did. See docs/how-to/commission-a-rig.md.
     """
-    console = Console()
+    console = Terminal()
     path = parameter_file(params).absolute()
     check_parameter_file(path)
     settings = validate(CommissioningSettings, given)
@@ -142,7 +144,7 @@ def _show(console: Console, step: Step) -> None:
         if check.passed is False and check.advice:
             console.print(f"{check.what}: {check.advice}", highlight=False, markup=False)
     colour = {"passed": "green", "failed": "red", "skipped": "yellow"}[step.result]
-    console.print(f"{step.name}: [{colour}]{step.result}[/{colour}]")
+    console.print(f"{step.name}: ", Text(step.result, colour), sep="")
 
 
 def _write(session: Session, out: Path) -> None:

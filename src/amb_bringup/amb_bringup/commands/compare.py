@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.commands.columns import EntriesOption
 from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, make_place, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.commands.validate import (
     FiguresOption,
     FirstStepOption,
@@ -49,7 +50,7 @@ def compare(
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
     """Compare models on the same data, the best closed loop first."""
-    console = Console()
+    console = Terminal()
     if out is not None:
         figures, results = figures or out, results or out / "summary.json"
     if results is not None:
@@ -63,7 +64,7 @@ def compare(
     if found:
         console.print(_table(found))
     for name, reason in refused.items():
-        console.print(f"[red]{name}[/red]: {reason}", soft_wrap=True)
+        console.print(Text(name, "red"), f": {reason}", sep="", soft_wrap=True)
     if not found:
         raise IdentificationError("none of the models could be validated")
     if results is not None:
@@ -111,10 +112,10 @@ def _table(found: Mapping[str, Validation]) -> Table:
         if one.closed_loop is not None:
             table.add_row(f"closed-loop fit {name}", *(f"{item.fit[index]:.2f} %" for item in items))
         table.add_row(f"one-step fit {name}", *(f"{item.one_step_fit[index]:.3f} %" for item in items))
-    stability = {True: "stable", False: "[red]unstable[/red]", None: "not checked"}
+    stability: dict[bool | None, str | Text] = {True: "stable", False: Text("unstable", "red"), None: "not checked"}
     table.add_row("closed loop", *(stability[item.closed_loop_stable] for item in items))
     table.add_row("unstable poles", *(str(len(item.model.unstable_poles())) for item in items))
     table.add_row("residuals white", *("yes" if item.white else "no" for item in items))
     table.add_row("independent of inputs", *("yes" if item.independent else "no" for item in items))
-    table.add_row("verdict", *(item.verdict if item.validated else f"[red]{item.verdict}[/red]" for item in items))
+    table.add_row("verdict", *(Text(item.verdict, "" if item.validated else "red") for item in items))
     return table

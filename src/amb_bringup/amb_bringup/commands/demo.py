@@ -7,13 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder
+from amb_bringup.commands.terminal import Terminal
+from amb_bringup.demo import DemoSummary, run_demo
+from amb_bringup.launcher import own_domain
+from amb_bringup.machine_demo import MachineDemoSummary, run_machine_demo
+from amb_bringup.node_parameters import check_parameter_file
 from amb_core.parameters import load_parameters
 
 if TYPE_CHECKING:
@@ -32,14 +37,10 @@ def demo(
 
     Results of an earlier demo in the folder are replaced. The graph runs in its own DDS domain, or in ROS_DOMAIN_ID.
     """
-    from amb_bringup.demo import run_demo
-    from amb_bringup.launcher import own_domain
-    from amb_bringup.machine_demo import run_machine_demo
-    from amb_bringup.node_parameters import check_parameter_file
     from amb_core.plant.machine import machine_of
     from amb_sim_node.parameters import SimulatorParameters
 
-    console = Console()
+    console = Terminal()
     check_parameter_file(parameter_file(params))  # a wrong file must not delete the results of an earlier demo
     make_folder(out)
     _clear(out)
@@ -68,7 +69,7 @@ def _table(summary: DemoSummary) -> Table:
     table = Table("quantity", "value", title="The bearing over ROS 2 topics")
     table.add_row("steps over topics", f"{summary.steps:,} in {summary.wall_s:.1f} s ({summary.steps_per_s:,.0f} 1/s)")
     table.add_row("node processes", str(summary.processes))
-    table.add_row("samples equal to those without ROS", "bit for bit" if summary.bit_identical else "[red]NO[/red]")
+    table.add_row("samples equal to those without ROS", "bit for bit" if summary.bit_identical else Text("NO", "red"))
     table.add_row("sag", f"{summary.sag_um:.1f} um")
     table.add_row("natural frequency, x", f"{summary.closed_loop_natural_hz:.1f} Hz")
     table.add_row("damping ratio, x", f"{summary.damping_ratio:.3f}")
@@ -82,7 +83,7 @@ def _machine_table(summary: MachineDemoSummary) -> Table:
     table = Table("quantity", "value", title=f"The machine over ROS 2 topics: {', '.join(summary.axes)}")
     table.add_row("steps over topics", f"{summary.steps:,} in {summary.wall_s:.1f} s ({summary.steps_per_s:,.0f} 1/s)")
     table.add_row("node processes", str(summary.processes))
-    table.add_row("samples equal to those without ROS", "bit for bit" if summary.bit_identical else "[red]NO[/red]")
+    table.add_row("samples equal to those without ROS", "bit for bit" if summary.bit_identical else Text("NO", "red"))
     table.add_row("running speed", f"{60.0 * summary.running_speed:.0f} r/min")
     table.add_row("model order", str(summary.order))
     table.add_row("closed-loop fit", ", ".join(f"{name} {value:.2f} %" for name, value in summary.fit.items()))

@@ -14,6 +14,7 @@ from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.commands.validate import FirstStepOption, RunOption, StepsOption, chosen_steps
 from amb_core.analysis import evidence_of_data, evidence_of_run
 from amb_core.distortion import Coherence, Distortion, DistortionSettings, Evidence, simulate_distortion
@@ -50,7 +51,7 @@ def distortion(
     odd lines that are not excited. A recording needs two periods or more of such a multisine; of any other, the
     coherence of position and reference is given, which mixes noise and distortion.
     """
-    console = Console()
+    console = Terminal()
     if recording is None:
         _refuse("a recording", {"--run": run is not None, "--first-step": first_step != -1, "--steps": steps != 0})
         _refuse("a recording", dict.fromkeys(files.given, True))
@@ -90,7 +91,7 @@ def _measure(console: Console, files: DataOptions, path: Path, chosen: dict[str,
         console.print(_conditions(found.distortion))
         distortion_chart(found.distortion).save(out, "distortion")
     else:
-        console.print(f"[yellow]no distortion: {found.problem}[/yellow]", highlight=False)
+        console.print(f"no distortion: {found.problem}", style="yellow", highlight=False)
     if found.coherence is not None:
         console.print(_coherence_table(found.coherence))
         coherence_chart(found.coherence).save(out, "coherence")

@@ -9,11 +9,13 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.commands.inputs import load_loop, load_regions
 from amb_bringup.commands.options import declared_options, quantity_option
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_core.errors import RegionError
 from amb_core.excitation import KINDS, excitation_from_request, generate
 from amb_core.excitation_design import (
@@ -73,7 +75,7 @@ def check(
     region_map, loop = _load(map_file, params)
     signal = generate(excitation_from_request(kind, given), loop[0].sample_rate)
     found = check_excitation(signal, region_map, *loop[:2])
-    console = Console()
+    console = Terminal()
     make_folder(out)
     summary: dict[str, Any] = {"map": str(map_file), "parameters": signal.parameters.model_dump()}
     summary["check"] = check_summary(found)
@@ -89,7 +91,7 @@ def check(
         if trial.measures:
             console.print(_measures_table(trial.measures))
         if beyond is not None:
-            console.print(f"[yellow]beyond the limits of a design: {beyond}[/yellow]", highlight=False)
+            console.print(f"beyond the limits of a design: {beyond}", style="yellow", highlight=False)
     else:
         console.print("not simulated: the map knows regions, not distortion; --simulate measures it")
     _write(out, summary, found, region_map, console)
@@ -117,7 +119,7 @@ def design(
 ) -> None:
     """Find the largest amplitude in region A within limits of distortion, clipping and slew, by simulation."""
     region_map, loop = _load(map_file, params)
-    console = Console()
+    console = Terminal()
     make_folder(out)
     limits = {name: given.pop(name) for name in list(given) if name in Limits.model_fields}
     with Stages(console, "steps") as stages:
@@ -137,7 +139,7 @@ def design(
     console.print(designed.verdict, highlight=False)
     assert designed.check is not None
     for note in designed.check.notes:
-        console.print(f"[yellow]note: {note}[/yellow]")
+        console.print(f"note: {note}", style="yellow")
     drawn = replace(designed.check, verdict=designed.verdict)  # the simulations decide, not the map
     _write(out, {"map": str(map_file), **design_summary(designed)}, drawn, region_map, console)
 
@@ -165,9 +167,9 @@ def _exists(path: Path) -> bool:
 def _print_check(console: Console, found: ExcitationCheck) -> None:
     colour = {"A": "green" if found.certain else "yellow", "B": "yellow"}.get(found.predicted.name, "red")
     console.print(_check_table(found))
-    console.print(f"[{colour}]{found.verdict}[/{colour}]")
+    console.print(found.verdict, style=colour)
     for note in found.notes:
-        console.print(f"[yellow]note: {note}[/yellow]")
+        console.print(f"note: {note}", style="yellow")
 
 
 def _check_table(found: ExcitationCheck) -> Table:
@@ -199,11 +201,12 @@ def _check_table(found: ExcitationCheck) -> Table:
     return table
 
 
-def _trial_line(trial: Trial, within: bool) -> str:
+def _trial_line(trial: Trial, within: bool) -> Text:
     x, y = UM * trial.bias_shift
     begins = "".join(f", {region.name} from {onset.time:.2f} s onwards" for region, onset in trial.onsets.items())
     colour = "green" if within else "yellow"
-    return f"[{colour}]simulation: region {trial.region.name}[/{colour}] (bias moved by {x:.2f} and {y:.2f} um{begins})"
+    moved = f" (bias moved by {x:.2f} and {y:.2f} um{begins})"
+    return Text.assemble((f"simulation: region {trial.region.name}", colour), moved)
 
 
 def _measures_table(measures: tuple[AxisMeasure, ...]) -> Table:

@@ -13,6 +13,7 @@ from amb_bringup.commands.inputs import model_order
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import ResultError, make_folder
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.experiment import Experiment, ExperimentRun
 from amb_bringup.experiment_list import read_experiments
 from amb_bringup.experiment_session import GraphChoice, run_session
@@ -61,7 +62,7 @@ def experiment(
         check_parameter_file(params)
     make_folder(out)
     make_folder(bag.parent)
-    console = Console()
+    console = Terminal()
     try:
         with Stages(console, "steps") as stages:
             runs = run_session(experiments, bag, GraphChoice(params, rig, emulator), stages.update)

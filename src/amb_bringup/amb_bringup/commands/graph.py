@@ -13,6 +13,7 @@ import typer
 from amb_bringup.commands.options import ParamsOption
 from amb_core.errors import ParameterError
 from amb_core.files.parameter_files import CONTROLLERS, nodes_with
+from amb_core.plain_text import plain_text
 from amb_ros import network as network_of_graph
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def shown_graph(name: str, arguments: dict[str, str], params: Path | None) -> Gr
     from amb_bringup.launcher import Graph, launch_file
 
     def show(node: str, text: str) -> None:
-        typer.echo(f"{typer.style(f'[{node}]', fg='cyan')} {text}")
+        typer.echo(f"{typer.style(f'[{node}]', fg='cyan')} {plain_text(text)}")
 
     if params is not None:
         from amb_bringup.node_parameters import check_parameter_file

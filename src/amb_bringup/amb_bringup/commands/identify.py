@@ -9,14 +9,15 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.commands.columns import EntriesOption
 from amb_bringup.commands.inputs import model_order
 from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, make_place, names_file, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.commands.validate import load_recorded
 from amb_core import figures, identification
 from amb_core.analysis import RecordedLoop
@@ -71,7 +72,7 @@ def identify(
 
     Several bags give one model of all their experiments, each with its own initial state.
     """
-    console = Console()
+    console = Terminal()
     wanted, tried = model_order(order), _orders(orders)
     if tried is not None and wanted != "auto":
         raise IdentificationError(f"--orders {orders} is not allowed with --order {order}; it is for --order auto")
@@ -94,7 +95,9 @@ def identify(
         )  # fmt: skip
     for finding in result.report.warnings:
         where = f"{finding.where}: " if finding.where else ""
-        console.print(f"[yellow]{finding.check}: {where}{finding.what}[/yellow]; {finding.advice}", highlight=False)
+        console.print(
+            Text(f"{finding.check}: {where}{finding.what}", "yellow"), f"; {finding.advice}", sep="", highlight=False
+        )
     console.print(_table(result))
     if out is not None:
         result.model.save(out)
@@ -247,16 +250,17 @@ def _table(result: Identification) -> Table:
     rates = ", ".join(f"{_number(np.log(pole) / model.sample_time, 5)} 1/s" for pole in unstable)
     table.add_row("unstable poles", f"{len(unstable)}" + (f": {rates}" if rates else ""))
     if result.uncertainty is not None and (remark := result.uncertainty.at_one):
-        table.add_row("[yellow]pole at 1[/yellow]", remark)
+        table.add_row(Text("pole at 1", "yellow"), remark)
     if result.drift is not None:
         table.add_row("drift", result.drift.summary)
     if (search := result.search) is not None:
-        end = "converged" if search.converged else f"[yellow]not converged[/yellow], {100.0 * search.left:.2g} % left"
-        table.add_row("search", f"{end}, {search.iterations} steps")
+        done = Text("converged") if search.converged else Text("not converged", "yellow")
+        left = "" if search.converged else f", {100.0 * search.left:.2g} % left"
+        table.add_row("search", done + Text(f"{left}, {search.iterations} steps"))
     if result.closed_loop_poles is not None:
-        table.add_row("closed loop", "stable" if result.stable else "[red]unstable[/red]")
+        table.add_row("closed loop", "stable" if result.stable else Text("unstable", "red"))
     colour = "red" if result.verdict is Verdict.NOT_VALIDATED else "yellow"
-    table.add_row("verdict", f"[{colour}]{result.verdict}[/{colour}] on the data of the estimate")
+    table.add_row("verdict", Text(f"{result.verdict} on the data of the estimate", colour))
     return table
 
 

@@ -21,6 +21,7 @@ from rich.table import Table
 
 from amb_bringup.commands.interrupt import Interrupt
 from amb_bringup.commands.results import make_folder, make_place, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.connection import ClientError, GraphConnection
 from amb_core.figures.lateness import lateness_chart
 from amb_core.loop.pace import HISTOGRAM, MISSED, PACED, QUANTILES, histogram
@@ -118,7 +119,7 @@ def jitter(
         make_place(out)
     if figures is not None:
         make_folder(figures)
-    watch, console = JitterWatch(), Console()
+    watch, console = JitterWatch(), Terminal()
     _listen(watch, console, seconds, show=console.is_terminal and not as_json)
     if not watch.nodes:
         raise ClientError(

@@ -16,6 +16,7 @@ from amb_bringup.commands.map_confirmation import confirmation_summary, print_co
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.exit_codes import INTERRUPTED
 from amb_core.errors import AmbError, ParameterError, RegionError
 from amb_core.figures import map_chart, map_grid_chart
@@ -82,7 +83,7 @@ def region_map(
     plant, controller = load_loop(params)
     regions = load_regions(params)
     make_folder(out)
-    console = Console()
+    console = Terminal()
     with Interrupt() as interrupt, Stages(console) as stages:
 
         def show(progress: MapProgress) -> None:
@@ -164,7 +165,7 @@ def _write_map(
     console.print(f"rate of the sweeps: {sweep_rate_text(found)}")
     print_confirmation(found, console)
     if not found.complete:
-        console.print("[yellow]not resolved as requested; more sweeps (--max-sweeps) would help[/yellow]")
+        console.print("not resolved as requested; more sweeps (--max-sweeps) would help", style="yellow")
     console.print(f"map.json, summary.json, map.png, map.html: {out}")
 
 
@@ -197,7 +198,7 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
         files += ", grid.png, grid.html"
     console.print(table)
     for problem in problems:
-        console.print(f"[yellow]{problem}[/yellow]")
+        console.print(f"{problem}", style="yellow")
     console.print(f"{files}: {out}")
 
 

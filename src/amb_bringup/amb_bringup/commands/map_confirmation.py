@@ -53,9 +53,9 @@ def print_confirmation(found: RegionMap, console: Console) -> None:
     console.print(_band_table(found))
     console.print(_spread_table(found))
     for text in confirmation_warnings(found):
-        console.print(f"[yellow]{text}[/yellow]")
+        console.print(f"{text}", style="yellow")
     if not confirmation.complete:
-        console.print("[yellow]the confirmation is not complete[/yellow]")
+        console.print("the confirmation is not complete", style="yellow")
 
 
 def _band_entry(found: RegionMap, amplitude: float) -> dict[str, Any]:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from amb_bringup.commands.results import make_folder, make_place, new_file
+from amb_bringup.commands.terminal import Terminal
 from amb_core.errors import IdentificationError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def export(
     formats = [name for name, wanted in chosen.items() if wanted]
     if len(formats) != 1:
         raise IdentificationError(f"give one format: {', '.join(f'--{name}' for name in chosen)}")
-    console, found = Console(), StateSpaceModel.load(model)
+    console, found = Terminal(), StateSpaceModel.load(model)
     if c:
         written = _write_c(found, model.stem, out or model.with_name(f"{model.stem}_c"), overwrite)
     else:

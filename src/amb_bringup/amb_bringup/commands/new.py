@@ -12,6 +12,7 @@ from rich.console import Console
 from amb_bringup.commands.options import declared_options
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import ResultError, make_place
+from amb_bringup.commands.terminal import Terminal, say
 from amb_bringup.commands.tune import gains_table
 from amb_bringup.node_parameters import check_parameter_file
 from amb_core.errors import ParameterError
@@ -41,7 +42,7 @@ def new(
     if out.exists() and not overwrite:
         raise ResultError(f"{out}: exists already; give another name, or --overwrite")
     bearing = validate(Bearing, given | _answers(given))
-    console = Console()
+    console = Terminal()
     with working(console, "searching gains, simulating the lift-off"):
         design = design_bearing(bearing)
     try:
@@ -74,7 +75,7 @@ def _ask(item: Declaration) -> float | int:
         try:
             value = quantity_of(str(answer), item.unit)
         except ParameterError as problem:
-            typer.echo(str(problem), err=True)
+            say(str(problem), err=True)
             continue
         if item.minimum is not None and item.maximum is not None and item.minimum <= value <= item.maximum:
             if item.type is not int:

@@ -134,7 +134,7 @@ def show_preview(console: Console, path: Path, described: DescribedData) -> None
         )
     console.print(table)
     for note in described.notes:
-        console.print(f"[yellow]{note}[/yellow]", highlight=False, soft_wrap=True)
+        console.print(f"{note}", style="yellow", highlight=False, soft_wrap=True)
 
 
 def _option(name: str) -> inspect.Parameter:

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.commands import plant_modes, plant_ross
 from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.results import make_folder
+from amb_bringup.commands.terminal import Terminal, say
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.errors import PlantError
 from amb_core.parameters import SourcedValue, load_parameters, shown_value
@@ -47,7 +47,7 @@ def describe(
         typer.echo(_json(description, values))
         return
 
-    console = Console()
+    console = Terminal()
     console.print(_constants(description.entries, str(path)))
     console.print(_effects(description.effects.entries))
     console.print(_values(values))
@@ -70,7 +70,7 @@ def figures(
         try:
             figure = draw(parameters)
         except PlantError as problem:
-            typer.echo(f"{name}: not drawn: {problem}", err=True)
+            say(f"{name}: not drawn: {problem}", err=True)
             continue
         figure.savefig(out / f"{name}.png")
         typer.echo(f"written to {out / f'{name}.png'}")

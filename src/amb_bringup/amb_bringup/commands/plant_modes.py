@@ -8,13 +8,13 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.commands.inputs import load_loop, parameter_file
 from amb_bringup.commands.options import ParamsOption, quantity_option
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, make_place, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_core.figures.campbell import campbell_chart
 from amb_core.model.modes import Modes, modes_of
 from amb_core.plant import Plant, linearize, uniform_shaft
@@ -36,7 +36,7 @@ def modes(
         content = {name.split()[0]: part.selected().to_json() for name, part in found.items()}
         typer.echo(json.dumps(content, indent=2))
         return
-    console = Console()
+    console = Terminal()
     rpm = RPM * plant_parameters.rotor.running_speed
     for name, part in found.items():
         console.print(modes_table(part.selected(), f"{parameter_file(params)}, {name}, {rpm:g} rpm"))
@@ -71,7 +71,7 @@ def campbell(
     """Compute the Campbell diagram: modes of the closed loop over the running speed, and the critical speeds."""
     plant_parameters, controller = load_loop(params)
     make_folder(out)
-    console = Console()
+    console = Terminal()
     with Stages(console, "speeds") as stages:
         found = compute_campbell(
             plant_parameters,
@@ -83,7 +83,7 @@ def campbell(
     image, page = campbell_chart(found).save(out, "campbell")
     console.print(_critical(found))
     if not found.stable:
-        console.print("[yellow]the loop is unstable at some of the speeds[/yellow]")
+        console.print("the loop is unstable at some of the speeds", style="yellow")
     for path in (image, page, out / "campbell.json"):
         console.print(f"written to {path}", highlight=False, soft_wrap=True)
 

@@ -11,6 +11,7 @@ import yaml
 
 from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.results import ResultError, make_place
+from amb_bringup.commands.terminal import say
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.errors import PlantError
 from amb_core.files.parameter_files import PARAMETERS, ParameterFile, full_name
@@ -81,7 +82,7 @@ def ross(
     ]
     _write(out, rotor, simulator, controller, remarks)
     for remark in remarks:
-        typer.echo(remark)
+        say(remark)
     typer.echo(f"written to {out} and {modes.name}; next: amb demo --params {out}")
 
 

@@ -11,6 +11,7 @@ from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
 
 PERIOD = 10.0  # s, between plain lines of one stage
 
@@ -57,7 +58,7 @@ class Stages:
 def working(console: Console, text: str) -> Iterator[None]:
     """Show what a command does for some seconds, without a measure of progress."""
     if console.is_interactive:
-        with console.status(text):
+        with console.status(Text(text)):  # a text alone would be markup
             yield
     else:
         console.print(f"{text} ...", highlight=False, markup=False)

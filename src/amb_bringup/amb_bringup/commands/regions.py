@@ -13,6 +13,7 @@ from rich.table import Table
 from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_core.analysis.recorded_distortion import evidence_or_reason
 from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
 from amb_core.errors import ParameterError
@@ -36,7 +37,7 @@ def regions(
     ),
 ) -> None:
     """Show where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions."""
-    console = Console()
+    console = Terminal()
     make_folder(out)
     recording, _ = files.recording(console, bag)
     with working(console, "classifying"):
@@ -111,13 +112,13 @@ def _print(console: Console, found: RecordedRegions, summary: dict[str, Any]) ->
 
     if found.gaps:
         what = "missing" if found.gaps == found.missing else "missing or not finite"
-        console.print(f"[yellow]{describe_gaps(found.gaps)} are {what}; the classification restarts after[/yellow]")
+        console.print(f"{describe_gaps(found.gaps)} are {what}; the classification restarts after", style="yellow")
     console.print(_table(summary))
     for low, high, start, stop in summary["sampling_beats"]:
         at = "" if low is None or high is None else f", {low:.0f} to {high:.0f} Hz"
         console.print(f"the input beats with the sample rate from {start:.2f} to {stop:.2f} s{at}")
     if summary["region_at_end"] is None:
-        console.print("[yellow]too short: B and C were not evaluated[/yellow]")
+        console.print("too short: B and C were not evaluated", style="yellow")
         return
     shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in summary["shares"].items())
     console.print(f"at the end in region {summary['region_at_end']}; share of the time: {shares}")

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from amb_bringup.commands.columns import EntriesOption
 from amb_bringup.commands.inputs import model_order
 from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, names_file
+from amb_bringup.commands.terminal import Terminal
 from amb_core.analysis import recorded_controller
 from amb_core.identification.controller_choice import NO_CONTROLLER
 from amb_core.report import write_report
@@ -34,7 +34,7 @@ def report(
     ),
 ) -> None:
     """Regions, distortion, motion, identified model, frequency response, validation and robustness of a run."""
-    console = Console()
+    console = Terminal()
     if not names_file(out, (".html",)):
         out = out / "report.html"
     make_folder(out.parent)

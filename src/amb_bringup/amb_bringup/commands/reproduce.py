@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder
+from amb_bringup.commands.terminal import Terminal
 
 if TYPE_CHECKING:
     from amb_bringup.paper.campaign import CampaignProgress
@@ -33,7 +34,7 @@ def reproduce(
     from amb_bringup.paper.studies import STUDIES, studies_named
     from amb_bringup.paper.study import Workplace
 
-    console = Console()
+    console = Terminal()
     studies = studies_named(only) if only else STUDIES
     make_folder(out)
     done = 0
@@ -64,6 +65,6 @@ def _claims(results: dict[str, StudyResult]) -> Table:
     colours = {"agrees": "green", "agrees in part": "yellow", "does not agree": "red"}
     for result in results.values():
         for claim in result.claims:
-            verdict = f"[{colours[claim.verdict]}]{claim.verdict}[/]"
+            verdict = Text(claim.verdict, colours[claim.verdict])
             table.add_row(claim.paper_figure, claim.id, claim.finding, verdict)
     return table

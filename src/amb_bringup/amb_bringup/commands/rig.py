@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.commands.graph import NetworkOption, choose_network, keep_running, shown_graph
 from amb_bringup.commands.options import ParamsOption, quantity_option
+from amb_bringup.commands.terminal import Terminal
 from amb_core.files.parameter_files import RIG_NODES
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def demo(
     from amb_bringup.node_parameters import check_parameter_file
     from amb_bringup.rig_demo import run_rig_demo
 
-    console = Console()
+    console = Terminal()
     path = parameter_file(params).absolute()
     check_parameter_file(path)  # a wrong file must not delete the results of an earlier session
     make_folder(out)
@@ -157,4 +157,4 @@ def _show(amb: AmbClient) -> None:
     table.add_row("problem", state.problem or "none")
     for trip in amb.rig.trips:
         table.add_row("trip", trip.text)
-    Console().print(table)
+    Terminal().print(table)

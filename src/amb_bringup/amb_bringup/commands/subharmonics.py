@@ -9,13 +9,14 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from amb_bringup.commands.inputs import load_loop
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
+from amb_bringup.commands.terminal import Terminal
 from amb_core.errors import ParameterError, SpectrumError
 from amb_core.figures import spectrum_chart, surface_chart
 from amb_core.loop.control import ControllerParameters
@@ -79,7 +80,7 @@ def subharmonics(
     settings, grid = part_of(SubharmonicSettings, given), part_of(SurfaceSettings, given)
     if bag is not None and (causes or surface or params is not None):
         raise ParameterError("--bag analyses what was measured; it takes no --params, --set, --causes or --surface")
-    console = Console()
+    console = Terminal()
     make_folder(out)
     if bag is not None:
         results = {"bag": {"measured": _analyse_bag(bag, settings)}}
@@ -199,7 +200,7 @@ def _table(title: str, spectrum: SubharmonicSpectrum) -> Table:
     colour = "green" if spectrum.state == "steady" else "yellow"
     table = Table(
         "frequency (Hz)", "amplitude (um)", "product", "made by", "also there",
-        title=title, caption=f"[{colour}]{spectrum.state}[/{colour}]: {spectrum.reason}{_slow(spectrum)}",
+        title=title, caption=Text.assemble((spectrum.state, colour), f": {spectrum.reason}{_slow(spectrum)}"),
     )  # fmt: skip
     for column in table.columns[:2]:
         column.justify = "right"

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.commands.inputs import load_loop
 from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, make_place
+from amb_bringup.commands.terminal import Terminal
 from amb_bringup.parameter_changes import changed_file
 from amb_core.errors import PlantError
 from amb_core.figures import stability_figure
@@ -41,7 +41,7 @@ def chart(
     """
     plant, controller = load_loop(params)
     make_folder(out)
-    console = Console()
+    console = Terminal()
     with Stages(console, "rows") as stages:
         found = stability_chart(plant, controller, points, lambda done, total: stages.update("chart", done, total))
     known = np.isfinite(found.chosen_peak)
@@ -65,7 +65,7 @@ def gains(
     plant, controller = load_loop(params)
     if out is not None:
         make_place(out, (".yaml", ".yml"))
-    console = Console()
+    console = Terminal()
     with working(console, "searching gains"):
         tuned = tune(plant, controller)
     if tuned is None:
@@ -73,8 +73,8 @@ def gains(
     console.print(gains_table(tuned, f"PD gains for {params}"))
     if tuned.peak_sensitivity > HIGHEST_PEAK:
         console.print(
-            f"[yellow]no PD gains have a peak sensitivity of at most {HIGHEST_PEAK:g}: "
-            f"{reason(plant, controller)}[/yellow]"
+            f"no PD gains have a peak sensitivity of at most {HIGHEST_PEAK:g}: {reason(plant, controller)}",
+            style="yellow",
         )
     if out is not None:
         changed_file(params, _changes(tuned), out)

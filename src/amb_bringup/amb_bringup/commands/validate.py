@@ -12,6 +12,7 @@ from amb_bringup.commands.columns import EntriesOption
 from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, make_place, write_json
+from amb_bringup.commands.terminal import Terminal, say
 from amb_bringup.exit_codes import NOT_VALIDATED
 from amb_core.analysis import RecordedLoop
 from amb_core.figures import save_validation_figures
@@ -56,7 +57,7 @@ def validate(
 
     Exit code 0 if the model passes the validation, 3 if it fails, 1 if it could not be validated.
     """
-    console = Console(stderr=True)  # only the report goes to the standard output
+    console = Terminal(stderr=True)  # only the report goes to the standard output
     if out is not None:
         figures, results = figures or out, results or out / "summary.json"
     if results is not None:
@@ -68,7 +69,7 @@ def validate(
     drawn = entries_from(entries, loop.data.input_names, loop.data.output_names)
     with working(console, f"validating order {known.order} on {loop.data.samples} samples"):
         found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or None)
-    typer.echo(found.report())
+    say(found.report())
     if results is not None:
         write_json(results, found.as_dict())
     if figures is not None:
@@ -89,8 +90,9 @@ def load_recorded(
     loop = files.read(console, bag, **chosen_steps(run, first_step, steps)).loop
     if loop.controller is None and needs_controller(loop.data) and files.resolve().controller != NO_CONTROLLER:
         console.print(
-            f"[yellow]{bag} has no controller parameters; the closed loop of the models is not validated. Give the "
-            "controller with --controller[/yellow]"
+            f"{bag} has no controller parameters; the closed loop of the models is not validated. Give the "
+            "controller with --controller",
+            style="yellow",
         )
     return loop
 

@@ -8,6 +8,7 @@ from typing import Any
 from amb_core.extras import extra
 from amb_core.figures.drawing import Axis, Band, Curve, Drawing, Heat, HoverGrid, Note, Panel, Points, Rule, Span
 from amb_core.figures.style import OPACITY, Stroke
+from amb_core.plain_text import plain_text
 
 with extra("figures"):
     from matplotlib import ticker
@@ -44,12 +45,12 @@ def draw_figure(chart: Drawing) -> Figure:
             axes.set_ylim(*panel.y.limits)
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    figure.suptitle(chart.title, fontsize=12, wrap=True)
+    figure.suptitle(_literal(chart.title), fontsize=12, wrap=True)
     if entries:
         fitting = chart.size[0] / (LETTER_WIDTH * (6 + max(map(len, entries))))
         figure.legend(
             entries.values(),
-            entries.keys(),
+            map(_literal, entries),
             loc="outside lower center",
             ncols=max(1, min(4, int(fitting))),
             fontsize=9,
@@ -58,11 +59,16 @@ def draw_figure(chart: Drawing) -> Figure:
     return figure
 
 
+def _literal(text: str) -> str:
+    """A text as it is: what is between dollar signs would be a formula, or an error."""
+    return plain_text(text).replace("$", r"\$")
+
+
 def _prepare(axes: Axes, panel: Panel, labelled: bool) -> None:
-    axes.set_xlabel(panel.x.label if labelled else "")
-    axes.set_ylabel(panel.y.label)
+    axes.set_xlabel(_literal(panel.x.label) if labelled else "")
+    axes.set_ylabel(_literal(panel.y.label))
     if panel.title:
-        axes.set_title(panel.title, fontsize=10)
+        axes.set_title(_literal(panel.title), fontsize=10)
     if panel.x.log:
         axes.set_xscale("log")
         _number_logarithmic(axes.xaxis, panel.x)

@@ -5,7 +5,10 @@ Pages of one folder share one `plotly.min.js` beside them: each alone would be 5
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
+import re
 from pathlib import Path
 
 from amb_core.errors import AmbError
@@ -30,10 +33,19 @@ CONFIG = {
     "modeBarButtons": [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
 }
 
+_MARKUP = re.compile(r"<(?!/?(?:b|br|extra)>)")
+"""Where a tag begins that charts do not use: plotly would make links and styles of those in texts of others."""
+
 COLUMN_WIDTH = 20  # of a panel beside others (rem); narrower windows scroll
 
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 DRAWING = (Path(__file__).parent / "draw.js").read_text(encoding="utf-8")
+_OWN = base64.b64encode(hashlib.sha256(f"\n{DRAWING}".encode()).digest()).decode()
+POLICY = (
+    f"default-src 'none'; script-src 'self' file: 'sha256-{_OWN}'; "
+    "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
+)
+"""What a figure's page may load and run: the script beside it and its own, nothing from elsewhere."""
 
 _TEMPLATES = Environment(
     loader=PackageLoader("amb_core", "figures"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
@@ -60,6 +72,7 @@ def write_page(folder: Path, name: str, page: go.Figure) -> Path:
         script=SCRIPT,
         fragment=Markup(page_fragment(page)),
         drawing=Markup(DRAWING),
+        policy=POLICY,
     )
     try:
         path.write_text(document, encoding="utf-8")
@@ -91,7 +104,8 @@ def page_fragment(page: go.Figure) -> str:
     chart = go.Figure(page)
     chart.update_layout(title=None, meta=None, margin_t=50)
     content = json.loads(chart.to_json()) | {"config": CONFIG}
-    data = json.dumps(content, separators=(",", ":")).replace("</", "<\\/")  # no text ends the script
+    data = _MARKUP.sub("&lt;", json.dumps(content, separators=(",", ":")))
+    data = data.replace("</", "<\\/")  # no text ends the script
     return _TEMPLATES.get_template("fragment.html.j2").render(
         alt=alt, table=table, width=width, height=chart.layout.height, data=Markup(data)
     )

@@ -32,13 +32,12 @@ def main() -> int:
         if not text:
             return 0
         request = json.loads(text)
-        for module in request["modules"]:
-            with suppress(ImportError):  # the child raises it again, as the error of its file
+        for module in (*request["modules"], request["target"].partition(":")[0]):
+            with suppress(Exception):  # the child raises it again, as the error of its file
                 importlib.import_module(module)
-        target = _resolved(request["target"])
         if os.fork() == 0:
             control.close()
-            _serve(socket.socket(fileno=descriptors[0]), target, request)
+            _serve(socket.socket(fileno=descriptors[0]), request)
         os.close(descriptors[0])
 
 
@@ -56,7 +55,7 @@ def seal() -> None:
 _inside = False
 
 
-def _serve(channel: socket.socket, target: Any, request: dict[str, Any]) -> None:
+def _serve(channel: socket.socket, request: dict[str, Any]) -> None:
     """The life of a child."""
     global _inside  # set once, after the fork
     try:
@@ -65,7 +64,7 @@ def _serve(channel: socket.socket, target: Any, request: dict[str, Any]) -> None
         limits = Limits(**request["limits"])
         _confine(limits)
         made: list[Any] = []
-        _answer(channel, limits, Encoder(limits), lambda: _made(target, request["arguments"], made))
+        _answer(channel, limits, Encoder(limits), lambda: _made(request, made))
         items: Iterator[Any] | None = None
         encoder = Encoder(limits)
         while made and (call := _received(channel)):
@@ -90,9 +89,11 @@ def yields(method: Callable[..., Iterator[Any]]) -> Callable[..., Iterator[Any]]
     return method
 
 
-def _made(target: Any, arguments: list[Any], made: list[Any]) -> Any:
+def _made(request: dict[str, Any], made: list[Any]) -> Any:
     """The result of a function; None for an object, which is kept."""
-    found = target(*arguments)
+    module, _, name = request["target"].partition(":")
+    target = getattr(importlib.import_module(module), name)
+    found = target(*request["arguments"])
     if isinstance(target, FunctionType):
         return found
     made.append(found)
@@ -151,8 +152,3 @@ def _received(channel: socket.socket) -> Any:
     """The next call; None at the end."""
     length = channel.recv(8, socket.MSG_WAITALL)
     return json.loads(channel.recv(int.from_bytes(length, "little"), socket.MSG_WAITALL)) if length else None
-
-
-def _resolved(target: str) -> Any:
-    module, _, name = target.partition(":")
-    return getattr(importlib.import_module(module), name)

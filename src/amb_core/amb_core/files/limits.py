@@ -16,7 +16,7 @@ DEEPEST = 32
 """Levels of structs, cells, groups or lists within each other."""
 MOST_COLUMNS = 4096
 """Columns of a table."""
-MOST_ITEMS = 100_000
+MOST_ITEMS = 20_000
 """Items of all cells and structs of a MATLAB file, each as often as it is referred to."""
 LONGEST_LINE = MIB
 """Longest line of a text table (B)."""

@@ -1,0 +1,19 @@
+"""Text of others for terminals, pages and logs: what could control them is shown instead of obeyed."""
+
+from __future__ import annotations
+
+import re
+
+_CONTROLS = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # escape sequences begin with one of these
+    "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"  # directions, which change the order of what is read
+    "\u2028\u2029\ufeff\ud800-\udfff\U000e0000-\U000e007f]"
+)
+
+
+def plain_text(text: object) -> str:
+    r"""The text with control characters as their escapes, such as `\x1b`; line ends and tabs stay.
+
+    All that a file, a topic or another node names passes here once, where it reaches a terminal, a page or a log.
+    """
+    return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))

@@ -1,0 +1,138 @@
+"""Files of others are read in a child process: what ends the child is an error of the file, and nothing else."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from amb_core.analysis.own_files import read_own
+from amb_core.errors import AmbError, BagError, IdentificationError
+from amb_core.files import apart, limits
+from amb_core.files.matlab import load_variables
+from amb_core.recording import BagWriter, Recording, inspect_bag
+from amb_core.tables import read_table
+from tests.fuzz.crafted_files import CRAFTED, SECRET, make_secret
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Callable[[str], Path]:
+    def make(name: str) -> Path:
+        make_secret(tmp_path)
+        CRAFTED[name](tmp_path / name)
+        return tmp_path / name
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("external.mat", "its data in other files"),
+        ("external_pipe.mat", "its data in other files"),
+        ("virtual.mat", "its data in other files|Too many open files|is damaged"),
+        ("links.mat", "is a link"),
+        ("pipe.mat", "is a pipe"),
+        ("declared.mat", "more than"),
+        ("cells.mat", "nested deeper than 32"),
+        ("wide_cells.mat", "more than 20000 items"),
+        ("cells_v5.mat", "nested|process that read it has ended"),
+        ("declared.npz", "more than|damaged"),
+        ("bytes.npz", "more than 128 MiB of numbers"),
+        ("many.npz", "more than 4096 signals"),
+        ("wide.csv", "has a line of"),
+        ("own.csv", "nested too deeply"),
+    ],
+)
+def test_a_hostile_table_is_refused_in_one_line(made: Callable[[str], Path], name: str, reason: str) -> None:
+    with pytest.raises(IdentificationError, match=reason) as refusal:
+        read_own(made(name))
+    assert SECRET.decode() not in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("numbers_as_files", "relative_file_paths in metadata.yaml must be a list of file names"),
+        ("text_as_files", "relative_file_paths in metadata.yaml must be a list of file names"),
+        ("parents_as_files", "must be a list of file names|which does not exist"),
+        ("aliases", "must be a list of file names"),
+        ("deep_metadata", "not a bag"),
+        ("view.db3", "has no table messages"),
+        ("generated.db3", "more than|too big|has ended"),
+        ("lz4.mcap", "cannot be read"),
+        ("pipe.db3", "not a bag"),
+    ],
+)
+def test_a_hostile_bag_is_refused_in_one_line(made: Callable[[str], Path], name: str, reason: str) -> None:
+    path = made(name)
+    for read in (Recording.read, inspect_bag):
+        with pytest.raises(BagError) as refusal:
+            read(path).telemetry() if read is Recording.read else _all_of(read(path))
+        if read is Recording.read:
+            assert re.search(reason, str(refusal.value)), refusal.value
+
+
+def _all_of(state: object) -> None:
+    """A damaged bag may be inspected; nothing of it can be recovered."""
+    raise BagError(str(state)[:100])
+
+
+def test_the_reader_ends_and_the_next_file_is_read(made: Callable[[str], Path], tmp_path: Path) -> None:
+    with pytest.raises(AmbError):
+        read_own(made("cells_v5.mat"))
+    np.savez(tmp_path / "good.npz", u=np.arange(6.0), Ts=0.1)
+    assert read_table(tmp_path / "good.npz").rows == 6
+
+
+def test_a_child_that_waits_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = limits.Limits(expanded=1 << 20, values=1 << 20, texts=1 << 20, memory=1 << 28, seconds=0.1)
+    monkeypatch.setattr(apart, "limits_for", lambda _: few)
+    os.mkfifo(tmp_path / "pipe")
+    reader = apart.Apart("pathlib:Path", tmp_path / "pipe")
+    with pytest.raises(OSError, match="the process that read it has ended"):
+        reader.call("read_bytes")
+
+
+def test_a_child_writes_no_file(tmp_path: Path) -> None:
+    reader = apart.Apart("pathlib:Path", tmp_path / "file")
+    with pytest.raises(OSError, match="too large"):
+        reader.call("write_text", "data")
+    assert (tmp_path / "file").stat().st_size == 0
+
+
+def test_a_reader_that_is_not_there_is_an_error_of_the_file(tmp_path: Path) -> None:
+    with pytest.raises(apart.UnreadableError, match="nowhere"):
+        apart.read_apart("nowhere:nothing", tmp_path)
+
+
+def test_a_server_that_has_ended_is_started_again(tmp_path: Path) -> None:
+    np.savez(tmp_path / "good.npz", u=np.arange(6.0), Ts=0.1)
+    assert read_table(tmp_path / "good.npz").rows == 6
+    server = apart._server
+    assert server._process is not None
+    server._process.kill()
+    server._process.wait()
+    assert read_table(tmp_path / "good.npz").rows == 6
+
+
+def test_a_damaged_definition_affects_only_its_messages(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/a", "amb_msgs/msg/Made", "uint8 a\n")
+        bag.write("/a", b"\x00\x01\x00\x00\x07", 1)
+    assert [item.a for item in Recording.read(tmp_path / "bag").messages_of("/a")] == [7]
+
+
+def test_variables_have_their_shapes(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "a.mat", {"s": {"u": np.ones((3, 2)), "name": "rig"}, "c": np.array([[1 + 2j]])})
+    found = load_variables(tmp_path / "a.mat")
+    assert found["s"]["u"].shape == (3, 2)
+    assert str(found["s"]["name"][0]) == "rig"
+    assert found["c"].item() == 1 + 2j
