@@ -29,16 +29,16 @@ test-slow: setup  ## the slow tests
 
 COUNT ?= 10
 test-graph: setup  ## the graph tests COUNT=10 times, with a summary of the failures; leaves results/stress
-	@$(RUN) python tests/stress.py --idle $(COUNT) tests/graph
+	@$(RUN) python -m tests.stress --idle $(COUNT) tests/graph
 
 IDLE ?= 10
 LOADED ?= 5
 NICE ?= 3
 stress: setup  ## what `make test` runs, IDLE=10 times alone, LOADED=5 under load, NICE=3 with low priority (hours); writes results/stress.json
-	@$(RUN) python tests/stress.py --idle $(IDLE) --loaded $(LOADED) --nice $(NICE)
+	@$(RUN) python -m tests.stress --idle $(IDLE) --loaded $(LOADED) --nice $(NICE)
 
 validate: setup  ## the plant against independent solutions; writes results/validation.json
-	@$(RUN) python tests/validation/run.py
+	@$(RUN) python -m tests.validation.run
 
 soak: setup  ## a rig under stress: losses, kills, trips, hostile frames (an hour); writes results/soak.json
 	@$(RUN) python -m tests.soak.run
@@ -49,21 +49,21 @@ fuzz: setup  ## hostile messages to the whole graph (MINUTES=60 SEED=2 for more)
 	@$(RUN) python -m tests.fuzz.run --minutes $(MINUTES) --seed $(SEED)
 
 bench: setup  ## speed of plant and loop; writes results/bench.json
-	@$(RUN) python tests/benchmarks/run.py
+	@$(RUN) python -m tests.benchmarks.run
 
 bench-regions: setup  ## regions, excitation design and identification on random cases; writes results/bench_regions.json
-	@$(RUN) python tests/benchmarks/regions/run.py
+	@$(RUN) python -m tests.benchmarks.regions.run
 
 bench-ident: setup .venv-peers/.complete  ## identification next to other packages (hours); writes results/bench_ident.json
-	@$(RUN) python tests/benchmarks/ident/run.py
+	@$(RUN) python -m tests.benchmarks.ident.run
 
 bench-view: setup  ## a user's first hour: live page, pages, files, new bearings; writes results/first_hour.json
 	@$(RUN) python -m tests.benchmarks.first_hour.run
 
 RUNS ?= 200
 bench-robust: setup  ## the robustness certificate on RUNS=200 loops and experiments (hours; RUNS=20: minutes); resumes after an interruption; writes results/bench_robust.json
-	@$(RUN) python tests/benchmarks/robust/run.py --runs $(RUNS)
-	@$(RUN) python tests/benchmarks/robust/emulator.py
+	@$(RUN) python -m tests.benchmarks.robust.run --runs $(RUNS)
+	@$(RUN) python -m tests.benchmarks.robust.emulator
 
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@

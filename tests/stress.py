@@ -20,9 +20,32 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
-RESULTS = ROOT / "results"
+from tests.front_door.figures import Figures
+from tests.front_door.results import ROOT, results_file
+
+QUICK = (
+    "tests/docs/test_how_to.py::test_what_is_left_out_has_a_reason"  # in place of the graph tests, at the smallest size
+)
 BUSY_LOOPS = 4
+
+
+class Run(Figures):
+    """One run of the tests."""
+
+    kind: str
+    passed: int
+    failed: list[str]
+    skipped: int
+    seconds: float
+
+
+class Stress(Figures):
+    """What is written to results/stress.json."""
+
+    failures: int
+    runs: list[Run]
+
+
 KINDS = ("idle", "loaded", "nice")
 SCHEDULE = ("--numprocesses", "4", "--dist", "loadfile", "--no-loadscope-reorder")  # as `make test` runs them
 
@@ -39,9 +62,9 @@ def load(loops: int) -> Iterator[None]:
             process.wait()
 
 
-def run_once(kind: str, name: str, selection: list[str]) -> dict[str, object]:
+def run_once(kind: str, name: str, selection: list[str], folder: Path) -> dict[str, object]:
     """One run of the tests; what came out of it."""
-    report = RESULTS / "stress" / f"{name}.xml"
+    report = folder / f"{name}.xml"
     report.unlink(missing_ok=True)
     priority = ["nice", "-n", "19"] if kind == "nice" else []
     tests = [sys.executable, "-m", "pytest", "-m", "not slow", "-p", "no:cacheprovider", f"--junit-xml={report}"]
@@ -75,15 +98,20 @@ def main() -> int:
     parser.add_argument("--loaded", type=int, default=0, help=f"runs beside {BUSY_LOOPS} busy loops")
     parser.add_argument("--nice", type=int, default=0, help="runs with the lowest priority")
     parser.add_argument("tests", nargs="*", help="what to run, as pytest takes it; without them all")
+    parser.add_argument("--quick", action="store_true", help="one small run of each kind, into results/quick")
     settings = parser.parse_args()
+    if settings.quick:
+        settings.idle, settings.loaded, settings.nice, settings.tests = 1, 1, 1, [QUICK]
+    file = results_file("stress.json", settings.quick)
+    folder = file.with_suffix("")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # through the ends of the processes that run beside
     plan = [kind for kind in KINDS for _ in range(getattr(settings, kind))]
-    (RESULTS / "stress").mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
     runs: list[dict[str, object]] = []
     failures: Counter[str] = Counter()
     for number, kind in enumerate(plan, 1):
         print(f"run {number} of {len(plan)}, {kind}: ", end="", flush=True)
-        run = run_once(kind, f"{number:02d}_{kind}", settings.tests)
+        run = run_once(kind, f"{number:02d}_{kind}", settings.tests, folder)
         failed = run["failed"]
         assert isinstance(failed, list)
         print(
@@ -94,8 +122,8 @@ def main() -> int:
         runs.append(run)
         failures.update(failed)
         summary = {"failures": failures.total(), "runs": runs}
-        (RESULTS / "stress.json").write_text(json.dumps(summary, indent=2) + "\n")
-    print(f"{len(runs)} runs, {failures.total()} failures; see {RESULTS.relative_to(ROOT)}/stress.json")
+        file.write_text(json.dumps(summary, indent=2) + "\n")
+    print(f"{len(runs)} runs, {failures.total()} failures; see {file.relative_to(ROOT)}")
     for test, count in failures.most_common():
         print(f"  {count} times {test}")
     return 1 if failures else 0

@@ -45,7 +45,7 @@ Derivative = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.flo
 """From state and control current references (A) to ds/dt."""
 
 
-def measure() -> dict[str, float | bool]:
+def measure(samples: int = SAMPLES) -> dict[str, float | bool]:
     """Ratios of the times of LSODA and kernel, the errors of both (m), and the tolerance and step (s) they are from.
 
     Raises
@@ -57,14 +57,16 @@ def measure() -> dict[str, float | bool]:
     averaged = start.averaged
     compiled = compiled_derivative(averaged)
     _check_derivative(averaged, compiled)
-    reference = solve(start, compiled, REFERENCE_TOLERANCE)
+    reference = solve(start, compiled, REFERENCE_TOLERANCE, samples)
 
-    step, kernel_error = _loosest(lambda step: Start(step).run_kernel(), INTERNAL_STEPS, reference)
-    tolerance, error = _loosest(lambda tolerance: solve(start, compiled, tolerance), TOLERANCES.tolist(), reference)
+    step, kernel_error = _loosest(lambda step: Start(step).run_kernel(samples), INTERNAL_STEPS, reference)
+    tolerance, error = _loosest(
+        lambda tolerance: solve(start, compiled, tolerance, samples), TOLERANCES.tolist(), reference
+    )
     fast = Start(step)
-    kernel_time = statistics.median(_duration(fast.run_kernel) for _ in range(REPETITIONS))
-    compiled_time = min(_duration(lambda: solve(start, compiled, tolerance)) for _ in range(REPETITIONS))
-    numpy_time = _duration(lambda: solve(start, averaged.derivative, tolerance))
+    kernel_time = statistics.median(_duration(lambda: fast.run_kernel(samples)) for _ in range(REPETITIONS))
+    compiled_time = min(_duration(lambda: solve(start, compiled, tolerance, samples)) for _ in range(REPETITIONS))
+    numpy_time = _duration(lambda: solve(start, averaged.derivative, tolerance, samples))
     return {
         "solve_ivp_ratio": numpy_time / kernel_time,
         "solve_ivp_compiled_ratio": compiled_time / kernel_time,
@@ -95,20 +97,20 @@ class Start:
         bearing = self._plant._arrays.bearings[0]
         return np.concatenate([bearing[name] for name in ("flux", "integral", "position", "velocity")])
 
-    def run_kernel(self) -> NDArray[np.float64]:
-        """Positions (m) at the samples, shape (500, 2)."""
+    def run_kernel(self, samples: int) -> NDArray[np.float64]:
+        """Positions (m) at the samples, shape (samples, 2)."""
         plant, controller = copy.deepcopy(self._plant), self.controller()
-        positions = np.empty((SAMPLES, 2))
-        for sample in range(SAMPLES):
+        positions = np.empty((samples, 2))
+        for sample in range(samples):
             positions[sample] = plant.advance(controller.update(plant.position, (TARGET, 0.0)))
         return positions
 
 
-def solve(start: Start, derivative: Derivative, tolerance: float) -> NDArray[np.float64]:
+def solve(start: Start, derivative: Derivative, tolerance: float, samples: int) -> NDArray[np.float64]:
     """The same by LSODA, started anew at every sample, where the references jump."""
     controller, state, sample_time = start.controller(), start.state(), start.averaged.plant.sample_time
-    positions = np.empty((SAMPLES, 2))
-    for sample in range(SAMPLES):
+    positions = np.empty((samples, 2))
+    for sample in range(samples):
         references = np.array(controller.update(state[POSITION], (TARGET, 0.0)))
         solution = solve_ivp(
             lambda _, s, references=references: derivative(s, references),

@@ -40,7 +40,7 @@ Advance = Callable[[NDArray[np.float64], int], int]
 """Moves the plant on with control current references x, y (A) over a number of internal steps; returns a status."""
 
 
-def measure() -> dict[str, float | bool]:
+def measure(repetitions: int = REPETITIONS) -> dict[str, float | bool]:
     """Time of an internal step in C (ns), and that of the kernel over it, for both builds.
 
     Raises
@@ -56,7 +56,7 @@ def measure() -> dict[str, float | bool]:
             difference = _difference(plant, ours, advance)
             if not difference <= TOLERANCE:
                 raise RuntimeError(f"states of kernel and {name} differ by {difference:.3g}; allowed: {TOLERANCE:g}")
-        ours_ns, *plain_ns = _nanoseconds_per_step(plant, ours, *builds.values())
+        ours_ns, *plain_ns = _nanoseconds_per_step(plant, repetitions, ours, *builds.values())
     results: dict[str, float | bool] = {}
     for name, time_ns in zip(builds, plain_ns, strict=True):
         results |= {f"{name}_ns_per_step": time_ns, f"{name}_ratio": ours_ns / time_ns}
@@ -125,7 +125,7 @@ def _closed_loop(plant: Plant, advance: Advance) -> NDArray[Any]:
     return states
 
 
-def _nanoseconds_per_step(plant: Plant, *kernels: Advance) -> list[float]:
+def _nanoseconds_per_step(plant: Plant, repetitions: int, *kernels: Advance) -> list[float]:
     """Median time of an internal step of each kernel, called in turn from the same levitated state."""
     plant.reset()
     controller = PdController(ControllerParameters())
@@ -135,7 +135,7 @@ def _nanoseconds_per_step(plant: Plant, *kernels: Advance) -> list[float]:
     references, arrays = np.array(current), plant._arrays
     levitated = arrays.state.copy(), arrays.bearings.copy()
     durations: list[list[float]] = [[] for _ in kernels]
-    for _ in range(REPETITIONS):
+    for _ in range(repetitions):
         for advance, times in zip(kernels, durations, strict=True):
             arrays.state[:], arrays.bearings[:] = levitated
             started = time.perf_counter()

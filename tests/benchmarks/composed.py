@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+from domain_coordinator import domain_id
+
 from amb_bringup.client import AmbClient
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.telemetry import merge_blocks
@@ -21,46 +23,46 @@ from amb_ros.qos import HISTORY
 
 STEPS = 50_000  # 5 s
 WARM_UP = 2_000
-DOMAIN = 94
 
 
-def measure() -> dict[str, float | bool]:
+def measure(steps: int = STEPS) -> dict[str, float | bool]:
     """One bearing: time of a step (us), simulated over wall-clock time for 5 s, and whether the samples are right."""
-    return _measure([], PlantParameters())
+    with domain_id() as domain:
+        return _measure([], PlantParameters(), steps, domain)
 
 
-def measure_four_axes() -> dict[str, float | bool]:
+def measure_four_axes(steps: int = STEPS) -> dict[str, float | bool]:
     """The same for a rigid rotor in two bearings."""
     file = Path(__file__).with_name("rigid.yaml")
-    return _measure(
-        ["--ros-args", "--params-file", str(file)], load_parameters(PlantParameters, file, "simulator", part=True)
-    )
+    parameters = load_parameters(PlantParameters, file, "simulator", part=True)
+    with domain_id() as domain:
+        return _measure(["--ros-args", "--params-file", str(file)], parameters, steps, domain)
 
 
-def _measure(arguments: list[str], parameters: PlantParameters) -> dict[str, float | bool]:
-    environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
+def _measure(arguments: list[str], parameters: PlantParameters, steps: int, domain: int) -> dict[str, float | bool]:
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
     process = subprocess.Popen([sys.executable, "-m", "amb_bringup.composed_loop", *arguments], env=environment)
     blocks: list[LoopSamples] = []
     try:
-        with AmbClient(domain_id=DOMAIN) as amb:
+        with AmbClient(domain_id=domain) as amb:
             amb.node.create_subscription(LoopSamples, "telemetry", blocks.append, HISTORY)
             amb.reset()
-            amb.run(WARM_UP)
+            amb.run(min(WARM_UP, steps))
             run = amb.reset()
             started = time.perf_counter()
-            amb.run(STEPS)
+            amb.run(steps)
             wall = time.perf_counter() - started
-            amb.wait_until(lambda: sum(steps_in(block) for block in blocks if block.run == run) >= STEPS)
+            amb.wait_until(lambda: sum(steps_in(block) for block in blocks if block.run == run) >= steps)
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(30.0)
-    record = merge_blocks([block_from_message(block) for block in blocks if block.run == run], 0, STEPS)
+    record = merge_blocks([block_from_message(block) for block in blocks if block.run == run], 0, steps)
     plant = Plant(parameters)
     controller = PdController(ControllerParameters(), len(plant.machine.axes))
     return {
-        "step_us": wall / STEPS * 1e6,
-        "realtime_factor": STEPS * record.sample_time / wall,
-        "bit_identical": record.identical_to(simulate(plant, controller, STEPS)),
+        "step_us": wall / steps * 1e6,
+        "realtime_factor": steps * record.sample_time / wall,
+        "bit_identical": record.identical_to(simulate(plant, controller, steps)),
     }
 
 

@@ -17,10 +17,10 @@ print(imported - started, time.perf_counter() - imported)
 """
 
 
-def measure() -> dict[str, float | bool]:
+def measure(repetitions: int = REPETITIONS) -> dict[str, float | bool]:
     """Medians of the times (s) of importing the plant, and of making one and advancing it by a sample."""
     _times()  # leaves a warm cache
-    imports, calls = zip(*(_times() for _ in range(REPETITIONS)), strict=True)
+    imports, calls = zip(*(_times() for _ in range(repetitions)), strict=True)
     return {"import_s": statistics.median(imports), "first_call_s": statistics.median(calls)}
 
 

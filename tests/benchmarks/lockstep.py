@@ -17,17 +17,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
+from domain_coordinator import domain_id
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
+from rclpy.utilities import get_default_context
 
 from amb_msgs.msg import CurrentReference, RotorPosition
+from amb_ros import middleware
+from amb_ros.leaving import leave_graph
 from amb_ros.qos import STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 from amb_sim_node.simulator import SimulatorNode
 
-ROUNDS, BLOCK, WARM_UP = 40, 500, 500
-DOMAIN = 93
+ROUNDS, BLOCK = 40, 500  # steps of a block; the first block, which is not counted, warms up
 TIMEOUT = 30.0  # s
 
 
@@ -84,24 +87,28 @@ class Ping(Node):
             self._done.set_result(None)
 
 
-def measure() -> dict[str, float | bool]:
+def measure(rounds: int = ROUNDS, block: int = BLOCK) -> dict[str, float | bool]:
     """One bearing, medians in us: step, plant within the step, bare round trip; and (step - plant) / round trip."""
-    return _measure([])
+    with domain_id() as domain:
+        return _measure([], rounds, block, domain)
 
 
-def measure_four_axes() -> dict[str, float | bool]:
+def measure_four_axes(rounds: int = ROUNDS, block: int = BLOCK) -> dict[str, float | bool]:
     """The same for a rigid rotor in two bearings, with round trips of messages for four axes."""
-    return _measure(["--ros-args", "--params-file", str(Path(__file__).with_name("rigid.yaml"))])
+    arguments = ["--ros-args", "--params-file", str(Path(__file__).with_name("rigid.yaml"))]
+    with domain_id() as domain:
+        return _measure(arguments, rounds, block, domain)
 
 
-def _measure(arguments: list[str]) -> dict[str, float | bool]:
-    environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
+def _measure(arguments: list[str], rounds: int, block: int, domain: int) -> dict[str, float | bool]:
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
     pong = [sys.executable, str(Path(__file__).with_name("pong.py"))]
     children = [
         subprocess.Popen(command, env=environment)
         for command in ([sys.executable, "-m", "amb_controller_node.pd_controller"], pong)
     ]
-    rclpy.init(args=arguments, domain_id=DOMAIN)
+    middleware.configure()
+    rclpy.init(args=arguments, domain_id=domain)
     executor = EventsExecutor()
     simulator = SimulatorNode()
     ping = Ping(len(simulator._plant.machine.axes))
@@ -111,12 +118,11 @@ def _measure(arguments: list[str]) -> dict[str, float | bool]:
         _wait_for_peers(executor, simulator, ping)
         timed = simulator._plant = Timed(simulator._plant)
         steps, round_trips, plant = [], [], []
-        for number in range(ROUNDS + 1):
+        for number in range(rounds + 1):
             for starts in (timed.starts, timed.durations, ping.starts):
                 starts.clear()
-            size = WARM_UP if number == 0 else BLOCK
-            _run_loop(executor, simulator, size)
-            _spin_until(executor, ping.run(size))
+            _run_loop(executor, simulator, block)
+            _spin_until(executor, ping.run(block))
             if number > 0:
                 steps += _differences(timed.starts)
                 plant += timed.durations
@@ -126,9 +132,7 @@ def _measure(arguments: list[str]) -> dict[str, float | bool]:
             child.send_signal(signal.SIGINT)
         for child in children:
             child.wait(TIMEOUT)
-        simulator.destroy_node()
-        ping.destroy_node()
-        rclpy.try_shutdown()
+        leave_graph(get_default_context(), executor, [simulator, ping])
     step_us, plant_us, floor_us = (1e6 * statistics.median(times) for times in (steps, plant, round_trips))
     return {
         "ratio": (step_us - plant_us) / floor_us,

@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from skipped import Skipped
 
 from amb_core.errors import PlantError
 from amb_core.loop.control import PdController
 from amb_core.plant import FlexibleRotorParameters, Plant, PlantParameters, RotorParameters, modal_data_from_ross
 from amb_core.plant.pd_gains import choose_gains
 from amb_core.plant.ross_source import ross_rotor
+from tests.benchmarks.skipped import Skipped
 
 LENGTH, DIAMETER, NODES, BEARINGS = 0.6, 0.05, 7, (1, 5)  # m, m, -, nodes
 BLOCKS, SHORT, LONG = 12, 500, 2500  # steps of a call of ROSS
@@ -34,7 +34,7 @@ FORCE, FREQUENCY = 5.0, 60.0  # N, Hz; on the middle node in ROSS, so that its i
 MOST = 200e-6  # m; both rotors must stay in their bearings
 
 
-def measure() -> dict[str, float | bool]:
+def measure(blocks: int = BLOCKS) -> dict[str, float | bool]:
     """Time of one step (us) of both, and ROSS's over ours.
 
     Raises
@@ -50,7 +50,7 @@ def measure() -> dict[str, float | bool]:
     _time_response(suspended, SHORT)  # compiles
     _simulation(plant, controller, LONG)
     short, long, ours = [], [], []
-    for _ in range(BLOCKS):
+    for _ in range(blocks):
         short.append(_time_response(suspended, SHORT))
         long.append(_time_response(suspended, LONG))
         ours.append(_simulation(plant, controller, LONG))

@@ -22,26 +22,27 @@ VARIANTS = {
 }
 
 
-def measure() -> dict[str, float | bool]:
+def measure(samples: int = SAMPLES) -> dict[str, float | bool]:
     """Median time of an internal step in a levitated bearing (ns), and simulated time over wall-clock time."""
     results: dict[str, float | bool] = {}
     for suffix, parameters in VARIANTS.items():
-        sample = _sample_duration(parameters)
+        sample = _sample_duration(parameters, samples)
         results[f"ns_per_step{suffix}"] = sample / parameters.steps_per_sample * 1e9
         if not suffix:
             results["realtime_factor"] = 1.0 / (parameters.integration.sample_rate * sample)
     return results
 
 
-def _sample_duration(parameters: PlantParameters) -> float:
-    plant, controller = Plant(parameters), PdController(ControllerParameters())
+def _sample_duration(parameters: PlantParameters, samples: int) -> float:
+    plant = Plant(parameters)
+    controller = PdController(ControllerParameters(), len(plant.machine.axes))
     durations = []
-    for _ in range(SAMPLES):
-        current = controller.update(plant.position, (0.0, 0.0))
+    for _ in range(samples):
+        current = controller.update(plant.position, controller.nominal_reference)
         started = time.perf_counter()
         plant.advance(current)
         durations.append(time.perf_counter() - started)
-    return statistics.median(durations[WARM_UP:])
+    return statistics.median(durations[min(WARM_UP, samples // 2) :])
 
 
 if __name__ == "__main__":

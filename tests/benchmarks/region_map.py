@@ -14,17 +14,17 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions.region_map import MapSettings, build_map
 
-SWEEPS = 24
+SWEEPS, DURATION = 24, 20.0  # s
 
 
-def measure() -> dict[str, float | bool]:
+def measure(sweeps: int = SWEEPS, duration: float = DURATION) -> dict[str, float | bool]:
     """Wall-clock time of the map (s), and time with one process over twice that with two."""
-    two, one = (_duration(workers) for workers in (2, 1))
+    two, one = (_duration(workers, sweeps, duration) for workers in (2, 1))
     return {"seconds": two, "efficiency": one / (2.0 * two)}
 
 
-def _duration(workers: int) -> float:
-    settings = MapSettings(initial_sweeps=SWEEPS, max_sweeps=SWEEPS)
+def _duration(workers: int, sweeps: int, duration: float) -> float:
+    settings = MapSettings(initial_sweeps=sweeps, max_sweeps=sweeps, duration=duration)
     with tempfile.TemporaryDirectory() as folder:
         started = time.perf_counter()
         build_map(settings, PlantParameters(), ControllerParameters(), cache=Path(folder), workers=workers)

@@ -12,8 +12,10 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from domain_coordinator import domain_id
 
 from amb_bringup.client import AmbClient
 from amb_core.excitation import Sweep, generate
@@ -25,17 +27,22 @@ from amb_core.simulation import simulate
 from amb_msgs.msg import AxisSamples, LoopSamples, RegionState
 from amb_ros.qos import HISTORY
 
-DOMAIN = 95
 BLOCK = 100  # steps
 RUN = 1
-SWEEP = Sweep(amplitude=25e-6, duration=15.0, frequency_start=10.0, frequency_end=5000.0, axes="y")
+DURATION = 15.0  # s
+SWEEP: dict[str, Any] = {"amplitude": 25e-6, "frequency_start": 10.0, "frequency_end": 5000.0, "axes": "y"}
 
 
-def measure() -> dict[str, float]:
+def measure(duration: float = DURATION) -> dict[str, float]:
     """Share of one core (-), median and largest time from a block to the region in which it ends (ms)."""
+    with domain_id() as domain:
+        return _measure(duration, domain)
+
+
+def _measure(duration: float, domain: int) -> dict[str, float]:
     record = simulate(
-        Plant(), PdController(ControllerParameters(derivative_on="measurement")), 150_000,
-        generate(SWEEP, 10_000.0).samples,
+        Plant(), PdController(ControllerParameters(derivative_on="measurement")), round(duration * 10_000),
+        generate(Sweep(duration=duration, **SWEEP), 10_000.0).samples,
     )  # fmt: skip
     blocks = [_message(record, first) for first in range(0, record.steps - BLOCK + 1, BLOCK)]
     published: dict[int, float] = {}
@@ -45,12 +52,12 @@ def measure() -> dict[str, float]:
         if (state.step + 1) % BLOCK == 0:
             lags.append(time.perf_counter() - published[state.step + 1 - BLOCK])
 
-    environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
     # no machine is published: nothing may wait for one
     without_wait = ["--ros-args", "-p", "machine_timeout:=0.0"]
     process = subprocess.Popen([sys.executable, "-m", "amb_ident_node.region_monitor", *without_wait], env=environment)
     try:
-        with AmbClient(domain_id=DOMAIN) as amb:
+        with AmbClient(domain_id=domain) as amb:
             publisher = amb.node.create_publisher(LoopSamples, "telemetry", HISTORY)
             region = amb.node.create_subscription(RegionState, "region", on_region, HISTORY)
             amb.wait_until(lambda: publisher.get_subscription_count() and region.get_publisher_count())

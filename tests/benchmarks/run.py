@@ -6,49 +6,64 @@ Keys of earlier runs that this run does not measure are kept.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
 from collections.abc import Callable
 from pathlib import Path
 
-import averaged_plant
-import c_kernel
-import composed
-import first_call
-import lockstep
-import peer_ross
-import plant
-import region_map
-import region_monitor
 from rich.console import Console
 from rich.table import Table
-from skipped import Skipped
 
-RESULTS = Path(__file__).parents[2] / "results" / "bench.json"
-BENCHMARKS: dict[str, list[Callable[[], dict[str, float | bool]]]] = {
-    "simulator": [plant.measure, c_kernel.measure, averaged_plant.measure, first_call.measure],
-    "lockstep": [lockstep.measure],
-    "composed": [composed.measure],
-    "composed4": [composed.measure_four_axes],
-    "lockstep4": [lockstep.measure_four_axes],
-    "map": [region_map.measure],
-    "monitor": [region_monitor.measure],
-    "peer_ross": [peer_ross.measure],
+from tests.benchmarks import (
+    averaged_plant,
+    c_kernel,
+    composed,
+    first_call,
+    lockstep,
+    peer_ross,
+    plant,
+    region_map,
+    region_monitor,
+)
+from tests.benchmarks.skipped import Skipped
+from tests.front_door.results import ROOT, results_file
+
+Measure = Callable[..., dict[str, float | bool]]
+BENCHMARKS: dict[str, list[tuple[Measure, dict[str, float]]]] = {
+    "simulator": [
+        (plant.measure, {"samples": 200}),
+        (c_kernel.measure, {"repetitions": 2}),
+        (averaged_plant.measure, {"samples": 10}),
+        (first_call.measure, {"repetitions": 1}),
+    ],
+    "lockstep": [(lockstep.measure, {"rounds": 1, "block": 50})],
+    "composed": [(composed.measure, {"steps": 500})],
+    "composed4": [(composed.measure_four_axes, {"steps": 500})],
+    "lockstep4": [(lockstep.measure_four_axes, {"rounds": 1, "block": 50})],
+    "map": [(region_map.measure, {"sweeps": 2, "duration": 0.5})],
+    "monitor": [(region_monitor.measure, {"duration": 0.5})],
+    "peer_ross": [(peer_ross.measure, {"blocks": 1})],
 }
+"""What is measured by name, each with the smallest size, which `--quick` takes; see `figures.Bench`."""
 
 
 def main() -> None:
     """Measure and report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
+    quick = parser.parse_args().quick
+    file = results_file("bench.json", quick)
     console = Console()
-    results = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    results = json.loads(file.read_text()) if file.exists() else {}
     table = Table("benchmark", "value", title="make bench")
     for name, measures in BENCHMARKS.items():
         values: dict[str, float | bool] = {}
         try:
             with console.status(f"measuring {name}"):
-                for measure in measures:
-                    values |= measure()
+                for measure, smallest in measures:
+                    values |= measure(**smallest if quick else {})
         except Skipped as reason:
             results.setdefault(name, {})["skipped"] = str(reason)
             table.add_row(name, f"not measured: {reason}")
@@ -62,10 +77,9 @@ def main() -> None:
         "cores": os.cpu_count(),
         "python": platform.python_version(),
     }
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(json.dumps(results, indent=2) + "\n")
+    file.write_text(json.dumps(results, indent=2) + "\n")
     console.print(table)
-    console.print(f"written to {RESULTS.relative_to(Path.cwd()) if RESULTS.is_relative_to(Path.cwd()) else RESULTS}")
+    console.print(f"written to {file.relative_to(ROOT)}")
 
 
 def _processor() -> str:

@@ -11,10 +11,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from tests.front_door.results import results_file
 from tests.fuzz.attacked_graph import open_graph
 from tests.fuzz.campaign import Campaign, Outcome
 
-RESULTS = Path("results/fuzz.json")
+QUICK = 20  # cases of a campaign at its smallest size
 
 
 def attack(check_fields: bool, seed: int, share: Callable[[int], float], first: int = 0) -> Outcome:
@@ -53,18 +54,20 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--minutes", type=float, default=10.0, help="for both campaigns together")
     options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--quick", action="store_true", help=f"{QUICK} cases, into results/quick")
     options.add_argument("--case", type=int, help="send this case alone, to look into a finding")
     chosen = options.parse_args()
     signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))  # so that the nodes are ended
     outcomes = []
     for check_fields in (False, True):
-        if chosen.case is None:
+        if chosen.quick:
+            outcomes.append(attack(check_fields, chosen.seed, lambda sent: sent / QUICK))
+        elif chosen.case is None:
             outcomes.append(attack(check_fields, chosen.seed, for_minutes(0.5 * chosen.minutes)))
         else:
             outcomes.append(attack(check_fields, chosen.seed, float, chosen.case))
     found = summary(outcomes, chosen.seed)
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+    results_file("fuzz.json", chosen.quick).write_text(json.dumps(found, indent=1) + "\n")
     print(json.dumps({name: value for name, value in found.items() if name != "campaigns"}))
     return 1 if found["deaths"] or found["internal_errors"] else 0
 

@@ -16,9 +16,10 @@ import time
 from pathlib import Path
 
 from amb_core.target.reference import SOURCE
+from tests.front_door.results import results_file
 from tests.target_rig import KEY, golden
 
-RESULTS = Path("results/target_fuzz.json")
+QUICK = 20_000  # frames of the smallest size
 SANITIZED = (
     "gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-g", "-O2",
     "-fsanitize=address,undefined", "-fno-sanitize-recover=all",
@@ -61,10 +62,10 @@ def main() -> int:
     options.add_argument("--frames", type=int, default=10_000_000)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--jobs", type=int, default=2, help="processes, with seeds of their own")
+    options.add_argument("--quick", action="store_true", help=f"{QUICK} frames, into results/quick")
     chosen = options.parse_args()
-    found = run(chosen.frames, chosen.seed, chosen.jobs)
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+    found = run(QUICK if chosen.quick else chosen.frames, chosen.seed, chosen.jobs)
+    results_file("target_fuzz.json", chosen.quick).write_text(json.dumps(found, indent=1) + "\n")
     print(json.dumps(found))
     return 1 if found["findings"] else 0
 

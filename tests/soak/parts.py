@@ -43,7 +43,7 @@ LATENESS = dict(zip(("p50_us", "p99_us", "p9999_us", "max_us"), QUANTILES.values
 PERIOD = 2.0  # s between looks at the processes
 
 
-def soak(folder: Path, seconds: float) -> dict[str, Any]:
+def soak(folder: Path, seconds: float = 600.0) -> dict[str, Any]:
     """Four axes in real time, recorded: every sample once, and what the host's processes need."""
     with Session(folder, RIGID, target_emulator=PATIENT, hardware_bridge={"levitation_time": 0.5}) as session:
         amb = session.amb
@@ -84,7 +84,7 @@ def soak(folder: Path, seconds: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def pace(seconds: float) -> dict[str, Any]:
+def pace(seconds: float = 60.0) -> dict[str, Any]:
     """An emulator alone in real time, some of whose blocks are held up on purpose: each must count as missed."""
     settings = plant_of(PAPER).parameters, ControllerParameters(), LimitParameters(), FaultParameters()
     emulator = TargetEmulator(*settings, reference_library(), Address(port=0))
@@ -142,8 +142,14 @@ class _Listener:
         print("the target is back", flush=True)
 
 
-def link() -> dict[str, Any]:
-    """A bad network, both ways: an upload of 4 x 100 000 samples, and gaps to the sample."""
+def link(samples: int = 100_000) -> dict[str, Any]:
+    """A bad network, both ways: an upload of 4 x 100 000 samples, and gaps to the sample.
+
+    Parameters
+    ----------
+    samples : int, optional
+        Uploaded, and played, on each axis.
+    """
     plant = plant_of(RIGID)
     settings = EmulatorSettings(
         plant.parameters, ControllerParameters(), validate(LimitParameters, PATIENT["limits"] | {"host_time": 1e3}),
@@ -159,13 +165,13 @@ def link() -> dict[str, Any]:
         while connection.status().state is not TargetState.LEVITATED:
             time.sleep(0.01)
         emulator.configure(validate(FaultParameters, {"to_host": LOSSES, "from_host": LOSSES}))
-        samples = np.random.default_rng(1).uniform(-1e-8, 1e-8, (100_000, 4))
+        wave = np.random.default_rng(1).uniform(-1e-8, 1e-8, (samples, 4))
         began = time.monotonic()
-        arm = connection.upload(samples)
+        arm = connection.upload(wave)
         upload = time.monotonic() - began
         step = connection.status().step + 2_000
         arm(step)
-        time.sleep(10.5)
+        time.sleep(1e-4 * samples + 0.5)
         emulator.configure(FaultParameters())
         time.sleep(1.0)
         wanted = connection.status().step
@@ -173,13 +179,13 @@ def link() -> dict[str, Any]:
             emulator.ask_for_report()
             time.sleep(0.01)
         injected, found = emulator.latest.to_host, connection.count.samples
-        played = np.full((100_000 + 200, 4), np.nan)
+        played = np.full((samples + 200, 4), np.nan)
         for block in listener.blocks:
             first = block.first_step - (step - 100)
             if first >= 0 and first + block.steps <= len(played):
                 played[first : first + block.steps] = block.reference
         there = ~np.isnan(played[:, 0])
-        expected = np.vstack([np.zeros((100, 4)), samples, np.zeros((100, 4))])
+        expected = np.vstack([np.zeros((100, 4)), wave, np.zeros((100, 4))])
         moved = np.flatnonzero(there & (played != 0.0).any(axis=1))
         return {
             "link": {
@@ -232,7 +238,7 @@ def lifecycle(folder: Path, count: int = 100) -> dict[str, Any]:
     return {"lifecycle": {"wrong": asked, "refused": refused, "alive": alive}}
 
 
-def kills(folder: Path, rounds: int) -> dict[str, Any]:
+def kills(folder: Path, rounds: int = 20) -> dict[str, Any]:
     """Kill and start again bridge, generator, recorder, and the host as a whole, while the rotor is excited."""
     recovered = tried = 0
     times: list[float] = []
@@ -306,7 +312,7 @@ def _clean(session: Session) -> bool:
     return not rig.wait_for_state().problem
 
 
-def bridge_fuzz(folder: Path, frames: int) -> dict[str, Any]:
+def bridge_fuzz(folder: Path, frames: int = 1_000_000) -> dict[str, Any]:
     """Hostile frames to the bridge while it levitates a rotor: it lives, logs nothing unexpected, and does not grow."""
     with (
         Tap(emulator_port()) as tap,
@@ -338,8 +344,9 @@ def bridge_fuzz(folder: Path, frames: int) -> dict[str, Any]:
     }
 
 
-def same(folder: Path) -> dict[str, Any]:
+def same(folder: Path, duration: float = 4.0, frequency_start: float = 2.0) -> dict[str, Any]:
     """One experiment through bridge and emulator, and without either: float64 bit for bit, float32 by its response."""
+    multisine = MULTISINE.model_copy(update={"duration": duration, "frequency_start": frequency_start})
     identical, records = True, {}
     for float64 in (True, False):
         bridge = {"levitation_time": 0.0, "link": {"float64": float64}}
@@ -349,14 +356,14 @@ def same(folder: Path) -> dict[str, Any]:
             bag = Path(amb.start_recording(folder / f"same_{float64}"))
             run = amb.rig.levitate()
             amb.rig.wait_for_step(3_000)
-            started = amb.start_excitation(MULTISINE.kind, **MULTISINE.model_dump())
+            started = amb.start_excitation(multisine.kind, **multisine.model_dump())
             end = started.first_step + started.steps
             amb.rig.wait_for_step(end)
             amb.rig.land()
             amb.stop_recording(run, end)
         record = Recording.read(bag).telemetry(run).window(0, end)
         plant = plant_of(RIGID)
-        samples = generate(MULTISINE, plant.machine.sample_rate, plant.machine).samples
+        samples = generate(multisine, plant.machine.sample_rate, plant.machine).samples
         law = PdController(controller_of(RIGID), 4)
         expected = simulate(plant, law, end, samples, started.first_step)
         if float64:

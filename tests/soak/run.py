@@ -1,6 +1,6 @@
 """The rig under stress: `make soak`. Writes results/soak.json after every part; a part that fails is named there.
 
-`python -m tests.soak.run --parts link same` runs some parts, `--short` all of them in short forms.
+`python -m tests.soak.run --parts link same` runs some parts, `--quick` all of them at their smallest size.
 """
 
 from __future__ import annotations
@@ -15,13 +15,26 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tests.front_door.results import results_file
 from tests.fuzz import target
 from tests.soak import parts, trips
 
-RESULTS = Path("results/soak.json")
+Part = Callable[..., dict[str, Any]]
+PARTS: dict[str, tuple[Part, dict[str, float]]] = {
+    "pace": (lambda folder, **size: parts.pace(**size), {"seconds": 1.0}),
+    "soak": (parts.soak, {"seconds": 9.0}),
+    "link": (lambda folder, **size: parts.link(**size), {"samples": 2_000}),
+    "same": (parts.same, {"duration": 0.2, "frequency_start": 20.0}),
+    "lifecycle": (parts.lifecycle, {"count": 9}),
+    "trips": (lambda folder, **size: trips.trips(folder, parts.PAPER, **size), {"each": 1}),
+    "kills": (parts.kills, {"rounds": 1}),
+    "bridge_fuzz": (parts.bridge_fuzz, {"frames": 2_000}),
+    "target_fuzz": (lambda folder, **size: target_fuzz(**size), {"frames": 20_000}),
+}
+"""The parts by name, each with its smallest size, which `--quick` takes; see `figures.Soak`."""
 
 
-def target_fuzz(frames: int) -> dict[str, Any]:
+def target_fuzz(frames: int = 10_000_000) -> dict[str, Any]:
     """Hostile frames against the C target under sanitizers, forged commands among them."""
     return fuzz_figures(target.run(frames, seed=1, jobs=2))
 
@@ -38,45 +51,37 @@ def main() -> int:
     """Run what the command line asks for; 1 if a part could not be run to its end."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--parts", nargs="*", help="only these")
-    options.add_argument("--short", action="store_true", help="short forms")
+    options.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     options.add_argument("--seconds", type=float, help="duration of the soak itself, by default 600")
     given = options.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # nodes are stopped then, too
-    short = given.short
+    file = results_file("soak.json", given.quick)
     with tempfile.TemporaryDirectory(prefix="amb_soak") as name:
         folder = Path(name)
-        every: dict[str, Callable[[], dict[str, Any]]] = {
-            "pace": lambda: parts.pace(5.0 if short else 60.0),
-            "soak": lambda: parts.soak(folder, given.seconds or (30.0 if short else 600.0)),
-            "link": parts.link,
-            "same": lambda: parts.same(folder),
-            "lifecycle": lambda: parts.lifecycle(folder),
-            "trips": lambda: trips.trips(folder, parts.PAPER, 1 if short else 50),
-            "kills": lambda: parts.kills(folder, 1 if short else 20),
-            "bridge_fuzz": lambda: parts.bridge_fuzz(folder, 20_000 if short else 1_000_000),
-            "target_fuzz": lambda: target_fuzz(200_000 if short else 10_000_000),
-        }
         failed = 0
-        for part in given.parts or every:
+        for part in given.parts or PARTS:
+            measure, smallest = PARTS[part]
+            size = smallest if given.quick else {}
+            if part == "soak" and given.seconds:
+                size = {"seconds": given.seconds}
             began = time.monotonic()
             try:
-                found = every[part]()
+                found = measure(folder, **size)
             except Exception:
                 traceback.print_exc()
                 found, failed = {f"{part}_failed": traceback.format_exc(limit=1)}, 1
-            _write(found, f"{part}_failed")
+            _write(found, f"{part}_failed", file)
             print(f"{part}, {time.monotonic() - began:.0f} s: {json.dumps(found)}", flush=True)
     return failed
 
 
-def _write(found: dict[str, Any], failure: str) -> None:
+def _write(found: dict[str, Any], failure: str, file: Path) -> None:
     """Add figures to the results; parts that were run before stay, but for a failure that is mended."""
-    known: dict[str, Any] = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    known: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
     known.pop(failure, None)
     for key, value in found.items():
         known[key] = {**known.get(key, {}), **value} if isinstance(value, dict) else value
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(json.dumps(known, indent=2) + "\n")
+    file.write_text(json.dumps(known, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -16,8 +13,6 @@ from amb_core.identification.estimate.methods import estimate
 from amb_core.identification.progress import IdentificationProgress, Watch
 from amb_core.identification.uncertainty import estimate_uncertainty
 from amb_core.model.state_space import StateSpaceModel
-
-sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "regions"))
 
 SHAPES = ("ramp", "sine", "half sine", "warm-up", "random walk", "step")
 LOOP = {"noise": 5e-8, "force": 0.3, "frequency": 10.0, "duration": 1.0}

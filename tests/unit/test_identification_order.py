@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
@@ -21,8 +18,6 @@ from amb_core.identification import (
 from amb_core.identification.estimate.filter_bank import Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory, halves, memory_steps
 from amb_core.identification.estimate.scaled_data import ScaledData
-
-sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "ident"))
 
 
 @pytest.fixture(scope="module")

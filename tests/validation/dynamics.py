@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from row import Row
 from scipy.constants import mu_0
+from scipy.integrate import trapezoid
 
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import (
@@ -23,6 +23,7 @@ from amb_core.plant.closed_forms import AXIS_COSINE, force_constant
 from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.network import COIL_POLES, POLES
 from amb_core.plant.parameters import BackupBearingParameters, ConverterParameters, IronParameters, SensorParameters
+from tests.validation.row import Row
 
 PERIODS = 40  # until the loops of the iron, which run into one another, repeat
 DIFFUSION = PlantParameters(iron=IronParameters(laminations="diffusion"))
@@ -45,14 +46,16 @@ EVERYTHING = PlantParameters(
 )
 
 
-def energy() -> Iterator[Row]:
+def energy(samples: int = 10_000) -> Iterator[Row]:
     """Energy balances of magnetic circuit and rotor over 1 s of 50 um square waves of 5 Hz on both axes."""
     for name, parameters in (("paper", PlantParameters()), ("diffusion", DIFFUSION), ("everything on", EVERYTHING)):
-        plant, controller = Plant(parameters), PdController(ControllerParameters())
-        account = EnergyAccount(plant)
-        for sample in range(10_000):
-            reference = 50e-6 if sample % 2_000 < 1_000 else -50e-6
-            account.add(plant.trace(controller.update(plant.position, (reference, reference))))
+        plant = Plant(parameters)
+        axes = len(plant.machine.axes)
+        account, controller = EnergyAccount(plant), PdController(ControllerParameters(), axes)
+        for sample in range(samples):
+            reference = np.zeros(axes)
+            reference[:2] = 50e-6 if sample % 2_000 < 1_000 else -50e-6
+            account.add(plant.trace(controller.update(plant.position, reference)))
         if parameters.backup_bearing.contact and account.contact == 0.0:
             raise RuntimeError("the rotor was to touch its backup bearing")
         yield Row(
@@ -92,7 +95,7 @@ def iron_loss() -> Iterator[Row]:
             energies[sample] = trace.iron_energy[-1] - bearing["ring"]["loss"]
     flux_density, field = loops[:, 0], loops[:, 1]
     volumes = np.repeat([length * area for length, area in plant.network.paths], POLES)
-    areas = np.trapezoid(field, flux_density, axis=0)
+    areas = trapezoid(field, flux_density, axis=0)
     loss = energies[-1] - energies[0]
     yield Row(
         "iron loss of the running plant: relative to the areas of its loops",

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from row import Row
 from scipy.constants import mu_0
 
 from amb_core.plant import (
@@ -24,6 +23,7 @@ from amb_core.plant import (
 from amb_core.plant.eddy import eddy_bandwidth, force_response, solid_journal_terms
 from amb_core.plant.network import COIL_AXES, POLE_ANGLES
 from amb_core.plant.parameters import IronParameters
+from tests.validation.row import Row
 
 LIMIT = 0.01
 AMPLITUDE = 0.5  # A

@@ -3,7 +3,7 @@
 It shares with the kernel the reluctances, eddy-current coefficients and windings of the network, the terms fitted to
 laminations and a solid journal, the fluxes to start from and the control law of bearing B. Its own are the equations of
 network, iron, rotor and sensors, the modulation and current control of the amplifiers, and the integration: Radau's
-method, started anew wherever a coil voltage jumps. There are no diodes: coil currents must stay positive.
+method, started anew wherever a coil voltage jumps. There are no diodes, so coil currents must stay positive.
 
 The field H in an iron element follows its flux density B by the equations of Jiles and Atherton (J. Magn. Magn. Mater.
 61, 1986) with M = B / mu0 - H, H_e = H + alpha M, M = (1 - c) M_irr + c M_an,

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from row import Row
 
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import (
@@ -26,6 +25,7 @@ from amb_core.plant.eddy import diffusion, lamination_terms, lamination_time_con
 from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.parameters import IronParameters
 from amb_core.plant.switching_loss import switching_loss
+from tests.validation.row import Row
 
 LIMIT = 0.01
 DIFFUSION = IronParameters(laminations="diffusion")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from row import Row
 
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
 from amb_core.simulation import simulate
 from amb_core.step_response import fit_step_response
+from tests.validation.row import Row
 
 
 def rows() -> Iterator[Row]:

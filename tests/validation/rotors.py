@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
-from row import Row
 from scipy.optimize import brentq
 
 from amb_core.plant import PlantParameters, RotorParameters
@@ -16,6 +15,7 @@ from amb_core.plant.modal_data import ModalData
 from amb_core.plant.parameters import RigidRotorParameters
 from amb_core.plant.ross_rotor import modal_data_from_ross
 from amb_core.plant.rotor import RotorModel, modal_rotor, rigid_rotor
+from tests.validation.row import Row
 
 SPEED = 200.0  # Hz
 STIFFNESS = 3e5  # N/m

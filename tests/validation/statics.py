@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from row import Row
 
 from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters
 from amb_core.plant.closed_forms import AXIS_COSINE, current_gain, force_constant, inductance, negative_stiffness
 from amb_core.plant.network import COIL_AXES, COILS
+from tests.validation.row import Row
 
 IDEAL_IRON = 1e12  # relative permeability
 LIMIT = 1e-9

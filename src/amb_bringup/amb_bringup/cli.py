@@ -14,6 +14,7 @@ from typer.main import get_command
 from amb_bringup.exit_codes import INTERRUPTED
 from amb_bringup.startup import ending_signals, leaving_at_once
 from amb_core.errors import AmbError
+from amb_ros import network
 
 PASSING_ON = {"allow_extra_args": True, "allow_interspersed_args": False}
 COMMANDS = {
@@ -196,6 +197,7 @@ def amb(
 
 def main() -> int:
     """Run `amb` with the arguments of the process; returns its exit code."""
+    network.keep_to_this_host()
     for number in ending_signals():  # a command may have something to close, nodes to stop or a rotor to land
         signal.signal(number, signal.default_int_handler)
     try:

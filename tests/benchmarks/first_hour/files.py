@@ -122,10 +122,10 @@ def pole_error(model: StateSpaceModel) -> float:
     return float(np.max(np.abs(rates - right)) / POLE)
 
 
-def measure() -> dict[str, Any]:
+def measure(cases: int = len(CASES)) -> dict[str, Any]:
     """Outcomes of all cases: tried, identified with the right poles, refused with help, and tracebacks."""
     found = {"tried": 0, "identified": 0, "refused_with_help": 0, "tracebacks": 0}
-    for case in CASES:
+    for case in CASES[:cases]:
         outcome = attempt(case)
         found["tried"] += 1
         found["tracebacks"] += bool(outcome.traceback)

@@ -15,9 +15,10 @@ from amb_core.excitation import Square, generate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
 from amb_core.simulation import simulate
+from tests.benchmarks.skipped import Skipped
 from tests.graph.bearing import Bearing
 from tests.graph.conftest import Graph, opened_graph
-from tests.graph.live_page import LivePage, Visit, attack, open_browser, publish_markup
+from tests.graph.live_page import CHROMIUM, LivePage, Visit, attack, open_browser, publish_markup
 
 SECONDS = 20.0  # of measurement
 WARM_UP = 5.0  # s
@@ -26,27 +27,29 @@ SQUARE = Square(amplitude=20e-6, duration=1.0, frequency=50.0, axes="in_turn")
 SCREEN = {"viewport": {"width": 1280, "height": 900}}
 
 
-def measure() -> dict[str, Any]:
+def measure(seconds: float = SECONDS, warm_up: float = WARM_UP, steps: int = STEPS) -> dict[str, Any]:
     """The figures of the key `view`."""
+    if CHROMIUM is None:
+        raise Skipped("there is no Chromium")
     with open_browser() as browser:
         with tempfile.TemporaryDirectory() as folder, opened_graph(Path(folder)) as graph:
-            found = _pace(graph, browser)
+            found = _pace(graph, browser, seconds, warm_up)
         with tempfile.TemporaryDirectory() as folder, opened_graph(Path(folder)) as graph:
-            found["bit_identical"] = _is_bit_identical(graph, browser)
+            found["bit_identical"] = _is_bit_identical(graph, browser, steps)
     return found
 
 
-def _pace(graph: Graph, browser: Any) -> dict[str, Any]:
+def _pace(graph: Graph, browser: Any, seconds: float, warm_up: float) -> dict[str, Any]:
     """Latency, frame rate and cost with telemetry in real time; then the hostile client."""
     graph.start_command([sys.executable, str(Path(__file__).with_name("player.py"))])
     server = LivePage(graph)
     visit = Visit(browser, server.address, **SCREEN)
     visit.wait("ambView.measured.drawn > 10 && ambView.samples.spectrum")
-    visit.page.wait_for_timeout(1e3 * WARM_UP)
+    visit.page.wait_for_timeout(1e3 * warm_up)
     process = psutil.Process(server.process.pid)
     before, first = process.cpu_times(), visit.value("[ambView.measured.drawn, performance.now()]")
     visit.value("ambView.measured.ages.length = 0")
-    visit.page.wait_for_timeout(1e3 * SECONDS)
+    visit.page.wait_for_timeout(1e3 * seconds)
     after, last = process.cpu_times(), visit.value("[ambView.measured.drawn, performance.now()]")
     ages = np.array(visit.value("ambView.measured.ages"))
     span = 1e-3 * (last[1] - first[1])
@@ -82,10 +85,10 @@ def _executed(graph: Graph, server: LivePage, visit: Visit) -> int:
     return opened + carried_out + int(visit.value("globalThis.executed !== undefined"))
 
 
-def _is_bit_identical(graph: Graph, browser: Any) -> bool:
+def _is_bit_identical(graph: Graph, browser: Any, steps: int) -> bool:
     """Whether the loop over topics with the page open has the samples of the loop without ROS."""
     expected = simulate(
-        Plant(), PdController(ControllerParameters()), STEPS, generate(SQUARE, 10_000.0).samples, FIRST_STEP
+        Plant(), PdController(ControllerParameters()), steps, generate(SQUARE, 10_000.0).samples, FIRST_STEP
     )
     for module in ("amb_bringup.composed_loop", "amb_controller_node.excitation_generator"):
         graph.start(module)
@@ -94,7 +97,7 @@ def _is_bit_identical(graph: Graph, browser: Any) -> bool:
     visit.wait("ambView.state.sections.machine")
     run = bearing.reset()
     bearing.excite(SQUARE, run, FIRST_STEP)
-    bearing.run(STEPS)
-    record = bearing.record(run, STEPS)
-    visit.wait(f"ambView.samples.layout.run === {run} && ambView.samples.step === {STEPS}")
+    bearing.run(steps)
+    record = bearing.record(run, steps)
+    visit.wait(f"ambView.samples.layout.run === {run} && ambView.samples.step === {steps}")
     return record.identical_to(expected)

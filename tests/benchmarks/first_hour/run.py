@@ -13,31 +13,40 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[3]
-RESULTS = ROOT / "results" / "first_hour.json"
+from tests.benchmarks.skipped import Skipped
+from tests.front_door.results import results_file
+
 FOLDER = "tests.benchmarks.first_hour"
-PARTS = {"view": "live_page", "pages": "pages", "files": "files", "new": "new"}
-"""The module of each key; its `measure()` returns the figures."""
+PARTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "view": ("live_page", {"seconds": 1.0, "warm_up": 0.5, "steps": 1_000}),
+    "pages": ("pages", {"folder": results_file("pages", quick=True)}),
+    "files": ("files", {"cases": 2}),
+    "new": ("new", {"bearings": 1}),
+}
+"""The module of each key, whose `measure()` returns the figures, and its smallest size, which `--quick` takes.
+
+See `figures.FirstHour`.
+"""
 
 
 def main() -> None:
     """Measure the parts that are asked for, and keep what is known of the others."""
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; default: all")
-    found: dict[str, Any] = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
-    for part in arguments.parse_args().parts or PARTS:
-        module = f"{FOLDER}.{PARTS[part]}"
-        if find_spec(module) is None:
-            print(f"{part}: there is no {module}")
-            continue
-        found[part] = importlib.import_module(module).measure()
+    arguments.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
+    chosen = arguments.parse_args()
+    file = results_file("first_hour.json", chosen.quick)
+    found: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
+    for part in chosen.parts or PARTS:
+        module, smallest = PARTS[part]
+        try:
+            found[part] = importlib.import_module(f"{FOLDER}.{module}").measure(**smallest if chosen.quick else {})
+        except Skipped as reason:
+            found[part] = {"skipped": str(reason)}
         print(f"{part}: {json.dumps(found[part])}", flush=True)
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(json.dumps(found, indent=2) + "\n")
+        file.write_text(json.dumps(found, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -13,11 +13,12 @@ import statistics
 from dataclasses import replace
 
 import numpy as np
-from cases import CASES
 from numpy.typing import NDArray
-from scores import score
 
 from amb_core.identification import IdentificationData, StateSpaceModel, estimate_uncertainty
+from tests.benchmarks.ident import plant
+from tests.benchmarks.ident.cases import CASES
+from tests.benchmarks.ident.scores import score
 
 _DRAWS = 50
 _CLOSENESS = 1e-2  # of the drawn models to the truth, relative to the bound
@@ -26,10 +27,10 @@ _FIELDS = ("a", "b", "c", "k")
 Parameters = NDArray[np.float64]
 
 
-def bound(data_set: str, seed: int = 0) -> dict[str, float]:
+def bound(data_set: str, steps: int, seed: int = 0) -> dict[str, float]:
     """Scores that are percentages, as `scores.score` gives them."""
     true = CASES[data_set].true
-    data = IdentificationData.from_arrays(*CASES[data_set].data(seed), true.sample_time)
+    data = IdentificationData.from_arrays(*CASES[data_set].data(seed, steps), true.sample_time)
     directions = estimate_uncertainty(true, data).root
     random = np.random.default_rng(seed)
     draws = [_moved(true, _CLOSENESS * directions @ random.normal(size=directions.shape[1])) for _ in range(_DRAWS)]
@@ -51,4 +52,4 @@ def _moved(model: StateSpaceModel, change: Parameters) -> StateSpaceModel:
 
 if __name__ == "__main__":
     for name in CASES:
-        print(name, bound(name))
+        print(name, bound(name, plant.STEPS))

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-import plant
-from linear_loop import LinearLoop, multisine, squares
 from numpy.typing import NDArray
-from rotors import rotor4, siso
 
 from amb_core.identification import StateSpaceModel, closed_loop_poles, simulate_closed_loop
+from tests.benchmarks.ident import plant
+from tests.benchmarks.ident.linear_loop import LinearLoop, multisine, squares
+from tests.benchmarks.ident.rotors import rotor4, siso
 
 VALIDATION_STEPS = 20_000
 _VALIDATION_SEED = 1_000_000  # far from those of the data
@@ -38,7 +38,7 @@ class Case(Protocol):
     def true(self) -> StateSpaceModel:
         """See `Case`."""
 
-    def data(self, seed: int) -> tuple[Arrays, Arrays]:
+    def data(self, seed: int, steps: int = plant.STEPS) -> tuple[Arrays, Arrays]:
         """Inputs (A) and outputs (m) of the experiment."""
 
     def validation(self, excitation: str) -> tuple[Arrays, Arrays]:
@@ -62,9 +62,9 @@ class BearingCase:
         """The bearing in innovations form."""
         return plant.true_model(plant.DATA_SETS[self.name].noise)
 
-    def data(self, seed: int) -> tuple[Arrays, Arrays]:
+    def data(self, seed: int, steps: int = plant.STEPS) -> tuple[Arrays, Arrays]:
         """Inputs (A) and outputs (m)."""
-        record = plant.record(plant.DATA_SETS[self.name], seed)
+        record = plant.record(replace(plant.DATA_SETS[self.name], steps=steps), seed)
         return record.current, record.position
 
     def validation(self, excitation: str) -> tuple[Arrays, Arrays]:
@@ -93,9 +93,9 @@ class LinearCase:
         """The plant in innovations form."""
         return self.loop().true_model
 
-    def data(self, seed: int) -> tuple[Arrays, Arrays]:
+    def data(self, seed: int, steps: int = plant.STEPS) -> tuple[Arrays, Arrays]:
         """Inputs (A) and outputs (m)."""
-        reference = multisine(self.loop().axes, plant.STEPS, np.random.default_rng([seed, 0]))
+        reference = multisine(self.loop().axes, steps, np.random.default_rng([seed, 0]))
         return self.loop().run(reference, np.random.default_rng([seed, 1]))
 
     def validation(self, excitation: str) -> tuple[Arrays, Arrays]:

@@ -18,8 +18,9 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from linear_loop import SAMPLE_TIME, Arrays, LinearLoop
 from scipy.signal import cont2discrete
+
+from tests.benchmarks.ident.linear_loop import SAMPLE_TIME, Arrays, LinearLoop
 
 _CURRENT_GAIN = 66.0  # N/A
 _STIFFNESS = 3.30e5  # N/m, magnitude of the negative stiffness

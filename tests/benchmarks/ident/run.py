@@ -17,6 +17,7 @@ import json
 import math
 import os
 import resource
+import shutil
 import signal
 import statistics
 import subprocess
@@ -27,24 +28,20 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import ours
-import peers
-import plant
-import real_data
-from bound import bound
-from cases import CASES
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
-from scores import innovation_ratio, score
 
 import amb_core.identification
+from tests.benchmarks.ident import ours, peers, plant, real_data
+from tests.benchmarks.ident.bound import bound
+from tests.benchmarks.ident.cases import CASES
+from tests.benchmarks.ident.scores import innovation_ratio, score
+from tests.front_door.results import results_file
 
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parents[2]
-RESULTS = ROOT / "results" / "bench_ident.json"
-KEPT = ROOT / "results" / "bench_ident"  # finished runs
 PEERS_PYTHON = ROOT / ".venv-peers" / "bin" / "python"
 MEMORY_LIMIT = 8 * 1024**3  # bytes
 LIBRARY = Path(amb_core.identification.__file__).parent
@@ -55,6 +52,19 @@ COUNTED = ("unstable_poles_right", "closed_loop_stable")
 
 Run = dict[str, float] | str  # scores of a run, or why it failed
 Summary = dict[str, float | str | None]  # medians and counts of a method, and the reason of its first failure
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured: samples of an experiment, processor seconds of a run; and where finished runs are kept."""
+
+    folder: Path
+    steps: int = plant.STEPS
+    limit: int = 120
+
+
+SMALLEST = {"steps": 6_000}
+"""What `--quick` takes, of one seed."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +79,10 @@ class Method:
 def main() -> None:
     """Measure and report."""
     arguments = _arguments()
+    file = results_file("bench_ident.json", arguments.quick)
+    size = Size(file.with_suffix(""), **SMALLEST if arguments.quick else {"limit": arguments.limit})
+    if arguments.quick:
+        shutil.rmtree(size.folder, ignore_errors=True)
     console = Console()
     console = Console(width=max(console.width, _TABLE_WIDTH))
     methods = [Method(name, "ours", Path(sys.executable)) for name in ours.NAMES]
@@ -80,15 +94,17 @@ def main() -> None:
         methods = [method for method in methods if method.name in arguments.methods]
     results: dict[str, dict[str, Summary]] = {}
     for data_set in arguments.data:
-        results[data_set] = _measure(data_set, methods, arguments.seeds, arguments.limit, arguments.patience)
+        results[data_set] = _measure(
+            data_set, methods, 1 if arguments.quick else arguments.seeds, size, arguments.patience
+        )
         if not arguments.methods or "bound" in arguments.methods:
-            results[data_set]["bound"] = dict(bound(data_set))
+            results[data_set]["bound"] = dict(bound(data_set, size.steps))
         console.print(_table(data_set, results[data_set]))
-        _save(results)
+        _save(results, file)
     if (path := real_data.find(ROOT)) is not None:
-        results["cd_player"] = {method.name: _real(method, path, arguments.limit) for method in methods}
+        results["cd_player"] = {method.name: _real(method, path, size) for method in methods}
         console.print(_table("cd_player", results["cd_player"]))
-        _save(results)
+        _save(results, file)
 
 
 def _arguments() -> argparse.Namespace:
@@ -101,10 +117,11 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--patience", type=int, default=3, help="runs over the limit after which a method is given up on a data set"
     )
+    parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     return parser.parse_args()
 
 
-def _measure(data_set: str, methods: list[Method], seeds: int, limit: int, patience: int) -> dict[str, Summary]:
+def _measure(data_set: str, methods: list[Method], seeds: int, size: Size, patience: int) -> dict[str, Summary]:
     """Scores of each method; one that is over the limit `patience` times is not run with the other seeds."""
     runs: dict[str, list[Run]] = {method.name: [] for method in methods}
     with Progress(transient=True) as progress:
@@ -114,21 +131,22 @@ def _measure(data_set: str, methods: list[Method], seeds: int, limit: int, patie
                 progress.update(task, advance=1, description=f"{data_set}, seed {seed}: {method.name}")
                 late = [run for run in runs[method.name] if isinstance(run, str) and run.startswith(_NOT_DONE)]
                 if len(late) < patience:
-                    runs[method.name].append(_run(data_set, seed, method, limit))
+                    runs[method.name].append(_run(data_set, seed, method, size))
     return {name: _summary(scores) for name, scores in runs.items()}
 
 
-def _run(data_set: str, seed: int, method: Method, limit: int) -> Run:
+def _run(data_set: str, seed: int, method: Method, size: Size) -> Run:
     """Scores of one run, or why it failed; from the disk where it has been made before."""
-    described = {"data": data_set, "seed": seed, "method": method.name, "limit": limit, "code": _version(method.module)}
-    path = KEPT / f"{hashlib.sha256(json.dumps(described).encode()).hexdigest()[:32]}.json"
+    described = {"data": data_set, "seed": seed, "method": method.name, "limit": size.limit}
+    described["code"] = _version(method.module)
+    path = size.folder / f"{hashlib.sha256(json.dumps(described).encode()).hexdigest()[:32]}.json"
     if path.exists():
         kept: Run = json.loads(path.read_text())["run"]
         return kept
     case = CASES[data_set]
-    found = _identify(method, *case.data(seed), case.true.order, limit)
+    found = _identify(method, *case.data(seed, size.steps), case.true.order, size.limit)
     run: Run = found if isinstance(found, str) else _scores(found, data_set)
-    KEPT.mkdir(parents=True, exist_ok=True)
+    size.folder.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(described | {"run": run}))
     return run
 
@@ -149,10 +167,10 @@ def _version(module: str) -> str:
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
 
 
-def _real(method: Method, path: Path, limit: int) -> Summary:
+def _real(method: Method, path: Path, size: Size) -> Summary:
     """Fit on the second half of a real experiment after identification from the first half."""
     data = real_data.load(path)
-    found = _identify(method, *data.first_half, real_data.ORDER, limit)
+    found = _identify(method, *data.first_half, real_data.ORDER, size.limit)
     if isinstance(found, str):
         return _summary([found])
     scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
@@ -213,12 +231,11 @@ def _cell(value: float | str | None) -> str:
     return "diverges" if value is None else value if isinstance(value, str) else f"{value:.5g}"
 
 
-def _save(results: dict[str, dict[str, Summary]]) -> None:
+def _save(results: dict[str, dict[str, Summary]], file: Path) -> None:
     """Write the results; methods and data sets of earlier runs that this run does not measure are kept."""
-    kept = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    kept = json.loads(file.read_text()) if file.exists() else {}
     merged = kept | {data_set: kept.get(data_set, {}) | methods for data_set, methods in results.items()}
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(json.dumps(merged, indent=2) + "\n")
+    file.write_text(json.dumps(merged, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -5,13 +5,13 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from cases import CASES, Case, validation
-from linear_loop import SAMPLE_TIME, model_of
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from amb_core.errors import IdentificationError
 from amb_core.identification import StateSpaceModel, nrmse_fit
+from tests.benchmarks.ident.cases import CASES, Case, validation
+from tests.benchmarks.ident.linear_loop import SAMPLE_TIME, model_of
 
 _FREQUENCIES = np.arange(5.0, 1_001.0)  # Hz, dense enough for resonances and antiresonances of 0.5 % damping
 _POLE_TOLERANCE = 2e-3

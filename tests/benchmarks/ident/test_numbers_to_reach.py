@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from amb_core.identification import StateSpaceModel, pem, ssarx
-
-sys.path.insert(0, str(Path(__file__).parent))  # the benchmark's modules are scripts, not a package
-
-import plant
-from cases import CASES
-from scores import innovation_ratio, score
+from tests.benchmarks.ident import plant
+from tests.benchmarks.ident.cases import CASES
+from tests.benchmarks.ident.scores import innovation_ratio, score
 
 # Least fit on squares and on the multisine, largest error of the frequency response (percent).
 NUMBERS = {

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from spread import spread
 
 from amb_core.regions import Region, classify
+from tests.benchmarks.regions.spread import spread
 from tests.synthetic_telemetry import draw_constant_line
 
 CASES, SEED = 100, 32
 
 
-def measure() -> dict[str, object]:
+def measure(cases: int = CASES) -> dict[str, object]:
     """How many drifts are found, and how many onsets are within 2 % in frequency."""
-    errors = [error for error in spread(onset_error, range(CASES)) if error is not None]
+    errors = [error for error in spread(onset_error, range(cases)) if error is not None]
     return {
-        "cases": CASES,
+        "cases": cases,
         "seed": SEED,
         "found": len(errors),
         "within_2_percent": sum(bool(abs(error) <= 0.02) for error in errors),

@@ -17,7 +17,6 @@ from pathlib import Path
 import control
 import numpy as np
 from numpy.typing import NDArray
-from spread import spread
 
 from amb_core.excitation import excitation_from_request, generate
 from amb_core.identification.data import IdentificationData
@@ -26,6 +25,7 @@ from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters, linearize, uniform_shaft
 from amb_core.plant.linearise import close_loop
+from tests.benchmarks.regions.spread import spread
 
 SEED = 13
 BEARINGS = 10
@@ -46,11 +46,12 @@ class Case:
     bearing: int
     delay: int
     kind: int
+    steps: int = STEPS
 
 
-def measure() -> dict[str, object]:
+def measure(bearings: int = BEARINGS, steps: int = STEPS) -> dict[str, object]:
     """Runs, runs with a dead time advised that is too long, delayed runs, those with the right dead time advised."""
-    cases = [Case(*numbers) for numbers in product(range(BEARINGS), DELAYS, range(len(KINDS)))]
+    cases = [Case(*numbers) for numbers in product(range(bearings), DELAYS, range(len(KINDS)), (steps,))]
     advised = spread(advise, cases)
     delayed = [(case, dead) for case, dead in zip(cases, advised, strict=True) if case.delay]
     return {
@@ -75,8 +76,8 @@ def record(case: Case) -> LoopRecord:
     random = np.random.default_rng([SEED, case.bearing, case.delay, case.kind])
     plant = Plant(parameters)
     axes = len(plant.machine.axes)
-    law, reference, errors = PdController(CONTROLLER, axes), *np.zeros((2, WARM_UP + STEPS, axes))
-    reference[WARM_UP:, :2] = _excitation(excitation, int(random.integers(1 << 30)))
+    law, reference, errors = PdController(CONTROLLER, axes), *np.zeros((2, WARM_UP + case.steps, axes))
+    reference[WARM_UP:, :2] = _excitation(excitation, case.steps, int(random.integers(1 << 30)))
     errors[:, :2] = noise * random.normal(size=(len(errors), 2))
     position, current = np.empty_like(reference), np.zeros((len(reference) + case.delay, axes))
     for step, wanted in enumerate(reference):
@@ -135,13 +136,13 @@ def _delayed(plant: control.StateSpace, samples: int) -> control.StateSpace:
     return control.StateSpace(a, b, c, plant.D, plant.dt, inputs=plant.input_labels, outputs=plant.output_labels)
 
 
-def _excitation(kind: str, seed: int) -> NDArray[np.float64]:
+def _excitation(kind: str, steps: int, seed: int) -> NDArray[np.float64]:
     """Reference positions (m); a multisine or PRBS that makes the control current `CURRENT` with the rotor at rest."""
     rate = CONTROLLER.sample_rate
     if kind == "square":  # an edge asks for 2.3 A
-        request: dict[str, object] = {"amplitude": 3e-6, "frequency": 100.0, "duration": STEPS / rate}
+        request: dict[str, object] = {"amplitude": 3e-6, "frequency": 100.0, "duration": steps / rate}
         return generate(excitation_from_request(kind, request), rate).samples
-    request = {"amplitude": 20e-6, "duration": STEPS / rate, "seed": seed}
+    request = {"amplitude": 20e-6, "duration": steps / rate, "seed": seed}
     if kind == "multisine":
         request |= {"frequency_start": 1.0, "frequency_end": 2_000.0}
     samples = generate(excitation_from_request(kind, request), rate).samples

@@ -8,11 +8,10 @@ amplitude, the distortion limit must be broken.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from spread import spread
 
 from amb_core.errors import PlantError
 from amb_core.excitation import excitation_from_request, generate
@@ -23,6 +22,7 @@ from amb_core.parameters import validate
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.closed_forms import current_gain, inductance, negative_stiffness
 from amb_core.plant.linearise import linearize
+from tests.benchmarks.regions.spread import spread
 
 BEARINGS = 10
 NEW_SEEDS = (101, 102, 103, 104)
@@ -42,6 +42,8 @@ class Case:
     plant: PlantParameters
     controller: ControllerParameters
     frequency_end: float
+    new_seeds: tuple[int, ...] = NEW_SEEDS
+    duration: float = DURATION  # s
 
 
 @dataclass(frozen=True)
@@ -54,9 +56,11 @@ class Outcome:
     limited_by: str
 
 
-def measure() -> dict[str, object]:
+def measure(bearings: int = BEARINGS, new_seeds: int = len(NEW_SEEDS), duration: float = DURATION) -> dict[str, object]:
     """Counts over the bearings and the new seeds."""
-    outcomes = spread(run, draw())
+    outcomes = spread(
+        run, [replace(case, new_seeds=NEW_SEEDS[:new_seeds], duration=duration) for case in draw(bearings)]
+    )
     fits = [fit for outcome in outcomes for fit in outcome.fits]
     return {
         "runs": len(fits),
@@ -66,18 +70,18 @@ def measure() -> dict[str, object]:
         "limit_broken_at_twice": sum(outcome.at_twice > 1.0 for outcome in outcomes),
         "least_share_of_limit_at_twice": round(min(outcome.at_twice for outcome in outcomes), 3),
         "limited_by": [outcome.limited_by for outcome in outcomes],
-        "seeds": {"bearings": SEED, "designed": list(range(Limits().seeds)), "new": list(NEW_SEEDS)},
+        "seeds": {"bearings": SEED, "designed": list(range(Limits().seeds)), "new": list(NEW_SEEDS[:new_seeds])},
     }
 
 
 def run(case: Case) -> Outcome:
     """Design for a bearing, then try other seeds and twice the amplitude."""
-    fields = {"duration": DURATION, "frequency_start": 10.0, "frequency_end": case.frequency_end}
+    fields = {"duration": case.duration, "frequency_start": 10.0, "frequency_end": case.frequency_end}
     designed = design_excitation("multisine", fields, None, case.controller, case.plant, tolerance=TOLERANCE)
     bench = TrialBench(case.plant, case.controller)
     values = designed.signal.parameters.model_dump()
     fits = []
-    for seed in NEW_SEEDS:
+    for seed in case.new_seeds:
         signal = generate(excitation_from_request("multisine", {**values, "seed": seed}), case.controller.sample_rate)
         fits.append(min((item.fit for item in bench.run(signal).measures), default=-math.inf))
     return Outcome(case.number, tuple(fits), _at_twice(case, values), designed.limited_by)
@@ -94,11 +98,11 @@ def _at_twice(case: Case, values: dict[str, Any]) -> float:
     return bench.use_of_distortion(2.0 * values["amplitude"]).share
 
 
-def draw() -> list[Case]:
+def draw(bearings: int) -> list[Case]:
     """Bearings with a stable and damped loop, and a rotor that hangs in the middle part of the gap."""
     random = np.random.default_rng(SEED)
     cases: list[Case] = []
-    while len(cases) < BEARINGS:
+    while len(cases) < bearings:
         case = _draw(random, len(cases))
         if case is not None:
             cases.append(case)

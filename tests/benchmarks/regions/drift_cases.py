@@ -8,9 +8,7 @@ rotor.
 from __future__ import annotations
 
 import functools
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +16,7 @@ from scipy.signal import cont2discrete
 
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
-
-sys.path.append(str(Path(__file__).parents[1] / "ident"))
-import plant
+from tests.benchmarks.ident import plant
 
 SAMPLE_TIME = plant.SAMPLE_TIME
 STEPS = 20_000
@@ -41,6 +37,7 @@ class Case:
     excitation: str
     drift: str
     seed: int
+    steps: int = STEPS
 
 
 @dataclass(frozen=True)
@@ -126,11 +123,11 @@ def record(case: Case) -> LoopRecord:
     """The closed loop from rest; with and without drift the noise is the same."""
     known = bearing(case.bearing)
     a, b, c, force = known.matrices
-    target = plant.reference(case.excitation, STEPS, case.seed)
+    target = plant.reference(case.excitation, case.steps, case.seed)
     random = np.random.default_rng([case.seed, 1])
     errors = random.normal(scale=plant.SENSOR_NOISE, size=target.shape)
     if case.drift:
-        errors = errors + drift(case.drift, STEPS, np.random.default_rng([case.seed, 2, DRIFTS.index(case.drift)]))
+        errors = errors + drift(case.drift, case.steps, np.random.default_rng([case.seed, 2, DRIFTS.index(case.drift)]))
     pushes = random.normal(scale=plant.FORCE_NOISE, size=target.shape)
     law, state = PdController(known.controller), np.zeros(len(a))
     position, current = np.empty_like(target), np.empty_like(target)

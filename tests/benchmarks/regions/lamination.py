@@ -5,47 +5,42 @@ Laminations drawn at random are those of the paper's bearing but for thickness, 
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
-from spread import spread
 
 from amb_core.plant import MagneticCircuitParameters, PlantParameters
 from amb_core.plant.eddy import lamination_terms
 from amb_core.plant.parameters import IronParameters
-
-sys.path.append(str(Path(__file__).parents[2] / "validation"))
-from laminations import DIFFUSION, POINTS, impedance_error, switching_losses
+from tests.benchmarks.regions.spread import spread
+from tests.validation.laminations import DIFFUSION, POINTS, impedance_error, switching_losses
 
 SEED = 13
 TERMS, PLANTS = 200, 6
 LOWEST, HIGHEST = (0.05e-3, 300.0, 1e6), (1e-3, 2e4, 1e7)  # thickness (m), relative permeability, conductivity (S/m)
 
 
-def measure() -> dict[str, object]:
+def measure(terms: int = TERMS, plants: int = PLANTS) -> dict[str, object]:
     """Largest error of all comparisons (%), and the largest of each kind."""
     rng = np.random.default_rng(SEED)
-    drawn = [_circuit(*case) for case in np.exp(rng.uniform(np.log(LOWEST), np.log(HIGHEST), (TERMS, 3)))]
+    drawn = [_circuit(*case) for case in np.exp(rng.uniform(np.log(LOWEST), np.log(HIGHEST), (terms, 3)))]
     frequency = np.geomspace(1.0, 1e6, 2000)
-    terms = max(
+    worst = max(
         np.abs(lamination_terms(PlantParameters(magnetic_circuit=circuit)).error(frequency)).max() for circuit in drawn
     )
-    plants = [PlantParameters(magnetic_circuit=circuit, iron=DIFFUSION) for circuit in drawn[:PLANTS]]
-    running = max(spread(_impedance_errors, [PlantParameters(iron=DIFFUSION), *plants]))
+    circuits = [PlantParameters(magnetic_circuit=circuit, iron=DIFFUSION) for circuit in drawn[:plants]]
+    running = max(spread(_impedance_errors, [PlantParameters(iron=DIFFUSION), *circuits]))
     losses = [switching_losses(PlantParameters(iron=iron)) for iron in (IronParameters(), DIFFUSION)]
     loss = max(abs(measured / expected - 1.0) for expected, measured in losses)
     percent = {
         f"{name}_percent": round(100.0 * float(error), 3)
-        for name, error in (("terms", terms), ("running_plant", running), ("switching_loss", loss))
+        for name, error in (("terms", worst), ("running_plant", running), ("switching_loss", loss))
     }
     watts = {"thin_w": round(losses[0][1], 2), "diffusion_w": round(losses[1][1], 2)}
     return {
         "error_percent": max(percent.values()),
         **percent,
         **watts,
-        "laminations": TERMS,
-        "plants": 1 + PLANTS,
+        "laminations": terms,
+        "plants": 1 + plants,
         "seed": SEED,
     }
 

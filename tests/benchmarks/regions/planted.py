@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from spread import spread
 
+from tests.benchmarks.regions.spread import spread
 from tests.synthetic_telemetry import FAMILIES, PLANTED, draw
 from tests.unit.test_regions_onsets import judge
 
 CASES, SEED = 200, 7
 
 
-def measure() -> dict[str, object]:
+def measure(cases: int = CASES) -> dict[str, object]:
     """How many planted onsets are found within 2 % in frequency, and how many are false."""
-    outcomes = spread(outcome, range(CASES))
+    outcomes = spread(outcome, range(cases))
     return {
-        "cases": CASES,
+        "cases": cases,
         "seed": SEED,
         "planted": sum(family in PLANTED for family, _ in outcomes),
         "found": sum(judged == "found" for _, judged in outcomes),

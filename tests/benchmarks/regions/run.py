@@ -5,7 +5,7 @@ processes, as many as there are cores. Prints a table and writes results/bench_r
 is measured; keys of earlier runs that this run does not measure are kept.
 
     make bench-regions
-    python tests/benchmarks/regions/run.py constant_line dead_time    # some subjects only
+    python -m tests.benchmarks.regions.run constant_line dead_time    # some subjects only
 """
 
 from __future__ import annotations
@@ -13,52 +13,53 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
-import sys
 import time
-from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-ROOT = Path(__file__).parents[3]
-RESULTS = ROOT / "results" / "bench_regions.json"
-SUBJECTS = (
-    "constant_line",
-    "constant_line_drift",
-    "slow_line",
-    "light_damping",
-    "planted",
-    "design",
-    "turning_map",
-    "drift_identification",
-    "dead_time",
-    "lamination",
-)
+from tests.front_door.results import ROOT, results_file
+from tests.synthetic_telemetry import FAMILIES
+
+SUBJECTS: dict[str, dict[str, float]] = {
+    "constant_line": {"cases": 1},
+    "constant_line_drift": {"cases": 1},
+    "slow_line": {"cases": 1},
+    "light_damping": {"cases": 1},
+    "planted": {"cases": len(FAMILIES)},
+    "design": {"bearings": 1, "new_seeds": 1, "duration": 0.1},
+    "turning_map": {"amplitudes": 1, "sweep_end": 100.0},
+    "drift_identification": {"seeds": 1, "steps": 3_000},
+    "dead_time": {"bearings": 3, "steps": 1_000},
+    "lamination": {"terms": 1, "plants": 1},
+}
+"""The subjects, each with its smallest size, which `--quick` takes; see `figures.BenchRegions`."""
 
 
 def main() -> None:
     """Measure and report."""
     arguments = _arguments()
-    sys.path.append(str(ROOT))  # for the cases that benchmarks and tests share
+    file = results_file("bench_regions.json", arguments.quick)
     console = Console()
-    results = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
-    RESULTS.parent.mkdir(exist_ok=True)
+    results = json.loads(file.read_text()) if file.exists() else {}
     table = Table("subject", "counts", "seconds", title="make bench-regions")
     for name in arguments.subjects or SUBJECTS:
         began = time.monotonic()
         with console.status(f"measuring {name}"):
-            measured = importlib.import_module(name).measure()
+            measure = importlib.import_module(f"tests.benchmarks.regions.{name}").measure
+            measured = measure(**SUBJECTS[name] if arguments.quick else {})
         results[name] = measured
-        RESULTS.write_text(json.dumps(results, indent=2) + "\n")
+        file.write_text(json.dumps(results, indent=2) + "\n")
         counts = ", ".join(f"{key} {value}" for key, value in measured.items())
         table.add_row(name, counts, f"{time.monotonic() - began:.0f}")
     console.print(table)
-    console.print(f"written to {RESULTS.relative_to(Path.cwd()) if RESULTS.is_relative_to(Path.cwd()) else RESULTS}")
+    console.print(f"written to {file.relative_to(ROOT)}")
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("subjects", nargs="*", choices=[*SUBJECTS, []], help="subjects to measure; default: all")
+    parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     return parser.parse_args()
 
 

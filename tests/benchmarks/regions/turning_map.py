@@ -6,7 +6,6 @@ The rotor runs at 100 rad/s with an unbalance of 18.75 g mm, which alone moves i
 from __future__ import annotations
 
 import numpy as np
-from spread import spread
 
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
@@ -14,17 +13,18 @@ from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.region_map import MapSettings
 from amb_core.regions.region_map.sweep_run import SweepTask, run_sweep
+from tests.benchmarks.regions.spread import spread
 
 AMPLITUDES = (8e-6, 12e-6, 18e-6, 27e-6, 40e-6)  # m
 TURNING = {"rotor": {"running_speed": 100.0, "unbalance": 18.75e-6}}
 SWEEP_END = 2600.0  # Hz
 
 
-def measure() -> dict[str, object]:
+def measure(amplitudes: int = len(AMPLITUDES), sweep_end: float = SWEEP_END) -> dict[str, object]:
     """Largest relative differences of the boundaries, in percent, and how often B or C is found turning or not."""
-    cases = [(amplitude, turning) for turning in (False, True) for amplitude in AMPLITUDES]
+    cases = [(amplitude, turning, sweep_end) for turning in (False, True) for amplitude in AMPLITUDES[:amplitudes]]
     found = spread(boundaries, cases)
-    rest, turning = found[: len(AMPLITUDES)], found[len(AMPLITUDES) :]
+    rest, turning = found[:amplitudes], found[amplitudes:]
     return {
         "sweeps": len(cases),
         "b_percent": _difference(rest, turning, Region.B),
@@ -34,10 +34,10 @@ def measure() -> dict[str, object]:
     }
 
 
-def boundaries(case: tuple[float, bool]) -> dict[Region, float]:
+def boundaries(case: tuple[float, bool, float]) -> dict[Region, float]:
     """Frequencies (Hz) at which the regions of a sweep begin."""
-    amplitude, turning = case
-    settings = MapSettings(frequency_end=SWEEP_END, duration=SWEEP_END / 250.0)
+    amplitude, turning, sweep_end = case
+    settings = MapSettings(frequency_end=sweep_end, duration=sweep_end / 250.0)
     plant = validate(PlantParameters, TURNING if turning else {})
     task = SweepTask(settings.sweep(amplitude), settings.rest, plant, ControllerParameters(), RegionParameters())
     sweep = run_sweep(task)

@@ -1,18 +1,16 @@
 """Sensitivity measured by a swept sine on an emulated rig, compared with the model identified there.
 
-`python tests/benchmarks/robust/emulator.py` adds it to results/bench_robust.json, as `swept.emulator`.
+`python -m tests.benchmarks.robust.emulator` adds it to results/bench_robust.json, as `swept.emulator`.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from swept import AMPLITUDE, IDENTIFICATION, compared
 
 from amb_bringup.experiment import Experiment
 from amb_bringup.experiment_session import GraphChoice, run_session
@@ -20,6 +18,10 @@ from amb_core.analysis import RecordedLoop, read_loop
 from amb_core.excitation import Excitation, excitation_from_request
 from amb_core.identification import identify
 from amb_core.robustness import SweepSettings, feedback_of, measured_sensitivity
+from tests.benchmarks.robust.records import Size
+from tests.benchmarks.robust.run import SMALLEST
+from tests.benchmarks.robust.swept import AMPLITUDE, IDENTIFICATION, compared
+from tests.front_door.results import results_file
 
 SLOW = """
 /amb/target_emulator:
@@ -31,20 +33,25 @@ SLOW = """
 
 def main() -> None:
     """Identify, sweep, compare."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
+    quick = parser.parse_args().quick
+    path = results_file("bench_robust.json", quick)
+    size = replace(Size(path.with_suffix("")), **SMALLEST if quick else {})
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "slow.yaml"
         parameters.write_text(SLOW)
         rig = GraphChoice(parameters, rig=True, emulator=True)
-        identification = excitation_from_request("multisine", IDENTIFICATION)
+        identification = excitation_from_request("multisine", IDENTIFICATION | {"duration": size.identification})
         used = _record(identification, Path(folder) / "multisine", rig)
-        swept = _record(SweepSettings(sweep_amplitude=AMPLITUDE).excitation, Path(folder) / "sweep", rig)
+        swept = _record(
+            SweepSettings(sweep_amplitude=AMPLITUDE, sweep_duration=size.sweep).excitation, Path(folder) / "sweep", rig
+        )
     model = identify(used.data, 10, controller=used.controller).model
     measured = measured_sensitivity(swept.data, swept.controller)
     kept = measured.comparable()
     found = compared(measured.difference_db(feedback_of(model, used.controller)), measured.frequency[kept])
     found["coherence"] = float(measured.coherence[kept].min())
-    path = Path("results/bench_robust.json")
-    path.parent.mkdir(exist_ok=True)
     results = json.loads(path.read_text()) if path.exists() else {}
     results.setdefault("swept", {})["emulator"] = found
     path.write_text(json.dumps(results, indent=2) + "\n")

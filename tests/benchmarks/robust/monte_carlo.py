@@ -2,17 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "ident"))  # its modules import each other by name
-
-import plant
-from linear_loop import multisine
-from records import records
-from rotors import rotor4
 
 from amb_core.errors import IdentificationError
 from amb_core.identification import IdentificationData, identify
@@ -22,11 +12,13 @@ from amb_core.robustness import Feedback, Lti, RobustnessSettings, feedback_of, 
 from amb_core.robustness.assessment import WorstCases
 from amb_core.robustness.ellipsoid import PlantSet, gap_objective
 from amb_core.robustness.feedback import plant_of
+from tests.benchmarks.ident import plant
+from tests.benchmarks.ident.linear_loop import multisine
+from tests.benchmarks.ident.rotors import rotor4
+from tests.benchmarks.robust.records import Size, records
 
-STEPS = 10_000
 GRID = np.unique(np.concatenate([np.geomspace(0.5, 4_999.0, 150), np.linspace(30.0, 300.0, 60)]))  # Hz
 QUANTILE = 0.99
-SAMPLED = 400  # models of the sampled bound
 SAMPLED_RUNS = 6
 
 
@@ -36,8 +28,8 @@ class Bearing:
     name = "bearing 2x2"
     true = property(lambda self: plant.true_model())
 
-    def data(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        record = plant.record(plant.Experiment("multisine", 1.0, STEPS), seed)
+    def data(self, seed: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        record = plant.record(plant.Experiment("multisine", 1.0, steps), seed)
         return record.current, record.position
 
     def feedback(self, model) -> Feedback:
@@ -50,8 +42,8 @@ class Rotor:
     name = "rotor 4x4"
     true = property(lambda self: rotor4().true_model)
 
-    def data(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        reference = multisine(4, STEPS, np.random.default_rng([seed, 0]))
+    def data(self, seed: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        reference = multisine(4, steps, np.random.default_rng([seed, 0]))
         return rotor4().run(reference, np.random.default_rng([seed, 1]))
 
     def feedback(self, model) -> Feedback:
@@ -72,10 +64,10 @@ def rotor_controller() -> Lti:
     )
 
 
-def measured(case: Bearing | Rotor, seed: int) -> dict[str, object]:
+def measured(case: Bearing | Rotor, seed: int, size: Size) -> dict[str, object]:
     """One experiment: the model is identified from the data alone, of known order, and the truth sought in bounds."""
     true = case.true
-    data = IdentificationData.from_arrays(*case.data(seed), true.sample_time)
+    data = IdentificationData.from_arrays(*case.data(seed, size.steps), true.sample_time)
     try:
         found = identify(data, order=true.order)
     except IdentificationError as problem:
@@ -94,7 +86,7 @@ def measured(case: Bearing | Rotor, seed: int) -> dict[str, object]:
         "drift": found.drift is not None,
     }
     if seed < SAMPLED_RUNS:
-        drawn = uncertainty.samples(SAMPLED, seed)
+        drawn = uncertainty.samples(size.sampled, seed)
         loops = [case.feedback(one) for one in drawn]
         middle = np.array([axis_peak(feedback, axis) for axis in range(len(bounds))])
         peaks = np.array([[axis_peak(one, axis) for axis in range(len(bounds))] for one in loops])
@@ -116,15 +108,15 @@ def poles_inside(uncertainty: ModelUncertainty, true: StateSpaceModel) -> bool:
     return all(group.holds(pole, confidence) for group, pole in zip(nearest, wanted, strict=True))
 
 
-def coverage(case: Bearing | Rotor, runs: int) -> dict[str, float]:
+def coverage(case: Bearing | Rotor, size: Size) -> dict[str, float]:
     """How often the true values lie in the bounds, and how wide these are compared with sampled ones."""
-    done = records(f"coverage {case.name}", runs, lambda seed: measured(case, seed))
+    done = records(f"coverage {case.name}", size, size.runs, lambda seed: measured(case, seed, size))
     kept = [item for item in done if "failed" not in item]
     by_axis = np.sum([item["peaks_inside"] for item in kept], axis=0)
     sampled = [item for item in kept if "width_ratios" in item]
     widths = np.concatenate([item["width_ratios"] for item in sampled])
     return {
-        "runs": runs,
+        "runs": size.runs,
         "without_model": len(done) - len(kept),
         "inside": sum(all(item["peaks_inside"]) for item in kept),
         "inside_by_axis": by_axis.tolist(),

@@ -10,12 +10,26 @@ import hashlib
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[3]
-FOLDER = ROOT / "results" / "bench_robust"
 _SAID = 10  # times a part reports its progress
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is measured, and the folder in which partial results are kept."""
+
+    folder: Path
+    runs: int = 200  # loops, and experiments on each plant
+    steps: int = 10_000  # of an experiment
+    sampled: int = 400  # models of the sampled bound
+    repetitions: int = 3  # of what is timed
+    frequencies: int = 500
+    identification: float = 12.0  # s, on the nonlinear simulator
+    sweep: float = 20.0  # s, there
 
 
 def say(text: str) -> None:
@@ -32,9 +46,9 @@ def code_version() -> str:
     return found.hexdigest()[:12]
 
 
-def records(part: str, count: int, measure: Callable[[int], dict[str, Any]]) -> list[dict[str, Any]]:
+def records(part: str, size: Size, count: int, measure: Callable[[int], dict[str, Any]]) -> list[dict[str, Any]]:
     """What `measure` returns for 0 to count - 1; what is kept already is not measured again."""
-    path = FOLDER / code_version() / f"{part.replace(' ', '_')}.jsonl"
+    path = size.folder / code_version() / f"{part.replace(' ', '_')}.jsonl"
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = path.read_text().splitlines() if path.exists() else []
     kept = {item["seed"]: item for item in (json.loads(line) for line in lines if line.endswith("}"))}

@@ -10,22 +10,15 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
+import shutil
 import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from loops import SAMPLE_TIME, random_loop
-from monte_carlo import Bearing, Rotor, coverage, multisine, rotor4, rotor_controller
-from records import records, say
 from scipy.linalg import block_diag
-from swept import swept
 
 from amb_core.errors import RobustnessError
 from amb_core.identification import IdentificationData, estimate_uncertainty
@@ -37,11 +30,20 @@ from amb_core.robustness.feedback import plant_of
 from amb_core.robustness.margins import disk_margin_of_axis
 from amb_core.robustness.replay import distance_from_circle
 from amb_core.robustness.structure import uncertain_loop
+from tests.benchmarks.robust.loops import SAMPLE_TIME, random_loop
+from tests.benchmarks.robust.monte_carlo import Bearing, Rotor, coverage, multisine, rotor4, rotor_controller
+from tests.benchmarks.robust.records import Size, records, say
+from tests.benchmarks.robust.swept import swept
+from tests.front_door.results import results_file
 
 GRID = np.geomspace(0.5, 4_999.0, 300)
+SMALLEST: dict[str, Any] = {
+    "runs": 1, "steps": 2_000, "sampled": 4, "repetitions": 1, "frequencies": 50, "identification": 1.0, "sweep": 1.0,
+}  # fmt: skip
+"""What `--quick` takes."""
 
 
-def unstable(loops: int) -> dict[str, int]:
+def unstable(size: Size) -> dict[str, int]:
     """Unstable loops for which margins are given."""
 
     def one(seed: int) -> dict[str, bool]:
@@ -51,10 +53,11 @@ def unstable(loops: int) -> dict[str, int]:
             return {"certified": False}
         return {"certified": True}
 
-    return {"loops": loops, "certified": sum(item["certified"] for item in records("unstable", loops, one))}
+    certified = [item["certified"] for item in records("unstable", size, size.runs, one)]
+    return {"loops": size.runs, "certified": sum(certified)}
 
 
-def mu(loops: int) -> dict[str, float]:
+def mu(size: Size) -> dict[str, float]:
     """Bounds of mu for complex perturbations of all inputs and outputs, and for the mixed ones of a certificate."""
     settings = RobustnessSettings()
 
@@ -66,17 +69,17 @@ def mu(loops: int) -> dict[str, float]:
 
     def one(seed: int) -> dict[str, object]:
         feedback = feedback_of(*random_loop(seed, True))
-        size = len(feedback.closed.c)
+        axes = len(feedback.closed.c)
         of_all = uncertain_loop(feedback, settings)
         return {
-            "complex": bounded(feedback.closed.plus(-0.5 * np.eye(size)), [Block(f"f{n}") for n in range(size)]),
+            "complex": bounded(feedback.closed.plus(-0.5 * np.eye(axes)), [Block(f"f{n}") for n in range(axes)]),
             "mixed": bounded(of_all.system, of_all.blocks),
         }
 
-    kept = records("mu", loops, one)
+    kept = records("mu", size, size.runs, one)
     gaps, mixed = ([item[kind]["gap"] for item in kept] for kind in ("complex", "mixed"))
     return {
-        "loops": loops,
+        "loops": size.runs,
         "median_gap_percent": float(np.median(gaps)),
         "worst_gap_percent": float(np.max(gaps)),
         "replayed": sum(item["complex"]["found"] for item in kept),
@@ -89,14 +92,15 @@ def mu(loops: int) -> dict[str, float]:
     }
 
 
-def peaks(loops: int) -> dict[str, float]:
+def peaks(size: Size) -> dict[str, float]:
     """Largest relative error of peaks against a search that is fine everywhere and finer at its top."""
 
     def one(seed: int) -> dict[str, float]:
         system = feedback_of(*random_loop(seed, True)).output_sensitivity
         return {"error": abs(peak_gain(system).value / _fine_search(system) - 1.0)}
 
-    return {"loops": loops, "error": max(item["error"] for item in records("peak", loops, one))}
+    loops = min(size.runs, 50)
+    return {"loops": loops, "error": max(item["error"] for item in records("peak", size, loops, one))}
 
 
 def _fine_search(system: Lti) -> float:
@@ -108,24 +112,27 @@ def _fine_search(system: Lti) -> float:
     return float(sizes.max())
 
 
-def seconds() -> dict[str, float]:
+def seconds(size: Size) -> dict[str, float]:
     """Everything with 500 frequencies: order 10, two axes; order 16, four axes; wall clock and processor."""
     bearing = Bearing()
-    cases = {"two_by_two": (bearing.true, bearing.feedback, bearing.data(0)), "four_by_four": _order_16()}
+    cases = {
+        "two_by_two": (bearing.true, bearing.feedback, bearing.data(0, size.steps)),
+        "four_by_four": _order_16(size.steps),
+    }
     found = {}
     for name, (model, feedback, record) in cases.items():
         uncertainty = estimate_uncertainty(model, IdentificationData.from_arrays(*record, model.sample_time))
         used, spent = [], []
-        for _ in range(3):
+        for _ in range(size.repetitions):
             start, at = time.perf_counter(), time.process_time()
-            assess_loop(feedback(model), RobustnessSettings(), uncertainty)
+            assess_loop(feedback(model), RobustnessSettings(frequencies=float(size.frequencies)), uncertainty)
             spent.append(time.perf_counter() - start)
             used.append(time.process_time() - at)
         found[name], found[f"{name}_cpu"] = min(spent), min(used)
     return found
 
 
-def _order_16():
+def _order_16(steps: int):
     """The rotor with two bending modes more, seen and moved alike at both bearings, and a record of its loop."""
     rotor = rotor4()
     angle = 2.0 * np.pi * 800.0 * SAMPLE_TIME
@@ -139,7 +146,7 @@ def _order_16():
         c=np.hstack([rotor.c, shape @ np.kron(np.eye(2), [[1.0, 0.0]])]),
         force=np.vstack([rotor.force, by_force @ shape.T @ np.ones((4, rotor.force.shape[1])) * 1e-10]),
     )
-    record = loop.run(multisine(4, 10_000, np.random.default_rng(0)), np.random.default_rng(1))
+    record = loop.run(multisine(4, steps, np.random.default_rng(0)), np.random.default_rng(1))
 
     def feedback(model: StateSpaceModel) -> Feedback:
         return Feedback(plant_of(model), rotor_controller())
@@ -147,7 +154,7 @@ def _order_16():
     return loop.true_model, feedback, record
 
 
-def peers(loops: int) -> list[dict[str, object]]:
+def peers(size: Size) -> list[dict[str, object]]:
     """Disk margins of the first axis, all others closed: wrong answers for unstable and stable loops, and seconds.
 
     One axis, since python-control needs the GPL package slycot for several at once and gives no answer without it.
@@ -179,14 +186,14 @@ def peers(loops: int) -> list[dict[str, object]]:
             record[name] = {**found, "broken": broken}
         return record
 
-    kept = records("peers", loops, one)
+    kept = records("peers", size, size.runs, one)
     rows: list[dict[str, object]] = []
     for name, _ in methods:
         found = [item[name] for item in kept]
         of_unstable = sum((item["margin"] or 0.0) > 0.0 for item in found)
         of_stable = sum((item["stable_margin"] or 0.0) > item["broken"] * 1.001 for item in found)
         rows.append({
-            "name": name, "loops": 2 * loops, "wrong": of_unstable + of_stable,
+            "name": name, "loops": 2 * size.runs, "wrong": of_unstable + of_stable,
             "wrong_unstable": of_unstable, "wrong_stable": of_stable,
             "no_answer_stable": sum(item["stable_margin"] is None for item in found),
             "seconds": sum(item["seconds"] for item in found),
@@ -212,36 +219,41 @@ def main() -> None:
     """Run the parts and write the file; parts that are not run keep their last numbers."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=200, help="loops, and experiments on each plant")
-    parser.add_argument(
-        "--parts", nargs="*", default=["unstable", "mu", "peak", "swept", "seconds", "peers", "coverage"]
-    )
+    parser.add_argument("--parts", nargs="*", default=list(PARTS), choices=list(PARTS))
+    parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     chosen = parser.parse_args()
-    path = Path("results/bench_robust.json")
-    path.parent.mkdir(exist_ok=True)
+    path = results_file("bench_robust.json", chosen.quick)
+    size = Size(path.with_suffix(""), chosen.runs)
+    if chosen.quick:
+        size = replace(size, **SMALLEST)
+        shutil.rmtree(size.folder, ignore_errors=True)
     results = json.loads(path.read_text()) if path.exists() else {}
-    parts = {
-        "unstable": lambda: unstable(chosen.runs),
-        "mu": lambda: mu(chosen.runs),
-        "peak": lambda: peaks(min(chosen.runs, 50)),
-        "swept": lambda: swept(say),
-        "seconds": seconds,
-        "peers": lambda: peers(chosen.runs),
-        "coverage": lambda: _coverage(chosen.runs),
-    }
     for name in chosen.parts:
-        results[name] = parts[name]()
+        results[name] = PARTS[name](size)
         path.write_text(json.dumps(results, indent=2) + "\n")
         say(f"{name}: {json.dumps(results[name])}")
 
 
-def _coverage(runs: int) -> dict[str, object]:
-    cases = {case.name: coverage(case, runs) for case in (Bearing(), Rotor())}
+def _coverage(size: Size) -> dict[str, object]:
+    cases = {case.name: coverage(case, size) for case in (Bearing(), Rotor())}
     return {
-        "runs": runs,
+        "runs": size.runs,
         "inside": min(one["inside"] for one in cases.values()),
         "width_ratio": max(one["width_ratio"] for one in cases.values()),
         "plants": cases,
     }
+
+
+PARTS: dict[str, Callable[[Size], object]] = {
+    "unstable": unstable,
+    "mu": mu,
+    "peak": peaks,
+    "swept": lambda size: swept(say, size),
+    "seconds": seconds,
+    "peers": peers,
+    "coverage": _coverage,
+}
+"""What is measured by name; see `figures.BenchRobust`."""
 
 
 if __name__ == "__main__":

@@ -5,16 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import rclpy
 import typer
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.table import Table
 
 from amb_bringup.commands import bag_export
 from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import Stages
+from amb_bringup.connection import GraphConnection
 from amb_core.errors import BagError
 from amb_core.recording import Recording, TopicInfo, inspect_bag, recover_bag
 from amb_ros.bag_player import BagPlayer
@@ -51,15 +49,10 @@ def play(
 
     Do not play a bag into a graph with a simulator: both would publish on the same topics.
     """
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Python handles Ctrl-C, not the context
-    try:
-        node = Node("bag_player", start_parameter_services=False)
-        player = BagPlayer(node, bag)
+    with GraphConnection("", 10.0, None, ()) as connection:
+        player = BagPlayer(connection.node, bag)
         with Stages(Console(), "messages") as stages:
             player.play(rate, lambda played: stages.update("playing", played, player.messages))
-        node.destroy_node()
-    finally:
-        rclpy.try_shutdown()
 
 
 @app.command()

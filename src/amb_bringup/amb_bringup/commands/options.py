@@ -201,7 +201,8 @@ def _meaning(item: Declaration) -> str:
 def _default(item: Declaration) -> str:
     if isinstance(item.default, bool) or not isinstance(item.default, str | int | float):
         return ""
-    return f"by default {item.default if isinstance(item.default, str) else format(item.default, 'g')}"
+    default = item.default if isinstance(item.default, str) else format(item.default, "g")
+    return f"by default {default}" + (f" ({item.source})" if item.source else "")
 
 
 def _joined(defaults: Mapping[str, str]) -> str:

@@ -23,7 +23,7 @@ def reproduce(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for report, figures and claims.")] = Path("results/paper"),
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a running dask scheduler, tcp://host:port; by default, this machine.")
+        str | None, typer.Option(help="Address of a running dask scheduler, tls://host:port; by default, this machine.")
     ] = None,
     workers: Annotated[int | None, typer.Option(help="Number of processes, by default one for each core.")] = None,
 ) -> None:

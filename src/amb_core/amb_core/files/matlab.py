@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.extras import extra
 from amb_core.files.regular_files import open_regular
 
 
@@ -57,7 +58,8 @@ def load_variables(path: str | Path) -> dict[str, Any]:
 
 
 def _load_hdf5(path: str | Path) -> dict[str, Any]:
-    import h5py  # takes a while to import
+    with extra("files"):
+        import h5py  # takes a while to import
 
     try:
         with open_regular(path) as file, h5py.File(file, "r") as content:
@@ -70,7 +72,8 @@ def _load_hdf5(path: str | Path) -> dict[str, Any]:
 
 def _of_hdf5(file: Any, item: Any) -> Any:
     """A variable as `scipy.io.loadmat` returns it; a struct as a dictionary."""
-    import h5py
+    with extra("files"):
+        import h5py
 
     if isinstance(item, h5py.Group):
         return {name: _of_hdf5(file, part) for name, part in item.items()}

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.extras import extra
 from amb_core.files.file_errors import reading
 from amb_core.files.matlab import load_variables, save_variables
 from amb_core.files.regular_files import MIB, open_regular, read_text
@@ -118,7 +119,8 @@ class StateSpaceModel:
 
     def to_control(self) -> control.StateSpace:
         """The deterministic part (from u - input_offset to y - output_offset) for python-control."""
-        import control  # the import takes a second; programs that do not need it should not wait for it
+        with extra("control"):
+            import control  # the import takes a second; programs that do not need it should not wait for it
 
         return control.StateSpace(
             self.a,

@@ -98,7 +98,7 @@ class ModalData:
     def static_loads(self, gravity: float) -> NDArray[np.float64]:
         """Forces that carry the rotor's weight at A x, A y, B x, B y (N), shape (4,), by a gravity along -y (m/s^2)."""
         rigid = self.natural_frequencies == 0.0
-        return np.linalg.lstsq(self.bearings[:, rigid].T, -gravity * self.weight[rigid])[0]
+        return np.linalg.lstsq(self.bearings[:, rigid].T, -gravity * self.weight[rigid], rcond=None)[0]
 
     def save(self, path: str | Path) -> None:
         """Write the file.

@@ -197,7 +197,7 @@ class Recording:
         for answer in self.excitations(run):
             if answer.accepted:  # also for a stop: an excitation ends where the next one begins
                 frequency[answer.first_step :] = np.nan
-                excitation = known.get((answer.run, answer.id))
+                excitation = known.get((answer.run, answer.id), known.get((0, answer.id)))  # 0: the present run
                 part = np.zeros(0) if excitation is None else frequency_from_message(excitation, machine)
                 part = part[: max(len(frequency) - answer.first_step, 0)]
                 frequency[answer.first_step : answer.first_step + len(part)] = part

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from amb_core.errors import IdentificationError
+from amb_core.extras import extra
 from amb_core.files.regular_files import open_regular
 from amb_core.tables.table import Column, Table, split_unit
 
@@ -23,7 +24,8 @@ def read_parquet_table(path: Path) -> Table:
     IdentificationError
         If no column is of numbers.
     """
-    import pyarrow.parquet as parquet  # takes a while to import
+    with extra("files"):
+        import pyarrow.parquet as parquet  # takes a while to import
 
     with open_regular(path) as file:
         content = parquet.read_table(file)
@@ -42,7 +44,8 @@ def _sample_time(metadata: Mapping[bytes, bytes]) -> float | None:
 
 
 def _columns(content: Any, heading: str) -> Iterator[Column]:
-    import pyarrow as pa
+    with extra("files"):
+        import pyarrow as pa
 
     field, data = content.schema.field(heading), content.column(heading)
     name, unit = split_unit(heading)

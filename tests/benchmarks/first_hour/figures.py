@@ -1,0 +1,59 @@
+"""What `make bench-view` writes to results/first_hour.json."""
+
+from __future__ import annotations
+
+from tests.front_door.figures import Figures
+
+
+class Skipped(Figures):
+    """Why a part was not measured here."""
+
+    skipped: str
+
+
+class View(Figures):
+    """The live page."""
+
+    latency_ms: float
+    latency_median_ms: float
+    frames_per_s: float
+    core_share: float
+    lost: int
+    load_average: list[float]
+    hostile_executed: int
+    bit_identical: bool
+
+
+class Pages(Figures):
+    """Seconds until pages are drawn; None where there is no such page."""
+
+    report_load_s: float | None
+    paper_load_s: float | None
+
+
+class Files(Figures):
+    """Data files of others."""
+
+    tried: int
+    identified: int
+    refused_with_help: int
+    tracebacks: int
+
+
+class New(Figures):
+    """Bearings that `amb new` levitates."""
+
+    bearings: int
+    levitated: int
+    explained: int
+    reasons: list[str]
+    worst_peak_sensitivity: float
+
+
+class FirstHour(Figures):
+    """All of it."""
+
+    view: View | Skipped
+    pages: Pages | Skipped
+    files: Files
+    new: New

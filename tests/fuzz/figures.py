@@ -1,0 +1,61 @@
+"""What `make fuzz` and the attack on the C target write to results/fuzz.json and results/target_fuzz.json."""
+
+from __future__ import annotations
+
+from tests.front_door.figures import Figures
+
+
+class Finding(Figures):
+    """What a case led to."""
+
+    kind: str
+    node: str
+    case: int
+    target: str
+    message: str
+    what: str
+
+
+class Campaign(Figures):
+    """One campaign."""
+
+    seed: int
+    check_fields: bool
+    requests: int
+    messages: int
+    parameters: int
+    seconds: float
+    growth: dict[str, float]
+    sent: dict[str, int]
+    findings: list[Finding]
+    deaths: int
+    internal_errors: int
+    memory_growth_percent: float
+
+
+class Fuzz(Figures):
+    """Both campaigns."""
+
+    requests: int
+    messages: int
+    parameters: int
+    deaths: int
+    internal_errors: int
+    memory_growth_percent: float
+    seed: int
+    seconds: float
+    campaigns: list[Campaign]
+
+
+class TargetFuzz(Figures):
+    """The attack on the C target."""
+
+    frames: int
+    signed: int
+    forged: int
+    accepted: int
+    currents: int
+    states: list[int]
+    findings: list[str]
+    seed: int
+    seconds: float

@@ -1,0 +1,114 @@
+"""What `make soak` writes to results/soak.json."""
+
+from __future__ import annotations
+
+from tests.front_door.figures import Figures
+
+
+class Pace(Figures):
+    """Lateness of an emulator in real time, missed deadlines, and those caused on purpose that count."""
+
+    p50_us: float
+    p99_us: float
+    p9999_us: float
+    max_us: float
+    missed: int
+    injected: int
+    counted: int
+    steps_missed: int
+
+
+class Recorded(Figures):
+    """A rig recorded for a long time."""
+
+    seconds: float
+    axes: int
+    samples: int
+    lost: int
+    doubled: int
+    out_of_order: int
+    lost_on_link: int
+    bridge_cores: float
+    host_cores: float
+    cores_by_node: dict[str, float]
+    memory_growth_percent: float
+    trips: list[str]
+
+
+class Link(Figures):
+    """A bad network."""
+
+    injected_gaps: int
+    reported_gaps: int
+    late: int
+    doubled: int
+    upload_s: float
+    upload_exact: bool
+    samples_compared: int
+    start_step_error: int
+
+
+class Same(Figures):
+    """An experiment through bridge and emulator, and without."""
+
+    bit_identical: bool
+    frf_error_percent: float
+
+
+class Lifecycle(Figures):
+    """Transitions that are not allowed."""
+
+    wrong: int
+    refused: int
+    alive: bool
+
+
+class Trips(Figures):
+    """Trips of every kind."""
+
+    tried: int
+    right: int
+    kinds: dict[str, int]
+
+
+class Kills(Figures):
+    """Nodes killed under excitation."""
+
+    rounds: int
+    recovered: int
+    jumps: int
+    steepest_um_per_step: float
+    median_s: float
+    longest_s: float
+
+
+class Fuzz(Figures):
+    """Hostile frames to bridge and target."""
+
+    bridge_frames: int
+    bridge_exceptions: int
+    bridge_memory_growth_percent: float
+    bridge_frames_refused: int
+    target_frames: int
+    target_findings: int
+
+
+class Forged(Figures):
+    """Forged commands."""
+
+    tried: int
+    accepted: int
+
+
+class Soak(Figures):
+    """All of it."""
+
+    pace: Pace
+    soak: Recorded
+    link: Link
+    same: Same
+    lifecycle: Lifecycle
+    trips: Trips
+    kills: Kills
+    fuzz: Fuzz
+    forged: Forged
