@@ -15,7 +15,7 @@ from amb_core.target import PORT
 class LinkParameters(Parameters):
     """How the bridge reaches its target."""
 
-    kind: str = choice("amb_udp", "amb_udp, or module:class of a TargetLink of your own")
+    kind: str = choice("amb_udp", "amb_udp, or the name of an installed link of your own")
     address: str = choice("127.0.0.1", "address of the target")
     port: int = quantity(PORT, "-", "UDP port of the target", 1, 65_535)
     key_file: str = choice("", "file with the shared key, mode 0600; empty: a target on this host, without a key")

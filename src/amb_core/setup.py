@@ -8,6 +8,7 @@ NAME = "amb_core"
 REQUIRED = [  # lower bounds are tested by `make floor`, the versions in requirements.txt by all other targets
     "PyYAML>=6,<7",
     "ctrlsys>=1.1,<2",
+    "lz4>=4",
     "mcap>=1.5,<2",
     "numba>=0.59",
     "numpy>=1.26,<3",

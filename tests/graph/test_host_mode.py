@@ -101,9 +101,9 @@ def test_a_link_that_takes_no_currents_is_refused_in_one_line(
 ) -> None:
     write_example(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    rig = Rig(graph, kind="vendor_link:VendorLink", bridge={"mode": "host"})
+    rig = Rig(graph, kind="vendor", bridge={"mode": "host"})
     assert not rig.change("configure")
     graph.wait_until(
-        lambda: "mode = 'host' is not allowed with link.kind = 'vendor_link:VendorLink'" in rig.state.problem,
+        lambda: "mode = 'host' is not allowed with link.kind = 'vendor'" in rig.state.problem,
         "the reason",
     )

@@ -139,12 +139,15 @@ class LateCommand(TyperCommand):
         with leaving_at_once():
             found = getattr(importlib.import_module(f"amb_bringup.commands.{module}"), name)
             from amb_bringup.commands.options import with_changes
+            from amb_bringup.commands.overwrite import with_overwrite
         if isinstance(found, typer.Typer):
             for command in found.registered_commands:
-                command.callback = with_changes(command.callback) if command.callback else None
+                command.callback = with_overwrite(with_changes(command.callback)) if command.callback else None
             return get_command(found)
         app = typer.Typer(add_completion=False)
-        app.command(self.name, context_settings=PASSING_ON if self.name == "run" else None)(with_changes(found))
+        app.command(self.name, context_settings=PASSING_ON if self.name == "run" else None)(
+            with_overwrite(with_changes(found))
+        )
         return get_command(app)
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:

@@ -2,7 +2,7 @@
 
 DDS has no access control here: whoever reaches a node commands it. With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST the
 nodes of Jazzy announce themselves on this host only, but their sockets still take packets from every network, so a peer
-that knows the port gets in. For that range the profile of `middleware` binds the sockets to the loopback interface, too.
+that knows the port gets in. For that range the profile of `middleware` binds the sockets to the loopback interface.
 """
 
 from __future__ import annotations
