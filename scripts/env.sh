@@ -25,6 +25,9 @@ for _amb_folder in "$VIRTUAL_ENV"/lib/python3.*/site-packages/ros_*.libs "$VIRTU
 done
 export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
 
+# Images of containers often set this; every node would then compile its 300 modules at each start, a quarter of a second.
+unset PYTHONDONTWRITEBYTECODE
+
 # One thread per process: the matrices of the workbench are small and several nodes share the cores.
 export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1} OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
 export RMW_IMPLEMENTATION=${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp}
