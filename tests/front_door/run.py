@@ -26,6 +26,7 @@ from tests.front_door.figures import problems
 from tests.front_door.results import ROOT, results_file
 
 AT_A_TIME = 2
+LINES = 4  # of the output of a program that fails, which are shown
 LONGEST = 900.0  # s, that a program may take on a machine with much other work
 
 
@@ -56,8 +57,8 @@ def run_program(program: Program) -> Outcome:
     outcome.seconds = round(time.monotonic() - began, 1)
     outcome.processor_seconds = round(usage.ru_utime + usage.ru_stime, 1)
     if status:
-        lines = log.read_text().strip().splitlines()
-        outcome.problems.append(f"exit code {os.waitstatus_to_exitcode(status)}: {lines[-1] if lines else ''}")
+        last = [line.strip() for line in log.read_text().splitlines() if line.strip()][-LINES:]
+        outcome.problems.append(f"exit code {os.waitstatus_to_exitcode(status)}: {' / '.join(last)}")
     return outcome
 
 
