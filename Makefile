@@ -20,11 +20,9 @@ rig-demo: setup  ## the first session with a rig, on an emulated target; leaves 
 reproduce: setup  ## the paper's figures and claims on the simulator; leaves results/paper/index.html
 	@$(RUN) amb reproduce
 
-GRAPHS := --numprocesses 3 --dist loadfile  # graphs wait more than they compute; each has a domain of its own
-test: setup  ## all tests but the slow ones
-	@$(RUN) python -m pytest -m "not slow" --ignore tests/graph --ignore tests/fuzz --numprocesses 2 --dist worksteal; \
-	  computed=$$?; \
-	  python -m pytest -m "not slow" tests/graph tests/fuzz $(GRAPHS) && exit $$computed
+WORKERS ?= 4
+test: setup  ## all tests but the slow ones; WORKERS=4 processes, since tests of graphs wait more than they compute
+	@$(RUN) python -m pytest -m "not slow" --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test-slow: setup  ## the slow tests
 	@$(RUN) python -m pytest -m slow
@@ -37,10 +35,13 @@ measured: setup  ## the measured figures of the documentation, with date and com
 
 COUNT ?= 10
 test-graph: setup  ## the graph tests COUNT=10 times, with a summary of the failures; leaves results/stress
-	@$(RUN) python -m tests.stress --idle $(COUNT)
+	@$(RUN) python -m tests.stress --idle $(COUNT) tests/graph
 
-stress: setup  ## the graph tests idle, under load and with low priority (two hours); writes results/stress.json
-	@$(RUN) python -m tests.stress --idle 10 --loaded 5 --nice 3
+IDLE ?= 10
+LOADED ?= 5
+NICE ?= 3
+stress: setup  ## what `make test` runs, IDLE=10 times alone, LOADED=5 under load, NICE=3 with low priority (hours); writes results/stress.json
+	@$(RUN) python -m tests.stress --idle $(IDLE) --loaded $(LOADED) --nice $(NICE)
 
 validate: setup  ## the plant against independent solutions; writes results/validation.json
 	@$(RUN) python -m tests.validation.run

@@ -29,6 +29,9 @@ export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
 export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1} OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
 export RMW_IMPLEMENTATION=${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp}
 
+# Whoever reaches a node commands it, so the nodes keep to this host. To meet other hosts: SUBNET, before sourcing me.
+[ -n "${ROS_LOCALHOST_ONLY:-}" ] || export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
+
 source "$_amb_root/install/local_setup.bash"
 unset _amb_root _amb_folder
 unset -f _amb_prepend

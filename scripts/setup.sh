@@ -144,6 +144,17 @@ build_target() {
         say "warning: without it the target emulator does not start; the rest works"
 }
 
+# Corrects a fault of the ROS wheels; a node builds it by itself when it is missing.
+correction() {
+    printf '%s/amb/overflowed_wait-%.16s.so' "${XDG_CACHE_HOME:-$HOME/.cache}" \
+        "$(checksum < src/amb_ros/amb_ros/overflowed_wait.c)"
+}
+
+build_correction() {
+    ( set +u; source scripts/env.sh; python -c 'import amb_ros.overflowed_wait as correction; correction.build()' ) ||
+        say "warning: without it a node can hang when it ends"
+}
+
 case $root in *[[:space:]]*)
     fail "the folder '$root' has a space in its name, with which the executables of ROS packages cannot start; move it" ;;
 esac
@@ -159,4 +170,5 @@ if [ "$(cat "$venv_stamp" 2>/dev/null)" != "$(venv_state)" ] || [ ! -x "$venv/bi
 add_extras
 if [ ! -d build ] || [ "$(cat "$build_stamp" 2>/dev/null)" != "$(build_state | checksum)" ]; then build; fi
 if [ ! -f "$target_library" ] || [ -n "$(find target -name '*.[ch]' -newer "$target_library")" ]; then build_target; fi
+[ -f "$(correction)" ] || build_correction
 if [ "$(cat "$kernel_stamp" 2>/dev/null)" != "$(kernel_state | checksum)" ]; then compile_kernels; fi

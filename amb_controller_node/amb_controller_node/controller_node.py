@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 from amb_controller_node.excitation_input import ExcitationInput
 from amb_controller_node.parameters import CommonParameters
-from amb_core.errors import AmbError
+from amb_core.errors import AmbError, one_line
 from amb_core.loop.law import ControlLaw
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
@@ -25,11 +25,14 @@ from amb_core.recording.messages.loop_samples import fill_loop_samples
 from amb_core.recording.messages.time_stamp import last_stamped_step
 from amb_msgs.msg import AxisSamples, CurrentReference, LoopSamples, RotorPosition
 from amb_ros import diagnostics, topics
+from amb_ros.alarms import RecentProblem
 from amb_ros.machine import MachineInput
 from amb_ros.parameters import declare
 from amb_ros.qos import HISTORY, STREAM
 from amb_ros.sample_messages import pack_current, unpack_position
+from amb_ros.signals import AxisSignalPublishers
 
+RIG = "bridge"  # source of a machine that is no simulated one
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
 LARGEST_POSITION = 1.0  # m; far above every clearance, and far below values that would overflow in the control law
 
@@ -52,7 +55,9 @@ class ControllerNode(Node):
         self._outdated = False  # whether the law is to be made anew for the next run
         self._step_at_change = -1  # last step answered when the latest machine arrived
         self._machine_error = ""  # why the latest machine cannot be controlled, or the present run's is another
+        self._start: Any = None  # the parameters that the operator gave; later changes come from anybody
         self._settings: Any = declare(self, parameters, self._on_parameters, self._check_parameters)
+        self._start = self._settings
         self._law: ControlLaw | None = None  # for it
         self._nominal_reference: list[float] = []
         self._run = 0
@@ -61,7 +66,8 @@ class ControllerNode(Node):
         self._rate_error = ""
         self._last_step = 0  # that a message can carry
         self._refused_positions = 0
-        self._position_error = ""  # of this run
+        self._position_error = RecentProblem()
+        self._refused_after = (0, -1)  # run and last step answered when a position was last refused
         self._answer = b""  # to the last step
         self._held = b""  # position whose answer waits for the excitation or for the machine
         self._telemetry = _TelemetryBlock()
@@ -69,6 +75,7 @@ class ControllerNode(Node):
 
         self._current_publisher = self.create_publisher(CurrentReference, topics.CURRENT_REFERENCE, STREAM)
         self._telemetry_publisher = self.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY)
+        self._signals = AxisSignalPublishers(self, self._settings.signals_rate)
         # Before the positions, so that an active excitation is known as early as they are.
         self._excitation = ExcitationInput(self, self._place, self._answer_held, self._machine_of)
         self._machine_input = MachineInput(self, self._on_machine)
@@ -82,10 +89,9 @@ class ControllerNode(Node):
             FLUSH_PERIOD, self._on_flush_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
-    def destroy_node(self) -> None:
-        """Cancel an excitation that is being made, and end the node."""
+    def finish(self) -> None:
+        """Cancel an excitation that is being made."""
         self._excitation.close()
-        super().destroy_node()
 
     # -- the loop
 
@@ -135,8 +141,6 @@ class ControllerNode(Node):
         if run == self._run:
             self._gaps += 1
             self.get_logger().warning(f"position of step {step} follows step {self._step} of run {run}: law restarted")
-        else:
-            self._position_error = ""
         self._run = run
         self._rate_error = ""
 
@@ -171,19 +175,22 @@ class ControllerNode(Node):
     def _take_machine(self, machine: Machine) -> None:
         """Control a machine; if the parameters are not for it, the reason is kept as an error."""
         try:
+            if machine.source == RIG:
+                self._start.allowed.require(self._settings, self._start)
             law = self.law_for(machine, self._settings)
         except AmbError as problem:
-            self._machine_error = f"{problem}; no position of machine {machine.name!r} is answered"
+            self._machine_error = f"{one_line(problem)}; no position of machine {machine.name!r} is answered"
             self.get_logger().error(self._machine_error, throttle_duration_sec=5.0)
             return
         self._flush()  # of the last run
         self._law, self._nominal_reference = law, law.nominal_reference.tolist()
         self._machine, self._axes, self._outdated = machine, machine.axis_names, False
         self._last_step = last_stamped_step(machine.sample_rate)
+        self._signals.use(self._axes)
         self._excitation.drop_those_of_others(machine)
 
     def _refuse_position(self, run: int, step: int, position: Sequence[float]) -> None:
-        """Do not answer a position that would corrupt the controller state, and report it until the next run."""
+        """Do not answer a position that would corrupt the controller state, and report it until others follow."""
         shown = ", ".join(f"{value:g}" for value in position[: len(self._axes) + 1])
         error = (
             f"position {shown} m at step {step} of run {run} is not answered; allowed: finite values up to "
@@ -192,8 +199,8 @@ class ControllerNode(Node):
         )
         self._refused_positions += 1
         self.get_logger().error(error, throttle_duration_sec=5.0)
-        if not self._position_error:
-            self._position_error = error
+        self._refused_after = self._run, self._step
+        if self._position_error.note(error):
             self._diagnostics.publish()
 
     def _check_sample_rate(self, period: float) -> None:
@@ -214,9 +221,11 @@ class ControllerNode(Node):
         self._answer_held()
 
     def _check_parameters(self, parameters: Any) -> None:
-        """Refuse lists for another number of axes than the machine has."""
+        """Refuse lists for another number of axes than the machine has; at a rig, what its operator has not allowed."""
         if self._axes:
             parameters.require_axes(len(self._axes))
+        if self._start is not None and self._machine is not None and self._machine.source == RIG:
+            self._start.allowed.require(parameters, self._start)
 
     # -- what a kind of controller gives
 
@@ -247,7 +256,9 @@ class ControllerNode(Node):
 
     def _flush(self) -> None:
         if len(self._telemetry):
-            self._telemetry_publisher.publish(self._telemetry.take(self._run, 1.0 / self._sample_rate(), self._axes))
+            block = self._telemetry.take(1.0 / self._sample_rate(), self._axes)
+            self._telemetry_publisher.publish(fill_loop_samples(LoopSamples(), AxisSamples, self._run, block))
+            self._signals.publish(self._run, block)
 
     def _on_flush_timer(self) -> None:
         """Publish a partial block if no sample has arrived since the last call: the run is paused or over."""
@@ -264,7 +275,9 @@ class ControllerNode(Node):
             "gaps in the steps": self._gaps,
             "positions refused": self._refused_positions,
         }
-        for error in (self._machine_error, self._position_error, self._rate_error, self._changed_machine()):
+        stands = self._refused_after == (self._run, self._step)  # the loop, since a position was refused
+        refused = self._position_error.last if stands else self._position_error.text
+        for error in (self._machine_error, refused, self._rate_error, self._changed_machine()):
             if error:
                 return diagnostics.ERROR, error, values
         if self._machine_input.problem:
@@ -302,9 +315,9 @@ class _TelemetryBlock:
             self._first_step = step
         self._samples.append((reference, position, current))
 
-    def take(self, run: int, sample_time: float, axes: tuple[str, ...]) -> LoopSamples:
-        """The block as a message; the next sample starts a new one."""
+    def take(self, sample_time: float, axes: tuple[str, ...]) -> LoopRecord:
+        """The block; the next sample starts a new one."""
         reference, position, current = np.array(self._samples).swapaxes(0, 1)
         record = LoopRecord(self._first_step, sample_time, reference, position, current, axes)
         self._samples.clear()
-        return fill_loop_samples(LoopSamples(), AxisSamples, run, record)
+        return record

@@ -1,7 +1,10 @@
 """Node `excitation_generator`: the excitations of amb_core as a service, and their prediction from a region map.
 
-A request is checked and published as a definition. The controller makes the samples from it, and the checksum proves
+A request is checked and published as a definition. The controller makes the samples from it, and the checksum shows
 that they are the same. The response waits for the controller's answer: only the controller knows the next step.
+
+The topic is latched: a controller that starts later takes what was published last. So a start that fails takes back
+what it published, and a stop does not wait: it calls off every start that arrived before it.
 """
 
 from __future__ import annotations
@@ -24,7 +27,8 @@ from amb_core.recording.messages.excitation import fill_excitation
 from amb_msgs.msg import BridgeState, Excitation, ExcitationStatus, SimulatorState
 from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
-from amb_ros import topics
+from amb_ros import diagnostics, topics
+from amb_ros.excitation_messages import HIGHEST_STEP
 from amb_ros.machine import MachineInput
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -40,6 +44,7 @@ P = TypeVar("P", bound=Parameters)
 
 CONTROLLER_SLOWNESS = 5.0  # longest time of a controller for the samples, relative to the time of the generator
 
+CALLED_OFF = "called off by a stop"
 REQUEST_FIELDS = [
     name for name in StartExcitation.Request.get_fields_and_field_types() if name not in ("kind", "run", "first_step")
 ]
@@ -55,8 +60,11 @@ class ExcitationGeneratorNode(Node):
         self._settings = declare(self, GeneratorParameters)
         self._run = 0
         self._run_known = threading.Event()
+        self._publishing = threading.Lock()  # of id, stops, awaited and latched
         self._id = 0
+        self._stops = 0  # requests to stop that have arrived
         self._awaited: dict[int, Future[ExcitationStatus]] = {}
+        self._latched: Excitation | None = None  # the last one that a controller has accepted
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._publisher = self.create_publisher(Excitation, topics.EXCITATION, LATCHED)
         self._status_subscription = create_subscription(
@@ -72,13 +80,16 @@ class ExcitationGeneratorNode(Node):
         )
         self._machine_input = MachineInput(self)
         self._remote_parameters = RemoteParameters(self)
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="excitation_generator")
-        create_service(self, StartExcitation, "~/start", self._on_start, self._worker)
-        create_service(self, StopExcitation, "~/stop", self._on_stop, self._worker)
-        create_service(self, PreviewExcitation, "~/preview", self._on_preview, self._worker)
+        starter, stopper, previewer = (
+            ThreadPoolExecutor(1, thread_name_prefix=name) for name in ("start", "stop", "preview")
+        )
+        create_service(self, StartExcitation, "~/start", self._on_start, starter, lambda: (self._stops,))
+        create_service(self, StopExcitation, "~/stop", self._on_stop, stopper, self._call_off)
+        create_service(self, PreviewExcitation, "~/preview", self._on_preview, previewer)
+        self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report, exclusive=(topics.EXCITATION_STATUS,))
 
     def _on_start(
-        self, request: StartExcitation.Request, response: StartExcitation.Response
+        self, request: StartExcitation.Request, response: StartExcitation.Response, stops: int
     ) -> StartExcitation.Response:
         excitation = self._excitation(request)
         if request.first_step < Excitation.FROM_NEXT_STEP:
@@ -90,22 +101,31 @@ class ExcitationGeneratorNode(Node):
         started = time.monotonic()
         message = self._message(excitation, run, request.first_step)
         # The controller makes the same samples while it answers the loop.
-        status = self._publish(message, longer_by=CONTROLLER_SLOWNESS * (time.monotonic() - started))
+        longer_by = CONTROLLER_SLOWNESS * (time.monotonic() - started)
+        status = self._start(message, stops, self._settings.answer_timeout + longer_by)
         response.success = True
         response.run = status.run
         response.first_step = status.first_step
         response.steps = status.steps
         return response
 
+    def _call_off(self) -> tuple[()]:
+        """Call off, when a stop arrives, the starts that arrived before it."""
+        with self._publishing:
+            self._stops += 1
+            for answer in self._awaited.values():
+                if not answer.done():
+                    answer.set_exception(ExcitationError(CALLED_OFF))
+        return ()
+
     def _on_stop(self, _request: StopExcitation.Request, response: StopExcitation.Response) -> StopExcitation.Response:
-        self._publish(
-            Excitation(
-                run=self._current_run(),
-                kind="stop",
-                first_step=Excitation.FROM_NEXT_STEP,
-                sample_time=1.0 / self._machine().sample_rate,
-            )
-        )
+        message = _stop(self._current_run())
+        with self._publishing:
+            answer = self._publish(message)
+        status = self._answer_to(message, answer, self._settings.answer_timeout)
+        if not status.accepted:
+            raise ExcitationError(status.message)
+        self._keep(message, status)
         response.success = True
         return response
 
@@ -186,41 +206,85 @@ class ExcitationGeneratorNode(Node):
             )
         return self._run
 
-    def _publish(self, message: Excitation, longer_by: float = 0.0) -> ExcitationStatus:
-        """Publish an excitation and return the controller's answer, which may take longer by some time (s).
+    def _start(self, message: Excitation, stops: int, timeout: float) -> ExcitationStatus:
+        """Publish an excitation and return the controller's answer; take it back if there is none within a time (s).
 
         Raises
         ------
         ExcitationError
-            If no controller answers in time, or it refuses.
+            If no controller answers in time, it refuses, or more stops have arrived than the given number.
         """
+        with self._publishing:
+            if self._stops != stops:
+                raise ExcitationError(CALLED_OFF)
+            answer = self._publish(message)
+        try:
+            status = self._answer_to(message, answer, timeout)
+        except ExcitationError:
+            self._replace(message, _stop(message.run))  # a controller may have taken it without a timely answer
+            raise
+        if not status.accepted:
+            self._replace(message, self._latched or _stop(message.run))
+            raise ExcitationError(status.message)
+        self._keep(message, status)
+        return status
+
+    def _publish(self, message: Excitation) -> Future[ExcitationStatus]:
+        """Publish an excitation under the next id; its answer. While `_publishing` is held."""
         self._id += 1
         message.id = self._id
         message.header.stamp = self._wall_clock.now().to_msg()
         answer = self._awaited[self._id] = Future()
-        timeout = self._settings.answer_timeout + longer_by
+        self._publisher.publish(message)
+        return answer
+
+    def _answer_to(self, message: Excitation, answer: Future[ExcitationStatus], timeout: float) -> ExcitationStatus:
         try:
-            self._publisher.publish(message)
-            status = answer.result(timeout)
+            return answer.result(timeout)
         except TimeoutError:
             raise ExcitationError(
                 f"no answer within {timeout:g} s from a controller on {self._publisher.topic_name} "
                 f"({self._publisher.get_subscription_count()} listening); is the controller running?"
             ) from None
         finally:
-            del self._awaited[message.id]
-        if not status.accepted:
-            raise ExcitationError(status.message)
-        if message.first_step != status.first_step:
-            # For controllers and recorders that join later: the same excitation with its step resolved.
-            message.first_step = status.first_step
-            self._publisher.publish(message)
-        return status
+            with self._publishing:
+                del self._awaited[message.id]
+
+    def _keep(self, message: Excitation, status: ExcitationStatus) -> None:
+        """Publish an accepted excitation again with its step resolved, for controllers and recorders that join later.
+
+        Not if another one has been published meanwhile, which would be taken back by that.
+        """
+        with self._publishing:
+            if message.id != self._id:
+                return
+            self._latched = message
+            if message.first_step != status.first_step:
+                message.first_step = status.first_step
+                self._publisher.publish(message)
+
+    def _replace(self, failed: Excitation, former: Excitation) -> None:
+        """Take back an excitation: publish a stop, or the one before it, which a controller then plays already."""
+        with self._publishing:
+            if failed.id == self._id:
+                if former.id == 0:
+                    self._publish(former)
+                    del self._awaited[former.id]
+                else:
+                    self._publisher.publish(former)
 
     def _on_status(self, message: ExcitationStatus) -> None:
-        answer = self._awaited.get(message.id)
-        if answer is not None and not answer.done():
-            answer.set_result(message)
+        with self._publishing:
+            answer = self._awaited.get(message.id)
+            # A later first step is not one of a controller: the generator asks for none.
+            if answer is not None and not answer.done() and message.first_step <= HIGHEST_STEP:
+                answer.set_result(message)
+
+    def _report(self) -> diagnostics.Report:
+        values = {"run": self._run, "excitations": self._id}
+        if self._machine_input.problem:
+            return diagnostics.WARN, self._machine_input.problem, values
+        return diagnostics.OK, "ready", values
 
     def _on_region_map(self, message: RegionMapMessage) -> None:
         self._last_map = message
@@ -229,6 +293,10 @@ class ExcitationGeneratorNode(Node):
         if message.run:  # a bridge has none before the first levitation
             self._run = message.run
             self._run_known.set()
+
+
+def _stop(run: int) -> Excitation:
+    return Excitation(run=run, kind="stop", first_step=Excitation.FROM_NEXT_STEP)
 
 
 def main(args: list[str] | None = None) -> int:

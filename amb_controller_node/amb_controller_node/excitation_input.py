@@ -25,7 +25,7 @@ from amb_core.excitation.playback import WINDOW
 from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
-from amb_ros.excitation_messages import Checked, check, length, read
+from amb_ros.excitation_messages import Checked, check, length, read, require_samples, resolve
 from amb_ros.qos import EVERY_STATE
 from amb_ros.subscriptions import create_subscription
 
@@ -142,6 +142,7 @@ class ExcitationInput:
             self._refuse(message, message.message)
             self._end_joining()
             return
+        resolve(message, run, step)
         machine = self._machine_of(message.run)
         if machine is None:
             self._keep(data, source_time)
@@ -185,11 +186,7 @@ class ExcitationInput:
         try:
             machine = pending.machine
             playback = Playback(excitation, machine.sample_rate, machine, lambda: pending is not self._pending)
-            if checksum and checksum != playback.checksum:
-                pending.problem = (
-                    f"the samples made from its description have checksum {playback.checksum}, those of the sender "
-                    f"{checksum}; does it run another version of amb_core or numpy, or another kind of processor?"
-                )
+            require_samples(checksum, playback.checksum)
             pending.window = playback.window
         except ExcitationError as problem:
             pending.problem = str(problem)

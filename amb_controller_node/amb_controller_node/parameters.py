@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from amb_core.loop.allowed_changes import AllowedChanges
 from amb_core.loop.known_controller import ControllerFileParameters
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.parameters import Parameters, choice, quantity
@@ -10,7 +11,11 @@ from amb_core.parameters import Parameters, choice, quantity
 class CommonParameters(Parameters):
     """Parameters of every controller node."""
 
+    allowed: AllowedChanges = AllowedChanges()
     telemetry_block: int = quantity(100, "-", "steps in a block of telemetry", 1, 10_000)
+    signals_rate: float = quantity(
+        100.0, "Hz", "messages on signals/<axis> per second of loop time, for plots; 0: none", 0.0, 1000.0
+    )
 
 
 class PdControllerParameters(CommonParameters, ControllerParameters):

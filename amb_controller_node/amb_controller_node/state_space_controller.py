@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from amb_controller_node.controller_node import ControllerNode
 from amb_controller_node.parameters import StateSpaceControllerParameters
-from amb_core.errors import AmbError, ParameterError
+from amb_core.errors import AmbError, ParameterError, one_line
 from amb_core.loop.linear_control import LinearController, pd_as_linear, with_anti_windup
 from amb_core.loop.machine import Machine
 from amb_core.loop.pd_parameters import ControllerParameters
@@ -53,7 +53,8 @@ class StateSpaceControllerNode(ControllerNode):
         try:
             self._controller = with_anti_windup(model_from_message(message))
         except AmbError as problem:
-            self.get_logger().error(f"controller of {self._controller_subscription.topic_name} refused: {problem}")
+            topic = self._controller_subscription.topic_name
+            self.get_logger().error(f"controller of {topic} refused: {one_line(problem)}")
             return
         self.renew_law()
 

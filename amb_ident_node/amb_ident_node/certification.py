@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from amb_core.analysis import RecordedLoop
 from amb_core.errors import BagError, IdentificationError, RobustnessError
-from amb_core.identification import Identification, StateSpaceModel
+from amb_core.identification import StateSpaceModel
 from amb_core.identification.controller_choice import is_named_set
 from amb_core.loop.known_controller import KnownController
 from amb_core.parameters import part_of
@@ -27,17 +27,10 @@ from amb_ident_node.sources import LoopSources
 
 if TYPE_CHECKING:
     from amb_core.robustness import Assessment, Certificate
+    from amb_ident_node.identified import Identified
     from amb_msgs import srv
 
 NOTHING_IDENTIFIED = "no model has been identified yet; call ~/identify first or name a file"
-
-
-@dataclass(frozen=True, eq=False)
-class Identified:
-    """An identification, and the loop of its data."""
-
-    result: Identification
-    loop: RecordedLoop
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, StepCoverage, describe_gaps
+
+KEPT_RUNS = 10_000  # whose messages are accounted for; others may send any number of runs
+K, V = TypeVar("K"), TypeVar("V")
 
 
 @dataclass(frozen=True)
@@ -34,22 +38,23 @@ class TelemetryAccount:
     """Blocks of telemetry, by their steps.
 
     Until the beginning of the recording is known, the first run may start at any step.
+
+    Attributes
+    ----------
+    conflict : str
+        Steps that arrived more than once with different samples, as text; empty if there are none in the recording.
     """
 
     def __init__(self) -> None:
         self._origin: Mark | None = None
         self._coverage: dict[int, StepCoverage] = {}
         self._repeated = RepeatedSteps()
+        self.conflict = ""
 
     @property
     def runs(self) -> list[int]:
         """Runs with telemetry, in the order of arrival."""
         return list(self._coverage)
-
-    @property
-    def conflict(self) -> str:
-        """Steps that arrived more than once with different samples, as text; empty if there are none."""
-        return self._repeated.conflict
 
     def begin(self, origin: Mark | None) -> None:
         """The recording begins there: it must have that run from that step onwards, and later runs from step 0."""
@@ -62,7 +67,9 @@ class TelemetryAccount:
         if self._origin is not None and run < self._origin.run:
             return
         self._coverage.setdefault(run, StepCoverage()).add(block.first_step, block.steps)
+        forget_oldest(self._coverage, KEPT_RUNS)
         self._repeated.add(run, block)
+        self.conflict = self._repeated.conflict or self.conflict
 
     def stop(self, run: int) -> int:
         """Step after the last known one of a run; 0 if none is known."""
@@ -122,6 +129,7 @@ class PeriodicAccount:
     def expect(self, run: int, every: int) -> None:
         """In this run a message is due at every multiple of `every` steps; 0: none is due."""
         self._every[run] = every
+        forget_oldest(self._every, KEPT_RUNS)
         early, self._early = self._early, deque(maxlen=self.KEPT)
         for place in early:
             self.note(*place)
@@ -134,6 +142,7 @@ class PeriodicAccount:
         every = self._every[run]
         if every and step % every == 0:
             self._seen.setdefault(run, StepCoverage()).add(step // every, 1)
+            forget_oldest(self._seen, KEPT_RUNS)
 
     def reached(self, awaited: Mark) -> bool:
         """Whether the last message due up to and including that step has arrived."""
@@ -164,23 +173,27 @@ class SequenceAccount:
         Its name, for texts.
     """
 
+    KEPT = 10_000  # gaps; the messages of others are only counted
+
     def __init__(self, topic: str) -> None:
         self._topic = topic
         self._gaps: list[tuple[int, int]] = []
+        self._further = 0  # messages missing beyond those gaps
         self.last = 0
 
     def start(self) -> None:
         """A recording starts here: forget what was missing before."""
         self._gaps.clear()
+        self._further = 0
 
     def note(self, sequence: int) -> None:
         """A message has arrived. A lower number than before comes from a publisher that was restarted."""
         if sequence in (0, self.last):  # a publisher that does not count; the same message again
             return
         if self.last and sequence > self.last + 1:
-            self._gaps.append((self.last + 1, sequence))
+            self._add(self.last + 1, sequence)
         elif 1 < sequence < self.last:
-            self._gaps.append((1, sequence))
+            self._add(1, sequence)
         self.last = sequence
 
     def note_dropped(self, sequence: int) -> None:
@@ -191,20 +204,26 @@ class SequenceAccount:
         if self._gaps and self._gaps[-1][1] == sequence:
             self._gaps[-1] = (self._gaps[-1][0], sequence + 1)
         else:
-            self._gaps.append((sequence, sequence + 1))
+            self._add(sequence, sequence + 1)
 
     def lacks(self) -> list[str]:
         """What is missing between messages that have arrived."""
         if not self._gaps:
             return []
         spans = describe_gaps(self._gaps, noun="messages")
-        return [f"{self._topic} lacks {spans} ({_count(self._gaps)} messages)"]
+        return [f"{self._topic} lacks {spans} ({_count(self._gaps) + self._further} messages)"]
+
+    def _add(self, first: int, stop: int) -> None:
+        if len(self._gaps) < self.KEPT:
+            self._gaps.append((first, stop))
+        else:
+            self._further += stop - first
 
 
 class AnswerAccount:
     """The controller's answers to excitations: each excitation of a recording needs one."""
 
-    KEPT = 1000  # answers that arrived before their excitation, or before the recording
+    KEPT = 1000  # excitations without an answer, and answers: some arrive before their excitation
 
     def __init__(self) -> None:
         self._unanswered: dict[tuple[int, int], None] = {}
@@ -215,16 +234,18 @@ class AnswerAccount:
         self._unanswered.clear()
 
     def note_excitation(self, run: int, number: int) -> None:
-        """An excitation has arrived."""
-        if (run, number) not in self._answers:
+        """An excitation has arrived; one of run 0 is meant for the run that its answer names."""
+        last = next(reversed(self._answers), (0, -1))
+        if (run, number) not in self._answers and (run or number != last[1]):
             self._unanswered[run, number] = None
+            forget_oldest(self._unanswered, self.KEPT)
 
     def note_answer(self, run: int, number: int) -> None:
         """An answer has arrived."""
         self._unanswered.pop((run, number), None)
+        self._unanswered.pop((0, number), None)
         self._answers[run, number] = None
-        if len(self._answers) > self.KEPT:
-            del self._answers[next(iter(self._answers))]
+        forget_oldest(self._answers, self.KEPT)
 
     def reached(self) -> bool:
         """Whether each excitation has its answer."""
@@ -237,6 +258,12 @@ class AnswerAccount:
         numbers = [str(number) for _, number in self._unanswered]
         ends = numbers[0] if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"
         return [f"excitation_status lacks the answers to excitations {ends} ({len(numbers)} messages)"]
+
+
+def forget_oldest(known: dict[K, V], kept: int) -> None:
+    """Remove the oldest item of a dictionary that has more than it may keep."""
+    if len(known) > kept:
+        del known[next(iter(known))]
 
 
 def _count(gaps: Iterable[tuple[int, int]]) -> int:

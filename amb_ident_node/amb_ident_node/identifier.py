@@ -14,7 +14,7 @@ from typing import Any, Literal
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.errors import BagError, IdentificationError
+from amb_core.errors import BagError, IdentificationError, one_line
 from amb_core.identification import Focus, IdentificationProgress, Method, StateSpaceModel, identify, validate
 from amb_core.identification.data.drift import DriftOption
 from amb_core.identification.identify import check_arguments
@@ -22,12 +22,13 @@ from amb_core.parameters import Parameters, choice, quantity
 from amb_core.recording.messages.excitation_status import answer_from_message
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.state_space_model import fill_model
-from amb_ident_node.certification import Certifier, Identified
+from amb_ident_node.identified import Identified
 from amb_ident_node.listening import LiveExperiment
 from amb_ident_node.sources import LoopSources
 from amb_msgs import action, msg, srv
 from amb_ros import diagnostics, topics
 from amb_ros.actions import create_action
+from amb_ros.alarms import RecentProblem
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
@@ -61,6 +62,7 @@ class IdentifierNode(Node):
         self._settings = declare(self, IdentifierParameters)
         self._live = LiveExperiment(self._settings.max_steps)
         self._malformed = 0
+        self._malformed_lately = RecentProblem()
         self._identified: Identified | None = None  # the last identification
         self._model: msg.StateSpaceModel | None = None  # of the last identification, as it was published
         self._models = 0  # published
@@ -68,7 +70,6 @@ class IdentifierNode(Node):
         self._ending = threading.Event()
         names = self._settings
         self._sources = LoopSources(self, self._live, names.controller, names.simulator, names.parameter_timeout)
-        self._certifier = Certifier(self._sources)
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="identifier")
         self._validator = ThreadPoolExecutor(1, thread_name_prefix="validator")
@@ -88,13 +89,12 @@ class IdentifierNode(Node):
         )
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report, exclusive=(topics.TELEMETRY,))
 
-    def destroy_node(self) -> None:
-        """Cancel the work in progress, without waiting for it, and end the node."""
+    def finish(self) -> None:
+        """Cancel the work in progress, without waiting for it."""
         self._ending.set()
         for worker in (self._worker, self._validator):
             worker.shutdown(wait=False, cancel_futures=True)
         self._action.destroy()
-        super().destroy_node()
 
     # -- topics
 
@@ -103,7 +103,9 @@ class IdentifierNode(Node):
             self._live.add_block(message.run, block_from_message(message))
         except BagError as problem:
             self._malformed += 1
-            self.get_logger().error(str(problem), throttle_duration_sec=5.0)
+            if self._malformed_lately.note(one_line(problem)):
+                self._diagnostics.publish()
+            self.get_logger().error(one_line(problem), throttle_duration_sec=5.0)
 
     def _on_excitation_status(self, message: msg.ExcitationStatus) -> None:
         self._live.add_excitation(answer_from_message(message))
@@ -160,7 +162,9 @@ class IdentifierNode(Node):
         return response
 
     def _on_certify(self, request: srv.Certify.Request, response: srv.Certify.Response) -> srv.Certify.Response:
-        return self._certifier.certify(request, response, self._identified)
+        from amb_ident_node.certification import Certifier  # most identifiers never certify
+
+        return Certifier(self._sources).certify(request, response, self._identified)
 
     # -- in the workers
 
@@ -225,8 +229,8 @@ class IdentifierNode(Node):
         }
         if self._live.conflict:
             return diagnostics.ERROR, self._live.conflict, values
-        if self._malformed:
-            return diagnostics.WARN, f"{self._malformed} malformed blocks of telemetry", values
+        if malformed := self._malformed_lately.text:
+            return diagnostics.WARN, malformed, values
         return diagnostics.OK, "listening", values
 
 

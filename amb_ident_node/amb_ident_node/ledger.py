@@ -14,7 +14,15 @@ from typing import Any
 from amb_core.errors import BagError
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.time_stamp import stamped_time
-from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount, TelemetryAccount
+from amb_ident_node.completeness import (
+    KEPT_RUNS,
+    AnswerAccount,
+    Mark,
+    PeriodicAccount,
+    SequenceAccount,
+    TelemetryAccount,
+    forget_oldest,
+)
 from amb_msgs.msg import RegionState, SimulatorState
 from amb_ros import topics
 
@@ -70,7 +78,7 @@ class Ledger:
             self._clocks = PeriodicAccount(topics.CLOCK)
             self._answers.start()
             self._regions: dict[int, int] = {}  # step up to which the regions of a run are known
-            self._delevitations: set[int] = set()  # runs in which a region D was received
+            self._delevitations: dict[int, None] = {}  # runs in which a region D was received
             for account in self._counted.values():
                 account.start()
             if self.state is not None:
@@ -125,6 +133,21 @@ class Ledger:
         """Run of the last telemetry in this recording; 0 before the first."""
         with self._changed:
             return next(reversed(self._telemetry.runs), 0)
+
+    @property
+    def within_run(self) -> bool:
+        """Whether a run is in progress, as far as is known; not one that is paused or over."""
+        with self._changed:
+            return self.state is None or self.state.mode in (SimulatorState.RUNNING, SimulatorState.WAITING)
+
+    @property
+    def end_of_telemetry(self) -> str:
+        """The last run and step with telemetry in this recording, as text."""
+        with self._changed:
+            run = next(reversed(self._telemetry.runs), 0)
+            return (
+                f"telemetry ends at step {self._telemetry.stop(run) - 1} of run {run}" if run else "no telemetry came"
+            )
 
     @property
     def has_monitor(self) -> bool:
@@ -225,8 +248,10 @@ class Ledger:
 
     def _note_region(self, message: Any) -> None:
         self._regions[message.run] = max(self._regions.get(message.run, 0), message.next_step)
+        forget_oldest(self._regions, KEPT_RUNS)
         if message.region == RegionState.D:
-            self._delevitations.add(message.run)
+            self._delevitations[message.run] = None
+            forget_oldest(self._delevitations, KEPT_RUNS)
 
     # -- progress; called with the lock held
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rclpy.node import Node
@@ -14,6 +14,7 @@ from amb_ident_node.recorded_topics import RecordedTopic
 from amb_ros import topics
 from amb_ros.qos import offered_profile
 
+UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of rmw: the publisher is known before its node is
 DISCOVERY_TIMEOUT = 2.0  # s
 DISCOVERY_QUIET = 1.0  # s without a new publisher, after which all are assumed to be known
 DISCOVERY_END = 10.0  # s after the start of the node, after which all are assumed to be known
@@ -50,6 +51,15 @@ class Publishers:
             if words not in offered:
                 offered.append(words)
         return offered
+
+    def nodes_of(self, names: Iterable[str]) -> dict[str, set[str]]:
+        """The nodes that publish some topics, by full name, with the topics of each."""
+        nodes: dict[str, set[str]] = {}
+        for topic in names:
+            for end in self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic)):
+                if end.node_name not in ("", UNKNOWN):
+                    nodes.setdefault(f"{end.node_namespace.rstrip('/')}/{end.node_name}", set()).add(topic)
+        return nodes
 
     def wait_for(self) -> None:
         """Wait until controller and simulator publish and the publishers that exist are connected."""

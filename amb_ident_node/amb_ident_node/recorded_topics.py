@@ -91,6 +91,8 @@ RECORDED = (
 )
 OF_THE_GRAPH = (topics.TELEMETRY, topics.PLANT_STATE, topics.REGION, topics.SIMULATOR_STATE, topics.CLOCK)
 """Topics that follow the steps of a run: everything published up to an awaited step must have arrived."""
+OF_A_RUN = (*OF_THE_GRAPH, topics.BRIDGE_STATE)
+"""Topics of the nodes without which a run does not go on, or is not recorded whole."""
 
 
 def end_of(message: Any) -> Mark | None:
@@ -101,6 +103,8 @@ def end_of(message: Any) -> Mark | None:
         return Mark(message.run, message.step + 1)
     if isinstance(message, RegionState):
         return Mark(message.run, message.next_step)
+    if isinstance(message, Excitation) and not message.run:  # meant for the present run
+        return None
     if isinstance(message, BridgeState | Excitation | ExcitationStatus | Trip):
         return Mark(message.run, LAST_STEP)
     return None

@@ -7,6 +7,7 @@ topic and writes it first into every bag. The ledger knows which messages a bag 
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections import Counter
@@ -21,16 +22,17 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from amb_core.errors import AmbError, BagError, ParameterError
-from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_core.errors import AmbError, BagError, ParameterError, one_line
 from amb_core.recording import BagWriter
 from amb_core.recording.messages.loop_samples import steps_in
 from amb_core.recording.messages.parameters import ParameterValue
 from amb_ident_node.bag_in_progress import BagInProgress, require_free_space
 from amb_ident_node.completeness import Mark
+from amb_ident_node.departures import Departures
 from amb_ident_node.ledger import Ledger
 from amb_ident_node.publishers import Publishers
 from amb_ident_node.recorded_topics import (
+    OF_A_RUN,
     OF_THE_GRAPH,
     PARAMETER_EVENTS,
     RECORDED,
@@ -39,6 +41,7 @@ from amb_ident_node.recorded_topics import (
     RecordedTopic,
     end_of,
 )
+from amb_ident_node.recorder_parameters import RecorderParameters
 from amb_msgs.msg import LoopSamples, PlantState, SimulatorState
 from amb_msgs.srv import GetState, StartRecording, StopRecording
 from amb_ros import diagnostics, topics
@@ -56,27 +59,6 @@ DEFAULT_STOP_TIMEOUT = 10.0  # s
 LONGEST_STOP_TIMEOUT = 3600.0  # s
 
 
-class RecorderParameters(Parameters):
-    """Parameters of the node."""
-
-    directory: str = choice("bags", "folder for bags that are requested without a path or with a relative path")
-    record_on_start: bool = switch(False, "start a bag named by date as soon as the node is up")
-    chunk_period: float = quantity(
-        0.5, "s", "period of writing to the disk; a killed recorder loses at most this much", 0.05, 10.0
-    )
-    parameter_timeout: float = quantity(
-        2.0, "s", "longest wait for an answer about the parameters or the state of a node", 0.05, 10.0
-    )
-    queue_size: float = quantity(
-        200e6, "B", "memory for messages that wait for the disk; when it is full, messages are dropped", 1e6, 1e11
-    )
-    minimum_free_space: float = quantity(
-        50e6, "B", "free space on the disk below which no recording starts, and a recording ends", 0.0, 1e15
-    )
-    split_size: float = quantity(0.0, "B", "size at which a file is closed and the next one begins; 0: none", 0.0, 1e15)
-    split_period: float = quantity(0.0, "s", "time after which the next file begins; 0: none", 0.0, 1e9)
-
-
 class RecorderNode(Node):
     """The recorder. Topics, services and parameters: see the package's README."""
 
@@ -85,6 +67,7 @@ class RecorderNode(Node):
         self._settings = declare(self, RecorderParameters)
         self._recording: BagInProgress | None = None
         self._ledger = Ledger()
+        self._departures = Departures()
         self._latched: dict[str, bytes] = {}
         self._plant_state: tuple[Mark, bytes] | None = None  # the last one
         self._in_trouble: BagInProgress | None = None  # the recording that was last reported for losing messages
@@ -96,6 +79,7 @@ class RecorderNode(Node):
         self._attempts: Counter[str] = Counter()  # failed attempts to read those of a node
         self._next_attempt: dict[str, float] = {}  # in the steady clock (s)
         self._definitions = {topic.type_name: message_definition(topic.type_name) for topic in RECORDED}
+        self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         # One worker: a start and a stop never run at the same time.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="recorder")
         self._topics = {self._full_name(topic.name): topic for topic in RECORDED}
@@ -113,13 +97,13 @@ class RecorderNode(Node):
         if self._settings.record_on_start:
             self._worker.submit(self._start_by_itself)
 
-    def destroy_node(self) -> None:
-        """Close the bag, then the node; a waiting stop request returns."""
+    def finish(self) -> None:
+        """Close the bag; a waiting stop request returns."""
         self._ledger.end()
+        self._departures.end()
         self._close()
         self._worker.shutdown()
         self._close()  # a start may have been in progress
-        super().destroy_node()
 
     def _subscribe(self, name: str, topic: RecordedTopic) -> Subscription:
         create = partial(create_subscription, self) if topic.keeps_history else self.create_subscription
@@ -162,9 +146,15 @@ class RecorderNode(Node):
             known = [values.get(key, "") for key in ("run", "next step", REGION_MESSAGES)]
             if status.name.startswith(prefix) and all(value.isdecimal() for value in known):
                 self._ledger.note_monitor(*map(int, known))
+            if instance := values.get(diagnostics.INSTANCE):
+                self._departures.note_report(f"/{status.name}", instance, self._now(), self._ledger.within_run)
         return any(status.name.startswith(prefix) for status in array.status)
 
+    def _now(self) -> str:
+        return diagnostics.as_text(self._wall_clock.now().nanoseconds)
+
     def _on_watch_timer(self) -> None:
+        self._departures.note_period(self._sources.nodes_of(OF_A_RUN), self._now())
         if self._recording is not None:
             self._note_published()
             now = time.monotonic()
@@ -184,6 +174,10 @@ class RecorderNode(Node):
     def _on_stop(self, request: StopRecording.Request, response: StopRecording.Response) -> StopRecording.Response:
         recording = self._recording
         if recording is None:
+            if namesakes := self._diagnostics.namesakes():
+                raise BagError(
+                    f"{namesakes}; process {os.getpid()} records nothing, another one may have closed its bag"
+                )
             raise BagError("nothing is being recorded; call ~/start first")
         if not 0.0 <= request.timeout <= LONGEST_STOP_TIMEOUT:
             raise BagError(
@@ -197,6 +191,9 @@ class RecorderNode(Node):
             self._ledger.wait_for(
                 awaited, self._published, deadline - time.monotonic(), lambda: bool(recording.failure)
             )
+        if self._ledger.within_run:
+            self._departures.wait_for_signs()
+        died = self._died()
         self._describe(self._undescribed_nodes(), max(deadline - time.monotonic(), self._settings.parameter_timeout))
         self._note_conflicts()
         with self._switching:
@@ -205,6 +202,7 @@ class RecorderNode(Node):
         recording.close()  # takes as long as the disk needs for what waits
         self._recording = None
         problems = [recording.trouble] if recording.trouble else []
+        problems += died
         problems += [] if recording.failure else lacks
         problems += self._conflicts
         if missing := self._undescribed_nodes():
@@ -236,6 +234,7 @@ class RecorderNode(Node):
         with self._switching:
             self._conflicts.clear()
             self._ledger.start()
+            self._departures.start()
             self._published.clear()
             first = dict(self._latched)
             self._recording = recording  # from here on it is closed, whatever fails
@@ -311,6 +310,11 @@ class RecorderNode(Node):
         if self._ledger.has_monitor:
             self._published.add(topics.REGION)
 
+    def _died(self) -> list[str]:
+        """Which nodes died while a run was in progress, and up to where its telemetry is known."""
+        died = self._departures.died(self._ledger.within_run)
+        return [*died, self._ledger.end_of_telemetry] if died else []
+
     def _note_conflicts(self) -> None:
         found = [self._ledger.conflict, *self._diagnostics.conflicts()]
         self._conflicts.update((text, None) for text in found if text)
@@ -319,7 +323,7 @@ class RecorderNode(Node):
         try:
             self._start("")
         except AmbError as problem:
-            self.get_logger().error(str(problem))
+            self.get_logger().error(one_line(problem))
 
     def _undescribed_nodes(self) -> list[str]:
         """Nodes of the workbench without parameters in the bag."""
@@ -340,7 +344,7 @@ class RecorderNode(Node):
             except ParameterError as problem:
                 self._attempts[name] += 1
                 self._next_attempt[name] = time.monotonic() + min(2.0 ** self._attempts[name], LONGEST_PAUSE)
-                self.get_logger().warning(f"{problem} They are missing from the bag.")
+                self.get_logger().warning(f"{one_line(problem)} They are missing from the bag.")
         return parameters
 
     def _describe(self, nodes: Iterable[str], timeout: float) -> None:
@@ -380,6 +384,8 @@ class RecorderNode(Node):
             return diagnostics.ERROR, recording.trouble, values
         if self._ledger.conflict:
             return diagnostics.ERROR, self._ledger.conflict, values
+        if died := self._died():
+            return diagnostics.ERROR, "; ".join(died), values
         if lacks:
             return diagnostics.WARN, "; ".join(lacks), values
         return diagnostics.OK, "closing the bag" if recording.ended else "recording", values

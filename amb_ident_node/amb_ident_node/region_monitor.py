@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.errors import BagError, RegionError
+from amb_core.errors import BagError, RegionError, one_line
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.parameters import choice, load_parameters, part_of, quantity
 from amb_core.plant import PlantParameters
@@ -34,6 +34,7 @@ from amb_msgs.msg import AxisRegion, BearingRegion, BridgeState, LoopSamples, Re
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_ros import diagnostics, topics
 from amb_ros.actions import create_action
+from amb_ros.alarms import RecentProblem
 from amb_ros.machine import MachineInput
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -66,6 +67,10 @@ class RegionMonitorParameters(RegionParameters):
         60.0,
     )
     parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of either", 0.05, 10.0)
+    scheduler: str = choice(
+        "",
+        "address of the dask scheduler that runs the sweeps of a map, tls://host:port; empty: this machine",
+    )
 
 
 class RegionMonitorNode(Node):
@@ -77,10 +82,15 @@ class RegionMonitorNode(Node):
         )
         self._settings = declare(self, RegionMonitorParameters)
         self._regions = part_of(RegionParameters, self._settings.model_dump())
+        if self._settings.scheduler:
+            from amb_core.tasks.cluster import check_address  # loads the library of the cluster
+
+            check_address(self._settings.scheduler)
         rehearse()  # nothing is compiled once telemetry arrives
         self._watch = RegionWatch(self._regions, self._settings.publish_period)
         self._wait = MachineWait(self._settings.machine_timeout)
         self._malformed = 0
+        self._left_out = RecentProblem()  # steps that are missing, and blocks that are not classified
         self._sequence = 0  # of the last message on region
         self._maps = 0  # published
         self._building = ""  # progress of the map in progress
@@ -110,12 +120,11 @@ class RegionMonitorNode(Node):
             self, self._report, exclusive=(topics.TELEMETRY, topics.SIMULATOR_STATE)
         )
 
-    def destroy_node(self) -> None:
-        """Cancel the map in progress (its finished sweeps stay in the cache), then end the node."""
+    def finish(self) -> None:
+        """Cancel the map in progress (its finished sweeps stay in the cache)."""
         self._ending.set()
         self._worker.shutdown(cancel_futures=True)
         self._build_map.destroy()
-        super().destroy_node()
 
     # -- topics
 
@@ -142,14 +151,19 @@ class RegionMonitorNode(Node):
             states = self._watch.add_block(message.run, block_from_message(message))
         except BagError as problem:
             self._malformed += 1
-            self.get_logger().error(str(problem), throttle_duration_sec=5.0)
+            self._note_left_out(one_line(problem))
             return
         except RegionError as problem:
-            self.get_logger().error(str(problem), throttle_duration_sec=5.0)
+            self._note_left_out(one_line(problem))
             return
         if self._watch.restarts > restarts:
-            self.get_logger().warning(self._watch.problem, throttle_duration_sec=5.0)
+            self._note_left_out(self._watch.problem)
         self._publish(states)
+
+    def _note_left_out(self, problem: str) -> None:
+        self.get_logger().warning(problem, throttle_duration_sec=5.0)
+        if self._left_out.note(problem):
+            self._diagnostics.publish()
 
     def _on_simulator_state(self, message: SimulatorState) -> None:
         if message.mode == SimulatorState.DELEVITATED:
@@ -174,13 +188,9 @@ class RegionMonitorNode(Node):
     # -- the action
 
     def _check_goal(self, goal: BuildMap.Goal) -> None:
-        """Refuse a goal with impossible settings, files or scheduler before it is accepted."""
+        """Refuse a goal with impossible settings or files before it is accepted."""
         map_settings_from_message(goal)
         _new_file(goal.path)
-        if goal.scheduler:
-            from amb_core.tasks.cluster import check_address  # loads the library of the cluster
-
-            check_address(goal.scheduler)
         machine = self._machine_input.machine
         if goal.parameter_file:
             self._loop_parameters(goal.parameter_file)
@@ -217,7 +227,7 @@ class RegionMonitorNode(Node):
                 plant,
                 controller,
                 self._regions.model_copy(update={"backup_bearing_radius": radius}),
-                scheduler=goal.scheduler or None,
+                scheduler=self._settings.scheduler or None,
                 progress=report,
                 cancelled=ended,
             )
@@ -287,8 +297,7 @@ class RegionMonitorNode(Node):
                 return diagnostics.ERROR, problem, values
         if watch.conflict:
             return diagnostics.ERROR, f"{summary}; {watch.conflict}", values
-        malformed = f"{self._malformed} malformed blocks of telemetry" if self._malformed else ""
-        problems = [problem for problem in (watch.problem or malformed, self._machine_problem()) if problem]
+        problems = [problem for problem in (self._left_out.text, self._machine_problem()) if problem]
         if problems:
             return max(level, diagnostics.WARN), "; ".join([summary, *problems]), values
         return level, summary, values

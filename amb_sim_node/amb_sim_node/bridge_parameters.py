@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+from amb_core.loop.allowed_changes import AllowedChanges
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.real_time import RealTimeParameters
 from amb_core.parameters import Parameters, choice, quantities, quantity, switch
@@ -14,7 +15,7 @@ from amb_core.target import PORT
 class LinkParameters(Parameters):
     """How the bridge reaches its target."""
 
-    kind: str = choice("amb_udp", "amb_udp, or module:class of a TargetLink of your own")
+    kind: str = choice("amb_udp", "amb_udp, or the name of an installed link of your own")
     address: str = choice("127.0.0.1", "address of the target")
     port: int = quantity(PORT, "-", "UDP port of the target", 1, 65_535)
     key_file: str = choice("", "file with the shared key, mode 0600; empty: a target on this host, without a key")
@@ -36,6 +37,10 @@ class BridgeParameters(ControllerParameters):
     )
     link: LinkParameters = LinkParameters()
     protection: ProtectionParameters = ProtectionParameters()
+    allowed: AllowedChanges = AllowedChanges()
+    network: Literal["refuse", "allow"] = choice(
+        "refuse", "whether the bridge levitates although other hosts of the network can reach, and so command, it"
+    )
     region_map: str = choice("", "file of the region map that excitations are checked against; empty: none")
     beyond_region_a: Literal["refuse", "allow"] = choice(
         "refuse", "what is done with an excitation that may leave region A of the map"
@@ -48,3 +53,6 @@ class BridgeParameters(ControllerParameters):
     )
     at_exit: Literal["land", "stay"] = choice("land", "what an active bridge does with the rotor when it is ended")
     telemetry_block: int = quantity(100, "-", "steps in a block of telemetry", 1, 10_000)
+    signals_rate: float = quantity(
+        100.0, "Hz", "messages on signals/<axis> per second of loop time, for plots; 0: none", 0.0, 1000.0
+    )

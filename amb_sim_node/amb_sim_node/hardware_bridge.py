@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from amb_core.errors import AmbError, TargetError, one_line
 from amb_core.loop.real_time import enter_real_time
+from amb_core.parameters import flatten
 from amb_core.rig import ExcitationProtection
 from amb_core.target import (
     HostLoopLink,
@@ -26,7 +27,9 @@ from amb_core.target import (
     TargetSettings,
     TargetState,
 )
-from amb_ros import diagnostics, topics
+from amb_ros import diagnostics, network, topics
+from amb_ros.alarms import RecentProblem
+from amb_ros.callers import callers
 from amb_ros.managed_node import ManagedNode
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -65,11 +68,17 @@ class HardwareBridgeNode(ManagedNode):
         for name, value in gains_in(arguments, self.get_namespace()).items():
             if not self.has_parameter(name):
                 self.declare_parameter(name, value)
-        self._settings = declare(self, BridgeParameters, self._on_parameters)
+        self._start: BridgeParameters | None = None  # what the operator gave; later changes come from anybody
+        self._settings = self._start = declare(self, BridgeParameters, self._on_parameters, self._check_parameters)
+        self._open_sockets = network.sockets_open_to_network(self.context.get_domain_id())
+        if self._open_sockets:
+            self.get_logger().warning(self._reach())
         self._link: TargetLink | None = None
         self._ready: Rig | None = None  # while configured
         self._excitable = False  # while active
         self._unsent = ""  # why the target does not have the settings; empty: it has them
+        self._lost = 0  # samples, at the last report
+        self._losing = RecentProblem()
         self._host_loop: HostLoop | None = None
         self._excitation: RigExcitation | None = None
         if self._settings.mode == "host":
@@ -86,8 +95,8 @@ class HardwareBridgeNode(ManagedNode):
         )
         self._timer = self.create_timer(STATE_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def destroy_node(self) -> None:
-        """Land if the bridge is active and its parameters say so; leave the target and end the node."""
+    def finish(self) -> None:
+        """Land if the bridge is active and its parameters say so; leave the target."""
         if self._excitation is not None:
             self._excitation.close()
         try:
@@ -95,14 +104,13 @@ class HardwareBridgeNode(ManagedNode):
         except NotInTime:
             self.get_logger().error("the worker does not end; the target is left as it is")
         self.worker.shutdown(wait=False, cancel_futures=True)
-        super().destroy_node()
 
     def _leave(self) -> None:
         try:
             if self.state_label == "active" and self._settings.at_exit == "land":
                 self.deactivate()
         except AmbError as problem:
-            self.get_logger().error(str(problem))
+            self.get_logger().error(one_line(problem))
         self.clean_up()
 
     # -- transitions, in the worker
@@ -122,7 +130,7 @@ class HardwareBridgeNode(ManagedNode):
             link.close()
             raise
         self._link, self._unsent = link, ""
-        runs = self._watch.begin(description, settings.telemetry_block)
+        runs = self._watch.begin(description, settings.telemetry_block, settings.signals_rate)
         self._state.publish_machine(machine)
         self._ready = Rig(link, machine, runs, protection, guard)
         self.get_logger().info(
@@ -134,6 +142,11 @@ class HardwareBridgeNode(ManagedNode):
     def activate(self) -> None:
         """Levitate. A rotor that is levitated already, since an earlier bridge left it so, stays as it is."""
         link = self._connected()
+        if self._open_sockets and self._settings.network == "refuse":
+            raise TargetError(
+                f"{self._reach()}; start it with ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, or with network: allow in "
+                "its parameter file"
+            )
         status = link.status()
         self._require_same_machine()
         if self._watch.latched():
@@ -186,6 +199,9 @@ class HardwareBridgeNode(ManagedNode):
             position = self._watch.runs.position if self._watch.runs is not None else np.zeros(0)
             self._host_loop.rehearse(self._watch.new_run(), np.nan_to_num(position).tolist())
 
+    def _reach(self) -> str:
+        return f"other hosts of the network reach this node at {', '.join(self._open_sockets)}, and may command the rig"
+
     def _connected(self) -> TargetLink:
         if self._link is None:
             raise TargetError("the bridge is not configured")
@@ -211,13 +227,8 @@ class HardwareBridgeNode(ManagedNode):
 
     def _protection(self, description: TargetDescription, wanted: TargetSettings) -> ExcitationProtection:
         """What excitations of this target are checked against."""
-        machine = description.machine
         return ExcitationProtection(
-            self._settings.protection,
-            wanted.limits,
-            machine.axis_names,
-            machine.sample_rate,
-            description.waveform_steps,
+            self._settings.protection, wanted.limits, description.machine, description.waveform_steps
         )
 
     def _wait_for_run(self) -> None:
@@ -267,7 +278,7 @@ class HardwareBridgeNode(ManagedNode):
             self._send(self._link)
         except AmbError as problem:
             self._unsent = one_line(problem)
-            self.get_logger().error(f"the target has not taken the settings: {problem}")
+            self.get_logger().error(f"the target has not taken the settings: {self._unsent}")
         self._note_state()
 
     def _send(self, link: TargetLink) -> None:
@@ -282,9 +293,10 @@ class HardwareBridgeNode(ManagedNode):
 
     def _on_reset_faults(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         link = self._connected()
+        self.get_logger().info(f"reset_faults: asked for by {callers(self, '~/reset_faults')}")
         link.reset_faults()
         self._watch.forget_own_trips()
-        self.problem = ""
+        self.problem = self.refusal = ""
         self._watch.on_status(link.status())
         response.success = True
         self._note_state()
@@ -295,9 +307,27 @@ class HardwareBridgeNode(ManagedNode):
         self._note_state()
 
     def _note_state(self) -> None:
-        self._state.publish(self._link, self._unsent, self.problem)
+        self._state.publish(self._link, self._unsent, self.problem, self.refusal)
+
+    def report_transition(self) -> None:
+        """Publish the state: its `problem` is why a transition failed or was refused."""
+        self._note_state()
+
+    def _check_parameters(self, parameters: BridgeParameters) -> None:
+        """Refuse what the operator has not allowed, and less protection than now while the rotor is not off."""
+        if self._start is None:
+            return
+        self._start.allowed.require(parameters, self._start)
+        parameters.protection.require_no_looser(self._start.protection, "at the start of this node")
+        status = self._watch.status
+        if status is not None and status.state is not TargetState.OFF:
+            parameters.protection.require_no_looser(self._settings.protection, "now, while the rig is on")
 
     def _on_parameters(self, parameters: BridgeParameters) -> None:
+        before, after = flatten(self._settings.model_dump()), flatten(parameters.model_dump())
+        changed = ", ".join(f"{name} = {value}" for name, value in after.items() if value != before[name])
+        senders = [callers(self, f"~/set_parameters{kind}") for kind in ("", "_atomically")]
+        self.get_logger().info(f"parameters {changed or 'as before'}: set by {' or '.join(senders)}")
         self._settings = parameters
         self.worker.submit(self._send_settings)
 
@@ -305,7 +335,14 @@ class HardwareBridgeNode(ManagedNode):
         known, settings = self._watch.known, self._settings
         limits = settings.protection.lowered(known.limits, settings.current_limit) if known is not None else None
         problem = self._watch.latched() or self._unsent or self.problem
-        return report(self.state_label, self._watch, self._link, limits, problem)
+        return report(self.state_label, self._watch, self._link, limits, problem, self._lost_lately())
+
+    def _lost_lately(self) -> str:
+        """That samples of telemetry have been lost since the last report, or shortly before."""
+        before, self._lost = self._lost, self._link.count.samples.lost if self._link is not None else 0
+        if self._lost > before:
+            self._losing.note(f"{self._lost - before} samples of telemetry lost, {self._lost} since the connection")
+        return self._losing.text
 
 
 def main(args: list[str] | None = None) -> int:

@@ -24,7 +24,8 @@ from amb_core.rig import ExcitationProtection, Runs
 from amb_core.target import ExcitationPhase, TargetLink, TargetState, TooLateError
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
-from amb_ros.excitation_messages import STOP, Checked, check, read
+from amb_ros.callers import publishers
+from amb_ros.excitation_messages import STOP, Checked, check, read, require_samples, resolve
 from amb_ros.qos import EVERY_STATE
 from amb_ros.subscriptions import create_subscription
 from amb_sim_node.region_guard import Guard
@@ -103,6 +104,8 @@ class RigExcitation:
             rig = self._rig_of()
             if rig is None or not rig.runs.levitated:
                 raise ExcitationError("the rotor is not levitated; activate hardware_bridge first")
+            resolve(message, rig.runs.run, rig.runs.next_step - 1)
+            status.run = message.run
             if message.run != rig.runs.run:
                 raise ExcitationError(f"meant for run {message.run}; the present run is {rig.runs.run}")
             checked = check(message, rig.machine, rig.runs.run, rig.runs.next_step - 1)
@@ -115,6 +118,8 @@ class RigExcitation:
             self._node.get_logger().error(traceback.format_exc())
             self._refuse(status, f"internal error: {problem!r}; see the log of the bridge")
             return
+        senders = publishers(self._node, topics.EXCITATION)
+        self._node.get_logger().info(f"excitation {status.kind} from step {status.first_step} of {senders}")
         status.accepted = True
         self._applied = _identity(message, status.first_step)
         if self._node.context.ok():
@@ -127,7 +132,7 @@ class RigExcitation:
             return rig.runs.next_step
         rig.protection.require_length(checked.steps)
         samples = self._samples(rig, checked, called_off)
-        rig.protection.require(samples)
+        rig.protection.require(samples, rig.runs.position)
         self._make_room(rig, called_off)
         arm = rig.link.upload(samples, called_off)
         if message.first_step != Excitation.FROM_NEXT_STEP:
@@ -150,11 +155,7 @@ class RigExcitation:
             return checked.samples
         machine, rate = rig.machine, rig.machine.sample_rate
         playback = Playback(checked.excitation, rate, machine, called_off)
-        if checked.checksum and checked.checksum != playback.checksum:
-            raise ExcitationError(
-                f"the samples made from its description have checksum {playback.checksum}, those of the sender "
-                f"{checked.checksum}; does it run another version of amb_core or numpy, or another kind of processor?"
-            )
+        require_samples(checked.checksum, playback.checksum)
         samples = np.empty((playback.steps, len(machine.axes)))
         index = 0
         while index < playback.steps:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
+from importlib.metadata import entry_points
 
 from amb_core.errors import ParameterError
 from amb_core.loop.known_controller import KnownController, LinearControl
@@ -13,6 +13,9 @@ from amb_core.parameters import part_of
 from amb_core.target import AmbUdpLink, HostLoopLink, TargetLink
 from amb_core.target.key_file import read_key
 from amb_sim_node.bridge_parameters import BridgeParameters, LinkParameters
+
+LINKS = "amb.links"
+"""Group of entry points in which packages offer links of their own."""
 
 
 def controller_of(settings: BridgeParameters) -> KnownController:
@@ -64,13 +67,21 @@ def link_of(parameters: LinkParameters, starting: Callable[[], object]) -> Targe
         return AmbUdpLink(
             parameters.address, parameters.port, key, parameters.float64, timeout=parameters.timeout, starting=starting
         )
-    module, _, name = parameters.kind.partition(":")
-    try:
-        made = getattr(importlib.import_module(module), name)(parameters)
-    except (ImportError, AttributeError, ValueError) as problem:
+    return _installed_link(parameters.kind)(parameters)
+
+
+def _installed_link(kind: str) -> Callable[[LinkParameters], TargetLink]:
+    """The class that an installed package offers as link of this name; nothing else is imported or called."""
+    installed = entry_points(group=LINKS)
+    if kind not in installed.names:
         raise ParameterError(
-            f"link.kind = {parameters.kind!r} is not allowed: {problem}; allowed: amb_udp, or module:class"
-        ) from None
-    if not isinstance(made, TargetLink):
-        raise ParameterError(f"link.kind = {parameters.kind!r} is not allowed; allowed: a subclass of TargetLink")
-    return made
+            f"link.kind = {kind!r} is not allowed; allowed: {', '.join(['amb_udp', *sorted(installed.names)])}; a "
+            f"package with a link of its own offers it as entry point of the group {LINKS}"
+        )
+    try:
+        found = installed[kind].load()
+    except (ImportError, AttributeError) as problem:
+        raise ParameterError(f"link.kind = {kind!r} cannot be loaded: {problem}") from None
+    if not (isinstance(found, type) and issubclass(found, TargetLink)):
+        raise ParameterError(f"link.kind = {kind!r} is not allowed: it must be a subclass of TargetLink")
+    return found

@@ -67,9 +67,9 @@ class RigState:
 
 
 def report(
-    life_cycle: str, watch: RigWatch, link: TargetLink | None, limits: Limits | None, problem: str
+    life_cycle: str, watch: RigWatch, link: TargetLink | None, limits: Limits | None, problem: str, lost: str
 ) -> diagnostics.Report:
-    """Diagnostics of the bridge; without a problem, what else is worth a warning."""
+    """Diagnostics of the bridge; without a problem, what else is worth a warning, such as samples lost lately."""
     values: dict[str, object] = {"life cycle": life_cycle}
     runs, status = watch.runs, watch.status
     if link is not None:
@@ -96,8 +96,8 @@ def report(
         return diagnostics.OK, "not configured", values
     if status is not None and status.alarm:
         return diagnostics.WARN, "displacement beyond the alarm share of the clearance", values
-    if link.count.samples.lost:
-        return diagnostics.WARN, f"{link.count.samples.lost} samples of telemetry lost", values
+    if lost:
+        return diagnostics.WARN, lost, values
     return diagnostics.OK, status.state.name.lower() if status is not None else "connected", values
 
 

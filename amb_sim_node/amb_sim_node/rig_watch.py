@@ -22,6 +22,7 @@ from amb_msgs.msg import AxisSamples, LoopSamples
 from amb_msgs.msg import Trip as TripMessage
 from amb_ros import topics
 from amb_ros.qos import EVERY_STATE, HISTORY
+from amb_ros.signals import AxisSignalPublishers
 from amb_sim_node.rig_host_loop import HostLoop
 
 
@@ -88,16 +89,23 @@ class RigWatch:
         self._telemetry_publisher = (
             node.create_publisher(LoopSamples, topics.TELEMETRY, HISTORY) if host_loop is None else None
         )
+        self._signals = AxisSignalPublishers(node, 0.0)
         self._trip_publisher = node.create_publisher(TripMessage, topics.TRIP, EVERY_STATE)
 
     # -- the life cycle of the bridge
 
-    def begin(self, description: TargetDescription, block: int) -> Runs:
-        """Take a target that is configured; telemetry is published in blocks of so many steps."""
+    def begin(self, description: TargetDescription, block: int, signals_rate: float) -> Runs:
+        """Take a target that is configured; telemetry is published in blocks of so many steps, signals at a rate (Hz).
+
+        If the host closes the loop, its controller node publishes both.
+        """
         with self.lock:
             self.known, self.machine, self.reachable = description, description.machine, True
             self.runs = Runs(description.machine, block, self.new_run)
             self._trips, self._own_trips = TripLog(), []
+            if self._host_loop is None:
+                self._signals.rate = signals_rate
+                self._signals.use(description.machine.axis_names)
             return self.runs
 
     def end(self) -> None:
@@ -186,6 +194,7 @@ class RigWatch:
                 self._telemetry_publisher.publish(
                     fill_loop_samples(LoopSamples(), AxisSamples, block.run, block.record)
                 )
+                self._signals.publish(block.run, block.record)
 
     def _trip_by_itself(self, reason: BridgeTrip) -> None:
         with self.lock:

@@ -22,9 +22,9 @@ from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.services import create_service
+from amb_sim_node.emulator_parameters import TargetEmulatorParameters
 from amb_sim_node.emulator_values import emulator_values, trips_text
 from amb_sim_node.machine_files import machine_file, machine_parameters
-from amb_sim_node.parameters import TargetEmulatorParameters
 
 
 class TargetEmulatorNode(Node):
@@ -68,11 +68,10 @@ class TargetEmulatorNode(Node):
         create_service(self, Trigger, "~/reboot", self._on_reboot)
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report)
 
-    def destroy_node(self) -> None:
-        """End the emulator, and destroy the node."""
+    def finish(self) -> None:
+        """End the emulator."""
         if self._emulator is not None:
             self._emulator.close()
-        super().destroy_node()
 
     def _check(self, settings: TargetEmulatorParameters) -> None:
         """Refuse faults of axes that the machine lacks; the machine is read once, before the emulator starts."""

@@ -12,6 +12,7 @@ PAGES = {
     ROOT / "CONTRIBUTING.md": DOCS / "repository" / "contributing.md",
     ROOT / "CHANGELOG.md": DOCS / "repository" / "changelog.md",
     ROOT / "target" / "PORTING.md": DOCS / "repository" / "porting.md",
+    ROOT / "SECURITY.md": DOCS / "repository" / "security.md",
     **{
         path: DOCS / "repository" / f"{path.parent.name}.md"
         for path in (*ROOT.glob("amb_*/README.md"), *ROOT.glob("src/*/README.md"))

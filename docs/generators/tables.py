@@ -13,15 +13,18 @@ TABLE = re.compile(r"(<!-- parameters: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL
 
 
 def parameter_table(parameters: type[Parameters]) -> str:
-    """A row for each parameter: name, default, unit, allowed values, description, and whether it can be changed."""
-    lines = [
-        "| name | default | unit | allowed | description | change |",
-        "|---|---|---|---|---|---|",
-    ]
-    for item in own_declarations(parameters):
+    """A row for each parameter: name, default, unit, allowed values, description, and whether it can be changed.
+
+    In addition whether the paper states the default or it is assumed, where the declarations say so.
+    """
+    declared = list(own_declarations(parameters))
+    sourced = any(item.source for item in declared)
+    heads = ["name", "default", "unit", "allowed", "description", "change", *["default is"] * sourced]
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for item in declared:
         change = "runtime" if item.runtime else "read-only"
-        cells = (f"`{item.name}`", _value(item.default), item.unit, _allowed(item), item.description, change)
-        lines.append(f"| {' | '.join(cells)} |")
+        cells = [f"`{item.name}`", _value(item.default), item.unit, _allowed(item), item.description, change]
+        lines.append(f"| {' | '.join([*cells, *[item.source] * sourced])} |")
     return "\n".join(lines) + "\n"
 
 

@@ -5,27 +5,28 @@ from glob import glob
 from setuptools import find_packages, setup
 
 NAME = "amb_core"
-REQUIRED = [  # versions that these allow; those that are tested are pinned in requirements.txt
-    "Jinja2>=3,<4",
-    "MarkupSafe>=3,<4",
+REQUIRED = [  # lower bounds are tested by `make floor`, the versions in requirements.txt by all other targets
     "PyYAML>=6,<7",
-    "control>=0.10,<0.11",
     "ctrlsys>=1.1,<2",
-    "dask>=2026.8",
-    "distributed>=2026.8",
-    "h5py>=3.16,<4",
-    "matplotlib>=3.11,<4",
-    "mcap>=1.6,<2",
-    "numba>=0.68",
-    "numpy>=2.4,<3",
-    "plotly>=6.9,<7",
-    "pyarrow>=26",
-    "pydantic>=2.14,<3",
+    "lz4>=4",
+    "mcap>=1.5,<2",
+    "numba>=0.59",
+    "numpy>=1.26,<3",
+    "pydantic>=2.5,<3",
     "rosbags>=0.11,<0.12",
-    "scipy>=1.17,<2",
-    "threadpoolctl>=3.6,<4",
-    "zstandard>=0.25",
+    "scipy>=1.11,<2",
+    "threadpoolctl>=3.1,<4",
+    "zstandard>=0.22",
 ]
+EXTRAS = {
+    "cluster": ["cryptography>=41", "dask>=2024.5", "distributed>=2024.5"],
+    "control": ["control>=0.10.1,<0.11"],
+    "figures": ["Jinja2>=3.1,<4", "MarkupSafe>=2.1,<4", "matplotlib>=3.6,<4", "plotly>=6,<7"],
+    "files": ["Jinja2>=3.1,<4", "h5py>=3.10,<4", "pyarrow>=14"],
+}
+TARGET = [f"target/c/{files}" for files in ("*.[ch]", "hosted/*.[ch]")]  # the C code, for the target emulator
+if not all(glob(f"{NAME}/{files}") for files in TARGET):
+    raise SystemExit(f"{NAME}/target/c, which links to the folder target of the checkout, has no C code")
 
 setup(
     name=NAME,
@@ -41,15 +42,18 @@ setup(
             *("figures/*.j2", "figures/page.css", "figures/draw.js"),
             "export/templates/*.j2",
             *("report/*.j2", "report/page.css", "report/page.js"),
+            *TARGET,
         ]
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/target", sorted(glob("../../target/*.[ch]"))),  # for the target emulator
-        (f"share/{NAME}/target/hosted", sorted(glob("../../target/hosted/*.[ch]"))),
     ],
     install_requires=REQUIRED,
-    extras_require={"ross": ["ross-rotordynamics>=2.3,<3", "plotly<7"]},  # pinned in requirements-ross.txt
+    extras_require={
+        **EXTRAS,
+        "all": sorted({requirement for part in EXTRAS.values() for requirement in part}),
+        "ross": ["ross-rotordynamics>=2.3,<3", "plotly<7"],  # pinned in requirements-ross.txt
+    },
     zip_safe=False,
 )

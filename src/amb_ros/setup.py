@@ -12,7 +12,7 @@ setup(
     maintainer_email="maintainers@users.noreply.example",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "*.xml"]},
+    package_data={NAME: ["py.typed", "*.xml", "*.c"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -21,8 +21,11 @@ from domain_coordinator import domain_id
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
+from rclpy.utilities import get_default_context
 
 from amb_msgs.msg import CurrentReference, RotorPosition
+from amb_ros import middleware
+from amb_ros.leaving import leave_graph
 from amb_ros.qos import STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 from amb_sim_node.simulator import SimulatorNode
@@ -104,6 +107,7 @@ def _measure(arguments: list[str], rounds: int, block: int, domain: int) -> dict
         subprocess.Popen(command, env=environment)
         for command in ([sys.executable, "-m", "amb_controller_node.pd_controller"], pong)
     ]
+    middleware.configure()
     rclpy.init(args=arguments, domain_id=domain)
     executor = EventsExecutor()
     simulator = SimulatorNode()
@@ -128,9 +132,7 @@ def _measure(arguments: list[str], rounds: int, block: int, domain: int) -> dict
             child.send_signal(signal.SIGINT)
         for child in children:
             child.wait(TIMEOUT)
-        simulator.destroy_node()
-        ping.destroy_node()
-        rclpy.try_shutdown()
+        leave_graph(get_default_context(), executor, [simulator, ping])
     step_us, plant_us, floor_us = (1e6 * statistics.median(times) for times in (steps, plant, round_trips))
     return {
         "ratio": (step_us - plant_us) / floor_us,

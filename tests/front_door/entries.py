@@ -98,6 +98,7 @@ PROGRAMS = (
     Program("tests.soak.run", "soak.json", "tests.soak.figures:Soak", seconds=90.0),
     Program("tests.fuzz.run", "fuzz.json", "tests.fuzz.figures:Fuzz", seconds=15.0),
     Program("tests.fuzz.target", "target_fuzz.json", "tests.fuzz.figures:TargetFuzz", seconds=5.0),
+    Program("tests.fuzz.files", "security.json", "tests.fuzz.figures:Security", seconds=10.0),
     Program("tests.stress", "stress.json", "tests.stress:Stress", seconds=25.0),
     Program(
         "tests.front_door.commands", "commands.json", "tests.front_door.commands:CommandSeconds", seconds=60.0

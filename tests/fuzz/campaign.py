@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import time
 from collections import deque
@@ -21,7 +22,7 @@ from amb_bringup.connection import ClientError
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import Pause, Reset, RunSteps, StopRecording
 from amb_ros.qos import LATCHED
-from amb_ros.requests import PendingRequest
+from amb_ros.requests import QUICKLY, PendingRequest
 from tests.fuzz.attacked_graph import ANSWER_TIMEOUT, NAMESPACE, AttackedGraph
 from tests.fuzz.hostile import Hostile, make_traps
 from tests.fuzz.targets import Target, find_targets, shown, tame, valid_messages
@@ -215,7 +216,7 @@ class Campaign:
             self._clients[name] = self._connection.node.create_client(service, name)
         client = self._clients[name]
         self._wait(client.service_is_ready, name)
-        pending, answer = PendingRequest(client, request, repeated), None
+        pending, answer = PendingRequest(client, request, QUICKLY if repeated else math.inf), None
 
         def answered() -> bool:
             nonlocal answer

@@ -29,7 +29,8 @@ from amb_ros import middleware
 from amb_ros.leaving import leave_graph
 from tests.graph.bearing import Bearing
 from tests.graph.limits import TEST_TIMEOUT, TIMEOUT
-from tests.graph.processes import NodeProcess, remove_shared_memory
+from tests.graph.processes import ForkedNode, NodeProcess, Program, remove_shared_memory
+from tests.graph.zygote import CHECK_FIELDS, zygote
 
 T = TypeVar("T")
 Opened = contextlib.AbstractContextManager
@@ -69,7 +70,7 @@ class Graph:
             "ROS_DOMAIN_ID": str(domain),
             "ROS_LOG_DIR": str(folder / "log"),
             # Users run without the checks: ROS_PYTHON_CHECK_FIELDS=0 python -m pytest tests/graph does so too.
-            "ROS_PYTHON_CHECK_FIELDS": os.environ.get("ROS_PYTHON_CHECK_FIELDS", "1"),
+            CHECK_FIELDS: os.environ.get(CHECK_FIELDS, "1"),
         }
         self._processes: list[NodeProcess] = []
         self._modules: dict[str, NodeProcess] = {}  # those that are meant to run
@@ -83,26 +84,40 @@ class Graph:
         self.node = self.add_node("graph_test")
 
     def start(
-        self, module: str, *arguments: str, parameters: Mapping[str, Any] | None = None, **options: Any
+        self,
+        module: str,
+        *arguments: str,
+        parameters: Mapping[str, Any] | None = None,
+        anew: bool = False,
+        **options: Any,
     ) -> NodeProcess:
         """Start the node of a module, such as `amb_ident_node.recorder`, as a process.
 
-        `arguments` follow `--ros-args`; `options` go to Popen.
+        `arguments` follow `--ros-args`. A node that is started `anew`, or with options of Popen, is a new interpreter
+        that has the imports before it; others are forks of a process that has imported them.
         """
-        command = [sys.executable, "-m", module, "--ros-args", *arguments]
+        args = [module, "--ros-args", *arguments]
         if parameters:
             file = self.folder / f"parameters_{len(self._processes)}.yaml"
             file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
-            command += ["--params-file", str(file)]
-        self._modules[module] = self.start_command(command, **options)
-        return self._modules[module]
+            args += ["--params-file", str(file)]
+        if anew or options:
+            process: NodeProcess = self.start_command([sys.executable, "-m", *args], **options)
+        else:
+            forking = zygote(self.environment[CHECK_FIELDS])
+            process = ForkedNode(forking, args, self._next_errors(), self.environment, self.folder)
+            self._processes.append(process)
+        self._modules[module] = process
+        return process
 
-    def start_command(self, command: list[str], **options: Any) -> NodeProcess:
+    def start_command(self, command: list[str], **options: Any) -> Program:
         """Start any program as a process of the graph; `options` go to Popen."""
-        errors = self.folder / f"stderr_{len(self._processes)}.txt"
-        process = NodeProcess(command, errors, env=self.environment, cwd=self.folder, **options)
+        process = Program(command, self._next_errors(), env=self.environment, cwd=self.folder, **options)
         self._processes.append(process)
         return process
+
+    def _next_errors(self) -> Path:
+        return self.folder / f"stderr_{len(self._processes)}.txt"
 
     def process_of(self, module: str) -> NodeProcess:
         """The process in which a module was started last."""
@@ -264,7 +279,7 @@ class Shelf:
         self._stack.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # no nodes run beside the tests of another file
 def _shelf() -> Iterator[Shelf]:
     shelf = Shelf()
     yield shelf

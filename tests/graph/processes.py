@@ -3,47 +3,39 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
+import select
 import signal
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tests.graph.zygote import Zygote
 
 SHARED_MEMORY = Path("/dev/shm")
 SEGMENT = re.compile(r"/dev/shm/(fastrtps_[0-9a-f]{16})\b")
 DUMP_TIME = 10.0  # s; longest wait for the stacks of a process
 
 
-class NodeProcess(subprocess.Popen[str]):
-    """A process whose errors go to a file: a pipe that nobody reads would stop it when it is full.
+class NodeProcess:
+    """A process under test. Its errors go to a file: a pipe that nobody reads would stop it when it is full."""
 
-    Parameters
-    ----------
-    command : sequence of str
-        What to run.
-    errors : Path
-        The file.
-    **options
-        Go to Popen.
-    """
+    args: Any
+    pid: int
+    returncode: int | None
 
-    def __init__(self, command: Sequence[str], errors: Path, **options: Any) -> None:
+    def __init__(self, errors: Path) -> None:
         self._errors = errors
         self.segments: set[str] = set()
-        with errors.open("w") as file:
-            super().__init__(command, stderr=file, text=True, **options)
 
     @property
     def said(self) -> str:
         """What the process wrote to stderr so far."""
         return self._errors.read_text(errors="replace")
-
-    def communicate(self, input: str | None = None, timeout: float | None = None) -> tuple[Any, Any]:
-        """As that of Popen, with the errors from the file."""
-        output, _ = super().communicate(input, timeout)
-        return output, self.said
 
     def open_segments(self) -> set[str]:
         """Names of the segments in shared memory that the process has open, by which others reach its nodes."""
@@ -52,10 +44,15 @@ class NodeProcess(subprocess.Popen[str]):
         return set()
 
     def send_signal(self, sig: int) -> None:
-        """As that of Popen; keeps in mind what SIGKILL gives the process no time to remove."""
+        """Send a signal, unless the process has ended; keeps in mind what SIGKILL gives it no time to remove."""
         if sig == signal.SIGKILL:
             self.segments |= self.open_segments()
-        super().send_signal(sig)
+        if self.poll() is None:
+            os.kill(self.pid, sig)
+
+    def kill(self) -> None:
+        """Send SIGKILL."""
+        self.send_signal(signal.SIGKILL)
 
     def wait_for_end(self, timeout: float) -> None:
         """Wait for the end.
@@ -83,6 +80,70 @@ class NodeProcess(subprocess.Popen[str]):
             time.sleep(0.05)
         time.sleep(0.2)  # for the rest of the lines
         return self.said
+
+
+class Program(NodeProcess, subprocess.Popen[str]):
+    """A program that is started as users start it.
+
+    Parameters
+    ----------
+    command : sequence of str
+        What to run.
+    errors : Path
+        The file of its errors.
+    **options
+        Go to Popen.
+    """
+
+    def __init__(self, command: Sequence[str], errors: Path, **options: Any) -> None:
+        NodeProcess.__init__(self, errors)
+        with errors.open("w") as file:
+            subprocess.Popen.__init__(self, command, stderr=file, text=True, **options)
+
+    def communicate(self, input: str | None = None, timeout: float | None = None) -> tuple[Any, Any]:
+        """As that of Popen, with the errors from the file."""
+        output, _ = super().communicate(input, timeout)
+        return output, self.said
+
+
+class ForkedNode(NodeProcess):
+    """A node whose process begins with its module imported, see `tests.graph.zygote`.
+
+    Parameters
+    ----------
+    zygote : Zygote
+        Starts it.
+    args : sequence of str
+        The module, and its arguments.
+    errors : Path
+        The file of its errors.
+    env : mapping of str to str
+        Its environment.
+    cwd : Path
+        The folder in which it runs.
+    """
+
+    def __init__(self, zygote: Zygote, args: Sequence[str], errors: Path, env: Mapping[str, str], cwd: Path) -> None:
+        super().__init__(errors)
+        self.args, self.returncode = args, None
+        with errors.open("w") as file:
+            self.pid, self._ended = zygote.fork(args, file.fileno(), env, cwd)
+
+    def poll(self) -> int | None:
+        """As that of Popen."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.wait(0.0)
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """As that of Popen."""
+        if self.returncode is None:
+            if not select.select([self._ended], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(list(self.args), timeout or 0.0)
+            status = os.read(self._ended, 16)
+            os.close(self._ended)
+            self.returncode = os.waitstatus_to_exitcode(int(status))
+        return self.returncode
 
 
 def remove_shared_memory(processes: Sequence[NodeProcess]) -> None:

@@ -158,7 +158,6 @@ def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
         ({"path": "/nowhere/map.json"}, "path = '/nowhere/map.json' is not allowed"),
         ({"path": "x" * 5_000}, "is not allowed; allowed: a file in a folder that exists"),
         ({"path": "/dev/full"}, "path = '/dev/full' is not allowed"),
-        ({"scheduler": "nobody"}, "scheduler 'nobody' is no address"),
         ({"parameter_file": "/nowhere.yaml"}, "parameter file /nowhere.yaml"),
     ],
 )

@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from tests.delayed_discovery import build_delayed_discovery, delays
 from tests.graph.limits import TIMEOUT
 from tests.graph.processes import SHARED_MEMORY
 
@@ -52,6 +54,27 @@ def make():
 raise SystemExit(run_node(make))
 """
 
+WITH_FAULT = "from amb_ros import overflowed_wait; overflowed_wait.correct = lambda: None"
+LEAVING = """
+from pathlib import Path
+from rclpy.node import Node
+from amb_ros.process import run_node
+class Leaving(Node):
+    def __init__(self):
+        super().__init__("leaving", start_parameter_services=False)
+    def finish(self):
+        Path("finished").touch()
+raise SystemExit(run_node(Leaving))
+"""
+GOING_ON = """
+import sys
+from amb_bringup.connection import GraphConnection
+connection = GraphConnection("", 10.0, None, ())
+sys.stdin.readline()
+connection.close()
+sys.exit(3)
+"""
+
 
 def handles_signals(process: NodeProcess) -> bool:
     """Whether it has got as far as to end by itself on SIGTERM."""
@@ -67,7 +90,7 @@ def makes_its_node(process: NodeProcess) -> bool:
 
 def test_a_signal_while_a_node_starts_ends_it(graph: Graph) -> None:
     moments = itertools.cycle(itertools.product([makes_its_node, handles_signals], [signal.SIGINT, signal.SIGTERM]))
-    processes = {module: graph.start(module) for module in NODES}
+    processes = {module: graph.start(module, anew=True) for module in NODES}
     waiting = [(process, *moment) for process, moment in zip(processes.values(), moments, strict=False)]
 
     def all_signalled() -> bool:
@@ -94,6 +117,61 @@ def test_a_process_that_does_not_end_shows_where_it_hangs(graph: Graph) -> None:
         process.wait_for_end(0.2)
     assert "wait_for_ever" in str(caught.value)
     assert process.returncode == -signal.SIGKILL
+
+
+@pytest.fixture(scope="module")
+def delayed_discovery(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Environment of a process that leaves the graph while it hears of an end point."""
+    library = tmp_path_factory.mktemp("delayed") / "delayed_discovery.so"
+    build_delayed_discovery(library)
+    return delays(library, each=0.0, held=0.3, wait=TIMEOUT)
+
+
+def run_to_its_end(graph: Graph, process: NodeProcess) -> None:
+    """Wait until a process has ended, which meanwhile hears of new end points and of their ends."""
+
+    def ended() -> bool:
+        graph.node.destroy_publisher(graph.node.create_publisher(Empty, "passing", 1))
+        return process.poll() is not None
+
+    graph.wait_until(ended, "the end of the process")
+
+
+def leave_while_others_come_and_go(graph: Graph, code: str, environment: dict[str, str]) -> NodeProcess:
+    graph.environment |= environment
+    process = graph.start_command([sys.executable, "-c", code], stdin=subprocess.PIPE)
+    graph.wait_until(lambda: len(graph.node.get_node_names()) > 1, "the node")
+    if code.endswith(LEAVING):
+        process.send_signal(signal.SIGINT)
+    assert process.stdin is not None
+    process.stdin.close()
+    run_to_its_end(graph, process)
+    return process
+
+
+def test_a_node_ends_although_it_hears_of_others_at_that_moment(
+    graph: Graph, delayed_discovery: dict[str, str]
+) -> None:
+    process = leave_while_others_come_and_go(graph, LEAVING, delayed_discovery)
+    assert (process.returncode, process.said) == (0, "")
+
+
+def test_a_node_that_hangs_while_it_leaves_has_finished_and_ends_with_its_stacks(
+    graph: Graph, delayed_discovery: dict[str, str]
+) -> None:
+    process = leave_while_others_come_and_go(graph, WITH_FAULT + LEAVING, delayed_discovery)
+    assert process.returncode == 0
+    assert "in destroy_node" in process.said
+    assert (graph.folder / "finished").exists()
+
+
+@pytest.mark.parametrize("fault", ["", WITH_FAULT], ids=["corrected", "with the fault"])
+def test_a_process_of_a_user_closes_its_connection_and_goes_on(
+    graph: Graph, delayed_discovery: dict[str, str], fault: str
+) -> None:
+    process = leave_while_others_come_and_go(graph, fault + GOING_ON, delayed_discovery)
+    assert process.returncode == 3
+    assert ("this process goes on" in process.said) == bool(fault)
 
 
 def test_a_node_that_waits_for_an_answer_leaves_the_graph_before_it_ends(graph: Graph) -> None:

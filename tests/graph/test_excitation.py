@@ -213,7 +213,7 @@ def hostile() -> dict[str, tuple[Any, str]]:
         "too many": (waveform(np.zeros((200_001, 2)), NEVER), "samples of 200001 steps; allowed: 200000"),
         "much too many": (waveform(np.zeros((2_000_000, 2)), NEVER), "bytes; allowed: "),
         "wrong steps": (waveform(FLAT, NEVER, steps=11), "steps = 11, but it has samples of 10"),
-        "wrong checksum": (waveform(FLAT, NEVER, checksum=1), "not 1 as it states"),
+        "wrong checksum": (waveform(FLAT, NEVER, checksum=7_000), "not 7000 as it states"),
         "end of time": (definition(SQUARE, NEVER, 2**63 - 1), f"exceeds the last allowed step {2**63 - 1}"),
         "endless": (definition(SQUARE, NEVER, 5, steps=2**64 - 1), f"exceeds the last allowed step {2**63 - 1}"),
         "misfit": (definition(SQUARE, NEVER, steps=999), "steps = 999, but its description makes 1000"),
@@ -223,7 +223,7 @@ def hostile() -> dict[str, tuple[Any, str]]:
         "deep JSON": (definition(SQUARE, NEVER, description="[" * 200_000), "nested too deeply"),
         "long kind": (definition(SQUARE, NEVER, kind="a\n" * 10_000), "unknown kind of excitation"),
         "no kind": (Excitation(run=NEVER, first_step=-1, sample_time=1.0 / RATE), "unknown kind of excitation ''"),
-        "past run": (definition(SQUARE, 0), "meant for run 0; the present run is"),
+        "past run": (definition(SQUARE, 1), "meant for run 1; the present run is"),
         "before -1": (definition(SQUARE, NEVER, -2), "first_step = -2; allowed:"),
         "no sample time": (definition(SQUARE, NEVER, sample_time=0.0), "made for a sample time of 0 s; the controller"),
         "NaN sample time": (definition(SQUARE, NEVER, sample_time=np.nan), "made for a sample time of nan s"),
@@ -262,6 +262,41 @@ def test_a_message_that_cannot_be_read_is_refused(running, user) -> None:
     assert not answer.accepted
     assert "the message cannot be read" in answer.message
     assert running.graph.process_of(CONTROLLER).poll() is None
+
+
+def test_a_stop_that_gives_nothing_but_its_kind_ends_the_excitation_of_the_present_run(running, user) -> None:
+    run = running.reset()
+    running.run(10)
+    running.wait_for_step(run, 10)
+    assert user.ask(definition(Square(amplitude=1e-5, duration=0.1), 0, 20)).accepted
+    user.answers.clear()
+    user.send(Excitation(kind="stop"))  # as `ros2 topic pub /amb/excitation amb_msgs/msg/Excitation "{kind: stop}"`
+    answer = user.answer(0)
+    assert answer.accepted, answer.message
+    assert (answer.run, answer.first_step, answer.steps) == (run, 10, 0)
+    running.run(200)
+    assert not running.record(run, 200).reference.any()
+
+
+def test_an_answer_that_no_controller_gives_is_not_taken_for_one(graph) -> None:
+    """The test is the controller, and a stranger who answers first."""
+    node = graph.node
+    machine = machine_publisher(node)
+    machine.publish(machine_message(machine_of(PlantParameters())))
+    answers = node.create_publisher(ExcitationStatus, "/amb/excitation_status", EVERY_STATE)
+
+    def answer(message: Excitation) -> None:
+        for first_step in (2**64 - 1, 2**63, 40):
+            answers.publish(ExcitationStatus(run=message.run, id=message.id, accepted=True, first_step=first_step))
+
+    node.create_subscription(Excitation, "/amb/excitation", answer, LATCHED)
+    graph.start(GENERATOR)
+    graph.wait_until(answers.get_subscription_count, "the generator")
+    answer = graph.call(
+        StartExcitation, "/amb/excitation_generator/start", kind="square", amplitude=1e-6, duration=0.1, run=7
+    )
+    assert answer.success, answer.message
+    assert answer.first_step == 40
 
 
 # -- the controller alone

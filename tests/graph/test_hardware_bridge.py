@@ -126,6 +126,51 @@ def test_what_protection_forbids_is_refused_in_one_line_and_the_loop_goes_on(gra
     assert rig.trips == []
 
 
+def test_a_stranger_neither_weakens_protection_nor_takes_the_rotor_out_of_its_control(graph: Graph) -> None:
+    rig = Rig(graph, bridge={"allowed.derivative_gain": [30.0, 45.0]})
+    graph.start(GENERATOR)
+    run = rig.levitate()
+    for change, reason in (
+        ({"protection__trip_share": 1.0}, "'protection.trip_share' = 1 protects less; allowed: up to 0.5"),
+        ({"protection__alarm_share": 0.5}, "'protection.alarm_share' = 0.5 protects less; allowed: up to 0.4"),
+        ({"proportional_gain": 0.0}, "'proportional_gain' = 0 is not allowed on a rig; allowed: as at the start"),
+        ({"proportional_gains": [0.0, 0.0]}, "'proportional_gain' = 0, 0 is not allowed on a rig"),
+        ({"derivative_gain": 0.0}, "'derivative_gain' = 0 is not allowed on a rig; allowed: 30 to 45"),
+        ({"nominal_reference": [2e-4, 0.0]}, "'nominal_reference' = 0.0002, 0 is not allowed on a rig"),
+        ({"current_limit": 0.0}, "'current_limit' = 0 is not allowed on a rig"),
+    ):
+        (refusal,) = rig.refusals("hardware_bridge", **change)
+        assert reason in refusal
+    rig.set("hardware_bridge", derivative_gain=40.0, protection__alarm_share=0.3)
+    (refusal,) = rig.refusals("hardware_bridge", protection__alarm_share=0.4)
+    assert "allowed: up to 0.3, as now, while the rig is on" in refusal
+    answer = rig.excite(Square(amplitude=100e-6, duration=0.1))
+    assert not answer.success
+    rig.wait_for_step(2_000)
+    assert rig.trips == []
+    assert rig.state.run == run
+    assert rig.state.mode == rig.state.LEVITATED
+    rig.reset_faults()  # of a rig without faults; changes nothing
+    assert rig.change("deactivate")
+    (refusal,) = rig.refusals("hardware_bridge", proportional_gain=0.0)  # off, too: a stranger could levitate it then
+    assert "not allowed on a rig" in refusal
+    rig.set("hardware_bridge", protection__alarm_share=0.4)
+
+
+def test_a_bridge_that_other_hosts_reach_levitates_only_if_its_operator_allows_that(graph: Graph) -> None:
+    graph.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
+    graph.environment.pop("FASTRTPS_DEFAULT_PROFILES_FILE", None)
+    rig = Rig(graph)
+    assert rig.change("configure")
+    assert not rig.change("activate")
+    graph.wait_until(lambda: "other hosts of the network reach this node" in rig.state.problem, "the reason")
+    assert "network: allow" in rig.state.problem
+    graph.stop(rig.bridge)
+    rig._bridge["network"] = "allow"
+    rig.start_bridge()
+    rig.levitate()
+
+
 def _start():
     from amb_msgs.srv import StartExcitation
 

@@ -14,6 +14,7 @@ from amb_core.loop.control import PdController
 from amb_core.simulation import simulate
 from amb_msgs.msg import BridgeState, Trip
 from tests.graph.conftest import Graph
+from tests.graph.processes import NodeProcess
 from tests.graph.rig import Rig, config
 from tests.unit.test_link_example import write_example
 
@@ -26,8 +27,14 @@ LOCK_STEP = {"host_patience": 60.0}
 def host_rig(graph: Graph, *arguments: str, emulator: dict[str, float], **bridge: str) -> Rig:
     """Emulator, bridge in mode host, and the ordinary controller node."""
     rig = Rig(graph, *arguments, emulator=emulator, bridge={"mode": "host", **bridge})
-    rig.controller = graph.start(CONTROLLER, *arguments)
+    rig.controller = start_controller(graph, *arguments)
     return rig
+
+
+def start_controller(graph: Graph, *arguments: str) -> NodeProcess:
+    controller = graph.start(CONTROLLER, *arguments)
+    graph.wait_until(lambda: graph.node.count_subscribers("/amb/position"), "the controller")
+    return controller
 
 
 @pytest.mark.parametrize("machine", ["paper", "rig"])
@@ -85,7 +92,7 @@ def test_without_a_controller_node_it_does_not_levitate(graph: Graph) -> None:
     assert not rig.change("activate")
     graph.wait_until(lambda: "start a controller node, such as pd_controller" in rig.state.problem, "the reason")
     assert (rig.state.mode, rig.trips) == (BridgeState.OFF, [])
-    graph.start(CONTROLLER)
+    start_controller(graph)
     assert rig.change("activate"), rig.state.problem
 
 
@@ -94,9 +101,9 @@ def test_a_link_that_takes_no_currents_is_refused_in_one_line(
 ) -> None:
     write_example(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    rig = Rig(graph, kind="vendor_link:VendorLink", bridge={"mode": "host"})
+    rig = Rig(graph, kind="vendor", bridge={"mode": "host"})
     assert not rig.change("configure")
     graph.wait_until(
-        lambda: "mode = 'host' is not allowed with link.kind = 'vendor_link:VendorLink'" in rig.state.problem,
+        lambda: "mode = 'host' is not allowed with link.kind = 'vendor'" in rig.state.problem,
         "the reason",
     )

@@ -164,7 +164,7 @@ def test_a_bag_gives_the_same_model_here_and_on_the_command_line(loop: Loop, rec
     assert answer.model.a == live.model.a
     assert answer.model.fit == live.model.fit
 
-    shown = CliRunner().invoke(app, ["bag", "info", started.uri])
+    shown = CliRunner().invoke(app, ["bag", "info", started.uri, "--runs"])
     assert shown.exit_code == 0
     assert "/amb/telemetry" in shown.output
     assert f"steps 0 to {STEPS - 1}" in shown.output

@@ -20,7 +20,7 @@ from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.machine import machine_of
 from amb_core.simulation import simulate
-from amb_msgs.msg import CurrentReference, RotorPosition, SimulatorState
+from amb_msgs.msg import AxisSignals, CurrentReference, RotorPosition, SimulatorState
 from amb_msgs.srv import Pause, RunSteps, StartExcitation, StopExcitation
 from amb_ros.qos import STREAM
 from amb_sim_node.parameters import SimulatorParameters
@@ -92,6 +92,35 @@ def test_samples_over_topics_equal_those_without_ros_bit_for_bit(request, withou
         bearing.excite(SQUARE, run, EXCITED_FROM)
         bearing.run(STEPS)
         assert bearing.record(run, STEPS).identical_to(without_ros)
+
+
+def test_signals_for_plots_are_samples_of_the_telemetry_and_change_nothing(separate, without_ros):
+    heard: list[AxisSignals] = []
+    node = separate.graph.node
+    listeners = [node.create_subscription(AxisSignals, f"/amb/signals/{axis}", heard.append, STREAM) for axis in "xy"]
+    run = separate.reset()
+    separate.excite(SQUARE, run, EXCITED_FROM)  # the controller knows the axes
+    separate.run(1)
+    for listener in listeners:
+        separate.graph.wait_until(listener.get_publisher_count, listener.topic_name)
+    separate.wait_for_step(run, 1)
+    separate.run(STEPS - 1)
+    record = separate.record(run, STEPS)
+    assert record.identical_to(without_ros)
+
+    def of_this_run(axis: str) -> dict[int, AxisSignals]:
+        return {message.step: message for message in heard if (message.run, message.header.frame_id) == (run, axis)}
+
+    for column, axis in enumerate("xy"):
+        separate.graph.wait_until(lambda axis=axis: 1_000 in of_this_run(axis), f"the last signal of {axis}")
+        assert set(of_this_run(axis)) - {0} == set(range(100, STEPS, 100))  # by default 100 Hz
+        for step, message in of_this_run(axis).items():
+            assert message.header.stamp.nanosec == step * 100_000
+            assert message.position == record.position[step, column]
+            assert message.reference == record.reference[step, column]
+            assert message.control_current == record.current[step, column]
+    for listener in listeners:
+        node.destroy_subscription(listener)
 
 
 def test_pauses_do_not_change_the_samples(separate, without_ros):

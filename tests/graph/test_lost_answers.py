@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,13 +15,14 @@ from rclpy.action import ActionServer
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+import amb_bringup.client
 from amb_bringup.client import AmbClient, ClientError
 from amb_bringup.connection import GraphConnection
 from amb_core.errors import ParameterError
 from amb_core.recording import Recording
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import LoopSamples, SimulatorState
-from amb_msgs.srv import GetModel, StartRecording, StopRecording
+from amb_msgs.srv import GetModel, StartExcitation, StartRecording, StopExcitation, StopRecording
 from amb_ros import middleware
 from amb_ros.qos import HISTORY
 from amb_ros.remote_parameters import RemoteParameters
@@ -167,5 +171,82 @@ def test_settings_of_the_user_are_left_alone(monkeypatch: pytest.MonkeyPatch) ->
     assert os.environ[middleware.VARIABLE] == "mine.xml"
     monkeypatch.delenv(middleware.VARIABLE)
     middleware.configure()
-    assert os.environ[middleware.VARIABLE] == str(middleware.PROFILES)
-    assert middleware.PROFILES.is_file()
+    assert os.environ[middleware.VARIABLE] == str(middleware.LOCAL_PROFILES)  # tests keep to this host
+
+
+def test_a_node_that_was_killed_and_started_again_answers_clients_that_knew_the_former_one(graph: Graph) -> None:
+    with AmbClient(domain_id=graph.domain, timeout=TIMEOUT) as client:
+        segments: list[set[str]] = []
+        for _ in range(2):
+            process = graph.start("amb_controller_node.excitation_generator", parameters={"answer_timeout": 0.1})
+            with pytest.raises(ClientError, match="with the current run"):  # its answer: there is no simulator
+                client.stop_excitation()
+            segments.append(process.open_segments())
+            graph.stop(process, signal.SIGKILL)
+            for name in segments[-1]:
+                lock = Path("/dev/shm", f"{name}_el")
+                if lock.exists():
+                    os.utime(lock, (0.0, 0.0))  # as if it had been left long ago
+    left = {path.name for path in Path("/dev/shm").iterdir()}
+    own = segments[0] - segments[1]  # not those of the client, to which both wrote
+    assert own
+    assert not own & left, "the second process has removed what the first one left"
+
+
+ENDLESS = """
+import sys, threading
+import rclpy
+from rclpy.action import ActionServer
+from rclpy.executors import MultiThreadedExecutor
+from amb_msgs.action import BuildMap
+rclpy.init()
+node = rclpy.create_node("region_monitor", namespace="amb")
+server = ActionServer(node, BuildMap, "region_monitor/build_map", lambda goal: threading.Event().wait())
+executor = MultiThreadedExecutor(2)
+executor.add_node(node)
+executor.spin()
+"""
+
+
+def test_a_goal_of_a_node_that_was_killed_and_started_again_ends_with_an_error(graph: Graph) -> None:
+    command = [sys.executable, "-c", ENDLESS]
+    with AmbClient(domain_id=graph.domain, timeout=TIMEOUT) as client:
+        processes = [graph.start_command(command)]
+
+        def kill_and_start() -> bool:
+            if len(processes) == 1:
+                graph.stop(processes[0], signal.SIGKILL)
+                processes.append(graph.start_command(command))
+            return False
+
+        with pytest.raises(ClientError, match=r"started again, and does not know the goal|its node has ended"):
+            client.build_map(cancelled=kill_and_start)
+        graph.stop(processes[1], signal.SIGKILL)
+
+
+def test_a_request_that_is_sent_once_says_so_when_it_is_not_answered(graph: Graph) -> None:
+    asked = _lose_answers(graph.node.create_service(StartRecording, "/amb/recorder/start", lambda _, answer: answer), 9)
+    with AmbClient(domain_id=graph.domain, timeout=1.0, nodes=()) as client:
+        client.wait_until(lambda: client.node.count_services("/amb/recorder/start") > 0, timeout=TIMEOUT)
+        with pytest.raises(ClientError, match="it may have been carried out"):
+            client.start_recording()
+    assert len(asked) == 1
+
+
+def test_an_excitation_without_an_answer_is_stopped(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(amb_bringup.client, "EXCITATION_TIMEOUT", 0.5)
+
+    def stop(_: Any, response: Any) -> Any:
+        stopped.append(True)
+        response.success = True
+        return response
+
+    stopped: list[bool] = []
+    node = graph.node
+    _lose_answers(node.create_service(StartExcitation, "/amb/excitation_generator/start", lambda _, answer: answer), 9)
+    node.create_service(StopExcitation, "/amb/excitation_generator/stop", stop)
+    with AmbClient(domain_id=graph.domain, timeout=2.0) as client:
+        client.wait_until(lambda: node.count_services("/amb/excitation_generator/stop") > 0, timeout=TIMEOUT)
+        with pytest.raises(ClientError, match="no answer from /amb/excitation_generator/start"):
+            client.start_excitation("square", amplitude=1e-6, duration=0.1)
+    assert stopped

@@ -23,7 +23,7 @@ def test_the_bridge_drives_a_link_of_ones_own_as_it_drives_amb_udp(
 ) -> None:
     write_example(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    rig = Rig(graph, kind="vendor_link:VendorLink")
+    rig = Rig(graph, kind="vendor")
     graph.start("amb_controller_node.excitation_generator")
     run = rig.levitate()
     answer = rig.excite(SQUARE)

@@ -28,6 +28,7 @@ from amb_msgs.msg import (
 )
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import HISTORY, LATCHED
+from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Graph
@@ -335,9 +336,9 @@ def test_recording_on_start(loop: Loop, graph: Graph) -> None:
 
 def test_a_wrong_parameter_ends_the_node_with_one_line(graph: Graph) -> None:
     process = graph.start(RECORDER, parameters={"chunk_period": 99.0})
-    _, errors = process.communicate(timeout=20)
+    process.wait_for_end(TIMEOUT)
     assert process.returncode == 1
-    assert errors.splitlines() == [
+    assert process.said.splitlines() == [
         "[amb] /amb/recorder: parameter 'chunk_period' = 99.0 is not allowed; allowed: 0.05 to 10 s"
     ]
 

@@ -267,3 +267,51 @@ def test_two_simulators_are_an_error_of_all_concerned_and_named_at_the_end(recor
     assert not stopped.success
     assert text in stopped.message
     recorded.graph.stop(rival)
+
+
+def test_two_recorders_are_an_error_of_both_and_neither_claims_that_nothing_is_recorded(recorded: Bearing) -> None:
+    run = recorded.reset()
+    start_bag(recorded)
+    first = recorded.graph.process_of("amb_ident_node.recorder")
+    rival = recorded.graph.start("amb_ident_node.recorder")
+    text = "2 nodes are named /amb/recorder: process"
+
+    def both_report() -> bool:
+        found = [status for status in recorded.diagnostics if text in status.message]
+        processes = {item.value.split()[1] for status in found for item in status.values if item.key == "instance"}
+        return processes == {str(first.pid), str(rival.pid)}
+
+    recorded.graph.wait_until(both_report, "an error of both recorders")
+    for process in (first, rival):
+        recorded.graph.wait_until(lambda process=process: text in process.said, "the error in the log of both")
+    recorded.run(100)
+    recorded.wait_for_step(run, 100)
+    stopped = stop_bag(recorded)  # answered by either
+    assert not stopped.success
+    assert text in stopped.message
+    assert "nothing is being recorded" not in stopped.message
+    recorded.graph.stop(rival)
+    recorded.diagnostics.clear()
+
+    def is_over() -> bool:
+        return any(
+            status.name == "amb/recorder" and status.level == DiagnosticStatus.OK and item.value.startswith(text)
+            for status in recorded.diagnostics
+            for item in status.values
+            if item.key == "last alarm"
+        )
+
+    recorded.graph.wait_until(is_over, "the end of the error, and when it was")
+
+
+def test_a_simulator_that_is_killed_within_a_run_is_named_at_the_end(recorded: Bearing) -> None:
+    run = recorded.reset()
+    start_bag(recorded)
+    recorded.run(0)
+    recorded.graph.wait_until(lambda: any(block.run == run for block in recorded.blocks), "telemetry")
+    recorded.graph.stop(recorded.graph.process_of("amb_sim_node.simulator"), by=signal.SIGKILL)
+    stopped = stop_bag(recorded)
+    assert not stopped.success
+    assert "/amb/simulator died or hangs, last seen at 20" in stopped.message
+    last = max(block.first_step + steps_in(block) for block in recorded.blocks if block.run == run) - 1
+    assert f"telemetry ends at step {last} of run {run}" in stopped.message

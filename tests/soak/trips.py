@@ -156,11 +156,13 @@ def _provoke(session: Session, kind: Kind) -> tuple[int, bool]:
     if not kind.stays:
         session.wait_until(lambda: rig.life_cycle() == "inactive", "the safe state")
     latched = _refuses(session, kind)
-    kind.repair(session)
+    if not kind.stays:
+        kind.repair(session)
     mode = BridgeState.LEVITATED if kind.stays else BridgeState.OFF
     session.wait_until(lambda: _reset(session, mode), "the reset")
-    if kind.stays:  # the next trip has a run of its own
+    if kind.stays:  # the next trip has a run of its own; a limit can be raised only while the rig is off
         rig.land()
+        kind.repair(session)
     return run, latched
 
 

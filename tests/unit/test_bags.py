@@ -12,10 +12,12 @@ import yaml
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from typer.testing import CliRunner
 
+from amb_bringup.cli import app
 from amb_core.errors import BagError
 from amb_core.loop.control import ControllerParameters
-from amb_core.recording import BagWriter, Recording
+from amb_core.recording import BagWriter, Recording, read_overview
 from tests.bag_messages import TYPES, definition
 from tests.written_bags import (
     BLOCK,
@@ -370,3 +372,26 @@ def test_telemetry_of_version_0_1_is_read(tmp_path: Path) -> None:
     assert bag.machine() is None
     expected = ControllerParameters(sample_rate=20e3, proportional_gain=3e4, nominal_reference=(0.0, 40e-6))
     assert bag.controller_parameters() == expected
+
+
+def test_the_index_shows_what_a_bag_holds_without_its_messages(bag_folder: Path, monkeypatch) -> None:
+    found = Recording.read(bag_folder)
+    monkeypatch.setattr("amb_core.recording.storage.McapStorage.messages", None)  # nothing reads them
+    shown = read_overview(bag_folder)
+    assert (shown.topics, shown.duration, shown.messages, shown.damage) == (found.topics, found.duration, 50, "")
+
+
+def test_a_bag_without_an_index_is_counted(bag_folder: Path) -> None:
+    (file,) = bag_folder.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:-2_000])
+    found, shown = Recording.read(bag_folder), read_overview(bag_folder)
+    assert (shown.topics, shown.duration, shown.damage) == (found.topics, found.duration, found.truncated)
+    assert "incomplete" in shown.damage
+
+
+def test_bag_info_shows_runs_only_if_asked(bag_folder: Path) -> None:
+    brief = CliRunner().invoke(app, ["bag", "info", str(bag_folder)])
+    assert "50 messages" in " ".join(brief.output.split())
+    assert "/amb/telemetry" in brief.output
+    assert "steps 0 to" not in brief.output
+    assert "steps 0 to" in CliRunner().invoke(app, ["bag", "info", str(bag_folder), "--runs"]).output

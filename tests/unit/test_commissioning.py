@@ -95,7 +95,7 @@ def test_the_resonance_is_that_of_the_loop_that_was_swept(expected: Expected) ->
     signal = sweep(SETTINGS)
     samples = generate(signal, RATE, MACHINE).samples[: round(5.0 * RATE)]
     reference = np.vstack([samples, np.zeros((3_000, 2))])
-    position = control.forced_response(expected.loop, inputs=reference.T).outputs.T
+    position = control.forced_response(expected.loop, None, reference.T).outputs.T
     found = closed_loop(record_of(position, reference), 0, (5.0, 200.0))
     truth = fit_second_order(found.frequency, expected.response(found.frequency, 0))
     assert found.resonance.natural_hz == pytest.approx(truth.natural_hz, rel=0.005)

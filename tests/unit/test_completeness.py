@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from amb_core.loop.records import LoopRecord
-from amb_core.loop.telemetry import RepeatedSteps
-from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount
+from amb_core.loop.telemetry import RepeatedSteps, StepCoverage
+from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount, TelemetryAccount
 from amb_ident_node.ledger import Ledger
 from amb_msgs.msg import RegionState, SimulatorState
 from amb_ros.namesakes import Namesakes
@@ -266,6 +266,27 @@ def test_steps_that_come_twice_with_other_samples_are_a_conflict():
     assert repeated.conflict.startswith("telemetry of run 1: steps 150 to 249 came twice with different samples")
 
 
+def test_a_conflict_ends_with_its_run_and_once_enough_blocks_agree():
+    repeated = RepeatedSteps()
+    for run in (1, 2):
+        repeated.add(run, record(0, 100))
+        repeated.add(run, record(0, 100, 1.0))
+        assert f"run {run}" in repeated.conflict
+    for number in range(1, 1 + repeated.COMPARED_BLOCKS):
+        assert "run 2" in repeated.conflict
+        repeated.add(2, record(100 * number, 100))
+    repeated.add(2, record(50_000, 100))
+    assert repeated.conflict == ""
+
+
+def test_a_recording_keeps_the_conflict_of_an_earlier_run():
+    account = TelemetryAccount()
+    for value in (0.0, 1.0):
+        account.note(1, record(0, 100, value))
+    account.note(2, record(0, 100))
+    assert "run 1: steps 0 to 99 came twice" in account.conflict
+
+
 def test_two_instances_that_report_in_turn_are_two_nodes_and_a_restarted_one_is_not():
     now = 0.0
     namesakes = Namesakes(1.5, lambda: now)
@@ -276,3 +297,31 @@ def test_two_instances_that_report_in_turn_are_two_nodes_and_a_restarted_one_is_
     assert namesakes.lives_twice("amb/simulator")
     now = 2.0
     assert not namesakes.lives_twice("amb/simulator")
+
+
+def test_what_strangers_send_takes_bounded_memory(monkeypatch: pytest.MonkeyPatch):
+    """Every message of another run, or with a gap before it: the accounts keep the latest, and count the rest."""
+    monkeypatch.setattr("amb_ident_node.completeness.KEPT_RUNS", 10)
+    monkeypatch.setattr("amb_ident_node.ledger.KEPT_RUNS", 10)
+    monkeypatch.setattr(SequenceAccount, "KEPT", 10)
+    monkeypatch.setattr(AnswerAccount, "KEPT", 10)
+    monkeypatch.setattr(StepCoverage, "MOST_SPANS", 10)
+    telemetry, periodic = TelemetryAccount(), PeriodicAccount("plant_state")
+    answers, regions = AnswerAccount(), SequenceAccount("region")
+    for run in range(1, 101):
+        telemetry.note(run, record(0, 10))
+        telemetry.note(1000, record(100 * run, 10))
+        periodic.expect(run, 1)
+        periodic.note(run, 0)
+        answers.note_excitation(run, run)
+        regions.note(2 * run)
+    assert set(telemetry.runs) == {*range(92, 101), 1000}
+    assert len(periodic._every) == len(periodic._seen) == 10
+    assert answers.lacks() == ["excitation_status lacks the answers to excitations 91 to 100 (10 messages)"]
+    assert "(99 messages)" in regions.lacks()[0]
+    coverage = StepCoverage()
+    for number in range(100):
+        coverage.add(10 * number, 1)
+    coverage.add(91, 1)
+    assert len(coverage.spans) == 10
+    assert coverage.spans[-1] == (90, 92)

@@ -21,3 +21,31 @@ def test_a_process_starts_without_what_it_does_not_compute_with(module: str, unw
     code = f"import {module}, sys; print([name for name in {unwanted!r} if name in sys.modules])"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+LIGHT_HELP = (
+    "bag",
+    "bag info",
+    "bag play",
+    "bag export",
+    "demo",
+    "foxglove",
+    "model export",
+    "reproduce",
+    "rig",
+    "run",
+)
+
+
+@pytest.mark.parametrize("command", [*LIGHT_HELP, "up", "view"])
+def test_help_imports_neither_nodes_nor_what_computes(command: str) -> None:
+    code = (
+        "import sys; from typer.testing import CliRunner; from amb_bringup.cli import app; "
+        "assert CliRunner().invoke(app, [*sys.argv[1:], '-h']).exit_code == 0; "
+        "print([name for name in ('rclpy', 'amb_msgs', 'numpy', 'scipy', 'numba', 'rosbags') if name in sys.modules]); "
+        "print(len(sys.modules))"
+    )
+    found = subprocess.run([sys.executable, "-c", code, *command.split()], capture_output=True, text=True, check=True)
+    heavy, count = found.stdout.splitlines()
+    assert heavy == "[]"
+    assert int(count) < 700  # 320 of them are those of Python, typer and rich

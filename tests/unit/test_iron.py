@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.constants import mu_0
+from scipy.integrate import trapezoid
 from scipy.special import ive
 
 from amb_core.errors import PlantError
@@ -53,7 +54,7 @@ def follow(parameters: IronParameters, path: np.ndarray, iron: np.void | None = 
 
 def area(fields: np.ndarray, path: np.ndarray, steps: int) -> float:
     """Area of the last cycle (J/m^3)."""
-    return float(np.trapezoid(fields[-steps - 1 :], path[-steps - 1 :]))
+    return float(trapezoid(fields[-steps - 1 :], path[-steps - 1 :]))
 
 
 def test_langevin_function_is_a_ratio_of_bessel_functions():

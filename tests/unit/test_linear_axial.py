@@ -47,7 +47,7 @@ def test_a_small_step_of_the_reference_moves_the_running_plant_as_the_model(chan
     reference[50:, 4] = height
     record = simulate(running, PdController(controller(), 5), 200, reference)
     loop = linearize(running, controller()).closed_loop
-    expected = np.asarray(control.forced_response(loop, inputs=reference.T).outputs[4])
+    expected = np.asarray(control.forced_response(loop, None, reference.T).outputs[4])
     assert expected.max() > 1.2 * height
     assert np.abs(record.position[:, 4] - expected).max() < 2e-3 * expected.max()
 

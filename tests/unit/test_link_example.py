@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import TargetError
+from amb_core.errors import ParameterError, TargetError
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
 from amb_core.simulation import simulate
@@ -22,19 +22,30 @@ NOISE = np.random.default_rng(1).normal(0.0, 2e-6, (200, 2))
 
 
 def write_example(folder: Path) -> None:
-    """The module of the page."""
+    """The module of the page, installed as its package would be."""
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
     (example,) = [block for block in blocks if "class VendorLink" in block]
     (folder / "vendor_link.py").write_text(example)
+    installed = folder / "vendor_link-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: vendor_link\nVersion: 1.0\n")
+    (offer,) = re.findall(r'^\[project.entry-points."amb.links"\]\n(vendor = ".*")$', PAGE.read_text(), re.MULTILINE)
+    (installed / "entry_points.txt").write_text(f"[amb.links]\n{offer.replace(chr(34), '')}\n")
 
 
 @pytest.fixture
 def link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     write_example(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    link = link_of(LinkParameters(kind="vendor_link:VendorLink"), lambda: None)
+    link = link_of(LinkParameters(kind="vendor"), lambda: None)
     yield link
     link.close()
+
+
+@pytest.mark.parametrize("kind", ["sys:exit", "vendor_link:VendorLink", "os.path", ""])
+def test_only_an_installed_link_is_loaded(link: TargetLink, kind: str) -> None:
+    with pytest.raises(ParameterError, match=r"not allowed; allowed: amb_udp, vendor; a package .* group amb\.links"):
+        link_of(LinkParameters(kind=kind), lambda: None)
 
 
 def test_the_example_of_a_link_delivers_the_loop_bit_for_bit(link: TargetLink) -> None:

@@ -3,8 +3,10 @@ refusal in one line, with the option that helps, where a command needs more than
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -33,22 +35,29 @@ def amb(*words: object) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-def identified(case: Case, folder: Path) -> Path:
-    """The model of a file; its description is saved as `my_rig.yaml`."""
-    saving = ("--save-description", folder / "my_rig.yaml")
-    code, shown = amb(
-        "identify", FOLDER / case.file, *case.options, "--order", 2 * case.axes, "--out", folder / "model.json", *saving
-    )
-    assert code == 0, shown
-    return folder / "model.json"
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Case], Path]:
+    """Folder with the model of a file, `model.json`, and its saved description, `my_rig.yaml`."""
+
+    @functools.cache
+    def found(case: Case) -> Path:
+        folder = tmp_path_factory.mktemp("identified")
+        words = (*case.options, "--order", 2 * case.axes, "--save-description", folder / "my_rig.yaml")
+        code, shown = amb("identify", FOLDER / case.file, *words, "--out", folder / "model.json")
+        assert code == 0, shown
+        return folder
+
+    return found
 
 
 @pytest.mark.parametrize("case", FILES.values(), ids=lambda case: case.file)
-def test_a_saved_description_reads_the_next_file_without_a_question(case: Case, tmp_path: Path) -> None:
-    first = StateSpaceModel.load(identified(case, tmp_path))
+def test_a_saved_description_reads_the_next_file_without_a_question(
+    identified: Callable[[Case], Path], case: Case, tmp_path: Path
+) -> None:
+    first = StateSpaceModel.load(identified(case) / "model.json")
     following = tmp_path / f"next_{Path(case.file).name}"
     (shutil.copytree if (FOLDER / case.file).is_dir() else shutil.copy)(FOLDER / case.file, following)
-    known = ("--description", tmp_path / "my_rig.yaml")
+    known = ("--description", identified(case) / "my_rig.yaml")
     code, shown = amb("identify", following, *known, "--order", first.order, "--out", tmp_path / "again.json")
     assert code == 0, shown
     again = StateSpaceModel.load(tmp_path / "again.json")
@@ -58,11 +67,12 @@ def test_a_saved_description_reads_the_next_file_without_a_question(case: Case, 
 
 
 @pytest.mark.parametrize("case", FILES.values(), ids=lambda case: case.file)
-def test_validate_and_compare_take_the_same_options(case: Case, tmp_path: Path) -> None:
-    model, data = identified(case, tmp_path), FOLDER / case.file
-    code, shown = amb(
-        "validate", model, data, "--description", tmp_path / "my_rig.yaml", "--results", tmp_path / "v.json"
-    )
+def test_validate_and_compare_take_the_same_options(
+    identified: Callable[[Case], Path], case: Case, tmp_path: Path
+) -> None:
+    model, data = identified(case) / "model.json", FOLDER / case.file
+    known = ("--description", identified(case) / "my_rig.yaml")
+    code, shown = amb("validate", model, data, *known, "--results", tmp_path / "v.json")
     assert code in (0, NOT_VALIDATED), shown
     judged = json.loads((tmp_path / "v.json").read_text())
     code, shown = amb("compare", model, data, *case.options, "--results", tmp_path / "c.json")
@@ -72,9 +82,10 @@ def test_validate_and_compare_take_the_same_options(case: Case, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("case", FILES.values(), ids=lambda case: case.file)
-def test_regions_and_reports_need_the_reference_and_name_the_option(case: Case, tmp_path: Path) -> None:
-    identified(case, tmp_path)
-    known = ("--description", tmp_path / "my_rig.yaml")
+def test_regions_and_reports_need_the_reference_and_name_the_option(
+    identified: Callable[[Case], Path], case: Case, tmp_path: Path
+) -> None:
+    known = ("--description", identified(case) / "my_rig.yaml")
     for command, result in (("regions", "summary.json"), ("report", "report.html")):
         code, shown = amb(command, FOLDER / case.file, *known, "--out", tmp_path / command)
         if case.file in WITH_REFERENCE:
@@ -87,11 +98,11 @@ def test_regions_and_reports_need_the_reference_and_name_the_option(case: Case, 
 
 
 @pytest.mark.parametrize("case", FILES.values(), ids=lambda case: case.file)
-def test_distortion_is_measured_or_refused_with_the_reason(case: Case, tmp_path: Path) -> None:
-    identified(case, tmp_path)
-    code, shown = amb(
-        "distortion", FOLDER / case.file, "--description", tmp_path / "my_rig.yaml", "--out", tmp_path / "d"
-    )
+def test_distortion_is_measured_or_refused_with_the_reason(
+    identified: Callable[[Case], Path], case: Case, tmp_path: Path
+) -> None:
+    known = ("--description", identified(case) / "my_rig.yaml")
+    code, shown = amb("distortion", FOLDER / case.file, *known, "--out", tmp_path / "d")
     assert code == 1  # none of these files holds whole periods of a multisine, or is long enough for coherence
     reason = "the reference repeats no period" if case.file in WITH_REFERENCE else "--reference"
     assert shown.count(reason) == 1

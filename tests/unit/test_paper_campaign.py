@@ -12,11 +12,12 @@ import pytest
 from amb_bringup.paper.campaign import run_campaign
 from amb_bringup.paper.page import paper_report
 from amb_bringup.paper.studies import OPENING, STUDIES, studies_named
-from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyError, StudyResult, Workplace
+from amb_bringup.paper.study import Claim, DrawnFigure, Setting, Study, StudyError, StudyResult, Workplace
 from amb_core.errors import RegionError
 from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Curve, Panel
 from amb_core.figures.style import PLANT
+from amb_core.report import TableBlock
 from amb_core.tasks.provenance import code_version
 
 
@@ -33,7 +34,9 @@ class Drawing(Study):
         curve = Curve(np.arange(3.0), np.arange(3.0), "line", PLANT)
         chart = Chart("A line", "It rises.", (Panel(Axis("x (m)"), Axis("y (m)"), (curve,)),))
         claim = Claim("rises", "Fig. 0", "It rises.", "from 0 to 2 m", "agrees", figure="line")
-        return StudyResult([DrawnFigure.of("line", chart)], [claim], {"steps": "3"}, ["A note."])
+        return StudyResult(
+            [DrawnFigure.of("line", chart)], [claim], {"steps": Setting("3", "stated: Fig. 0")}, ["A note."]
+        )
 
 
 class Failing(Study):
@@ -112,6 +115,16 @@ def test_the_report_opens_with_a_sweep_and_the_map_and_counts_verdicts() -> None
     ]
     assert report.opening[-1].caption == "1 claims; agrees: 1, agrees in part: 0, does not agree: 0"
     assert len(OPENING) == 2
+
+
+def test_the_report_shows_where_every_setting_and_value_comes_from() -> None:
+    report = paper_report([Drawing()], {"drawing": Drawing().run()}, ["line", "line"], "")
+    tables = [block for section in report.sections for block in section.blocks if isinstance(block, TableBlock)]
+    experiment, bearing = tables
+    assert experiment.rows == [("steps", "3", "stated: Fig. 0")]
+    sources = {row[0]: row[-1] for row in bearing.rows}
+    assert sources["controller.current_limit"] == "assumed"
+    assert sources["magnetic_circuit.air_gap"] == "stated: table 1"
 
 
 def test_results_are_plain_json() -> None:

@@ -19,6 +19,7 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import load_parameters, own_declarations
 from amb_core.plant import PlantParameters
 from amb_core.regions import RegionParameters
+from amb_ros import overflowed_wait
 from amb_sim_node.parameters import SimulatorParameters
 
 ROOT = Path(__file__).parents[2]
@@ -145,6 +146,7 @@ def _section(line: str) -> tuple[str, Any]:
 
 def by_ros(file: Path) -> dict[str, Any]:
     """Parameters that a node of the name /amb/simulator finds in a file."""
+    overflowed_wait.correct()
     context = Context()
     rclpy.init(context=context, args=["--ros-args", "--params-file", str(file)])
     try:

@@ -178,7 +178,7 @@ def test_a_plant_that_cannot_be_built_is_refused_before_anything_runs(ran):
     ("options", "message"),
     [
         ({"scheduler": "tcp://127.0.0.1:9"}, r"scheduler tcp://127\.0\.0\.1:9 does not answer within 0\.5 s"),
-        ({"scheduler": "localhost"}, "'localhost' is no address; allowed: one like tcp://host:8786"),
+        ({"scheduler": "localhost"}, "'localhost' is no address; allowed: one like tls://host:8786"),
         ({"workers": 0}, "workers = 0 is not allowed"),
         ({"workers": 2, "scheduler": "tcp://127.0.0.1:9"}, "which has its own workers"),
     ],

@@ -139,5 +139,5 @@ def test_an_empty_goal_asks_for_the_defaults() -> None:
 
 
 def test_the_goal_has_all_settings_of_a_map() -> None:
-    others = {"parameter_file", "scheduler", "path"}
+    others = {"parameter_file", "path"}
     assert set(BuildMap.Goal.get_fields_and_field_types()) == set(MapSettings.model_fields) | others

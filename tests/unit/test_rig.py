@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from amb_core.errors import ExcitationError, ParameterError
+from amb_core.loop.allowed_changes import AllowedChanges
+from amb_core.loop.machine import ONE_BEARING, MachineBearing
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import validate
 from amb_core.rig import BridgeTrip, ExcitationProtection, ProtectionParameters, Runs, RunSamples, TripLog, describe
@@ -137,10 +141,14 @@ def test_every_reason_has_a_text() -> None:
     assert "y_0" in describe(Trip(TripReason.SENSOR_STUCK, 1, 1, 2e-6), machine())
 
 
+BEARING = replace(ONE_BEARING, bearings=(MachineBearing("a", 250e-6),))
+CENTRE = np.zeros(2)
+
+
 def protection(**parameters: float) -> ExcitationProtection:
     given = ProtectionParameters(**parameters)
     limits = given.lowered(Limits(excitation_amplitude=50e-6, excitation_slew=0.1), current_limit=3.0)
-    return ExcitationProtection(given, limits, ("x", "y"), 10_000.0, room=100_000)
+    return ExcitationProtection(given, limits, BEARING, room=100_000)
 
 
 def sine(frequency: float, amplitude: float, steps: int = 10_000) -> np.ndarray:
@@ -150,7 +158,14 @@ def sine(frequency: float, amplitude: float, steps: int = 10_000) -> np.ndarray:
 
 
 def test_what_is_within_all_limits_passes() -> None:
-    protection(lowest_frequency=50.0, highest_frequency=200.0).require(sine(100.0, 40e-6))
+    protection(lowest_frequency=50.0, highest_frequency=200.0).require(sine(100.0, 40e-6), CENTRE)
+
+
+def test_an_excitation_that_would_take_the_rotor_to_the_alarm_from_where_it_is_is_refused() -> None:
+    with pytest.raises(ExcitationError, match=r"108 um from the centre of bearing a; allowed on this rig: 100 um"):
+        protection().require(sine(100.0, 40e-6), np.array([0.0, -68e-6]))
+    with pytest.raises(ExcitationError, match="from the centre of bearing a"):  # radially: 72 um on each axis
+        protection().require(np.repeat(sine(100.0, 4e-6)[:, 1:], 2, axis=1), np.array([70e-6, 70e-6]))
 
 
 @pytest.mark.parametrize(
@@ -170,7 +185,7 @@ def test_what_exceeds_a_limit_is_refused_with_value_axis_and_limit(
     signal: np.ndarray, parameters: dict[str, float], reason: str
 ) -> None:
     with pytest.raises(ExcitationError, match=reason):
-        protection(**parameters).require(signal)
+        protection(**parameters).require(signal, CENTRE)
 
 
 def test_limits_of_the_host_only_lower_those_of_the_target() -> None:
@@ -183,3 +198,38 @@ def test_limits_of_the_host_only_lower_those_of_the_target() -> None:
 def test_an_alarm_after_the_trip_is_refused_when_it_is_set() -> None:
     with pytest.raises(ParameterError, match=r"protection.*alarm_share = 0\.6 is above trip_share = 0\.5; allowed"):
         validate(BridgeParameters, {"protection.alarm_share": 0.6})
+
+
+@pytest.mark.parametrize(
+    ("start", "wanted", "reason"),
+    [
+        ({}, {"proportional_gain": 0.0}, r"'proportional_gain' = 0 is not allowed on a rig; allowed: as at the start"),
+        ({}, {"proportional_gains": (2e4, 1e4)}, r"'proportional_gain' = 20000, 10000 is not allowed"),
+        ({"proportional_gains": (2.1e4, 2.2e4)}, {"proportional_gains": ()}, r"'proportional_gain' = 20000"),
+        ({}, {"derivative_gain": 50.0}, r"'derivative_gain' = 50 is not allowed on a rig; allowed: 30 to 45"),
+        ({}, {"nominal_reference": (1e-4, 0.0)}, r"'nominal_reference' = 0.0001, 0 is"),
+    ],
+)
+def test_a_running_rig_takes_only_what_its_operator_allowed_at_the_start(
+    start: dict[str, object], wanted: dict[str, object], reason: str
+) -> None:
+    allowed, before = AllowedChanges(derivative_gain=(30.0, 45.0)), ControllerParameters(**start)
+    with pytest.raises(ParameterError, match=reason):
+        allowed.require(before.model_copy(update=wanted), before)
+    allowed.require(before, before)
+    allowed.require(before.model_copy(update={"derivative_gain": 30.0}), before)
+
+
+def test_a_range_of_allowed_changes_has_two_ends() -> None:
+    with pytest.raises(ParameterError, match=r"derivative_gain = \[45\.0, 30\.0\]; allowed: lowest and highest value"):
+        validate(BridgeParameters, {"allowed.derivative_gain": [45.0, 30.0]})
+
+
+def test_protection_is_only_tightened() -> None:
+    start = ProtectionParameters()
+    with pytest.raises(ParameterError, match=r"trip_share' = 0\.6 protects less; allowed: up to 0\.5, as now"):
+        ProtectionParameters(trip_share=0.6).require_no_looser(start, "now")
+    limited = ProtectionParameters(excitation_amplitude=1e-5)
+    with pytest.raises(ParameterError, match=r"excitation_amplitude' = 0 protects less"):
+        start.require_no_looser(limited, "now")  # 0 is the target's limit
+    limited.require_no_looser(start, "now")

@@ -210,6 +210,19 @@ def test_bounds_of_mixed_perturbations_meet(seed: int) -> None:
     assert np.abs(np.linalg.det(np.eye(6) - matrix * delta)) < 1e-9
 
 
+def test_a_bound_is_found_where_a_library_does_not_return() -> None:
+    """SLICOT's AB13MD does not return for this matrix, and holds the interpreter meanwhile. Nothing drives its rows."""
+    matrix = np.zeros((3, 3), dtype=complex)
+    matrix[1, 0], matrix[1, 2] = 0.3098449153263464 - 0.6010015120370034j, -0.5960339446779636 - 0.4330552479387257j
+    assert upper_bound(matrix, np.zeros(3, dtype=bool)) < 1e-6
+
+
+def test_the_peak_of_one_complex_perturbation_is_its_largest_gain() -> None:
+    system = Lti(np.array([[0.5]]), np.array([[1.0]]), np.array([[0.5]]), np.zeros((1, 1)), STEP)
+    peak = mu_peak(system, [Block("gain")], np.geomspace(1.0, 4_000.0, 50))
+    assert peak.upper == pytest.approx(system.gain(1.0))
+
+
 def test_real_perturbations_alone_are_bounded_at_rest_too() -> None:
     """1 - 0.5 delta/(z - 0.5): the pole reaches z = 1 at delta = 1, and no other frequency has a real response."""
     system = Lti(np.array([[0.5]]), np.array([[1.0]]), np.array([[0.5]]), np.zeros((1, 1)), STEP)

@@ -46,7 +46,7 @@ def test_the_rotor_lifts_off_and_is_held_in_the_centre_with_margins(design: Bear
     assert np.abs(model.point.position).max() < 1e-8
     # exact, against the largest value on a dense grid of frequencies
     assert design.tuned.peak_sensitivity == pytest.approx(model.peak_sensitivity, rel=1e-4)
-    assert design.tuned.peak_sensitivity >= model.peak_sensitivity * (1.0 - 1e-9)
+    assert design.tuned.peak_sensitivity >= model.peak_sensitivity * (1.0 - 1e-8)
 
 
 def test_at_the_gain_margins_the_loop_is_at_the_limit_of_stability(design: BearingDesign) -> None:

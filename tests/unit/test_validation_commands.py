@@ -89,7 +89,7 @@ def test_data_without_the_controller_are_judged_without_the_loop(folder: Path) -
     result = amb("validate", folder / "good.json", folder / "data.npz")
     assert result.exit_code == 0
     assert "CLOSED LOOP  not checked" in result.stdout and "controller is not known" in result.stdout
-    assert "the closed loop of the models is not validated" in result.stderr
+    assert "the closed loop of the models is not validated" in result.output
 
 
 @pytest.mark.parametrize(

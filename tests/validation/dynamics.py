@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
+from scipy.integrate import trapezoid
 
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import (
@@ -94,7 +95,7 @@ def iron_loss() -> Iterator[Row]:
             energies[sample] = trace.iron_energy[-1] - bearing["ring"]["loss"]
     flux_density, field = loops[:, 0], loops[:, 1]
     volumes = np.repeat([length * area for length, area in plant.network.paths], POLES)
-    areas = np.trapezoid(field, flux_density, axis=0)
+    areas = trapezoid(field, flux_density, axis=0)
     loss = energies[-1] - energies[0]
     yield Row(
         "iron loss of the running plant: relative to the areas of its loops",

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad, solve_ivp, trapezoid
 from scipy.optimize import brentq
 from scipy.special import ive
 
@@ -191,7 +191,7 @@ def _closure_of_work(parameters: IronParameters) -> float:
     path = _triangle(1.0)
     fields, work = _follow(parameters, path)
     cycle = 4 * (len(path) - 1) // 9
-    area = np.trapezoid(fields[-cycle - 1 :], path[-cycle - 1 :])
+    area = trapezoid(fields[-cycle - 1 :], path[-cycle - 1 :])
     return float(abs((work[-1] - work[-1 - cycle]) / area - 1.0))
 
 

@@ -14,6 +14,7 @@ from typer.main import get_command
 from amb_bringup.exit_codes import INTERRUPTED
 from amb_bringup.startup import ending_signals, leaving_at_once
 from amb_core.errors import AmbError
+from amb_ros import network
 
 PASSING_ON = {"allow_extra_args": True, "allow_interspersed_args": False}
 COMMANDS = {
@@ -138,12 +139,15 @@ class LateCommand(TyperCommand):
         with leaving_at_once():
             found = getattr(importlib.import_module(f"amb_bringup.commands.{module}"), name)
             from amb_bringup.commands.options import with_changes
+            from amb_bringup.commands.overwrite import with_overwrite
         if isinstance(found, typer.Typer):
             for command in found.registered_commands:
-                command.callback = with_changes(command.callback) if command.callback else None
+                command.callback = with_overwrite(with_changes(command.callback)) if command.callback else None
             return get_command(found)
         app = typer.Typer(add_completion=False)
-        app.command(self.name, context_settings=PASSING_ON if self.name == "run" else None)(with_changes(found))
+        app.command(self.name, context_settings=PASSING_ON if self.name == "run" else None)(
+            with_overwrite(with_changes(found))
+        )
         return get_command(app)
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
@@ -196,6 +200,7 @@ def amb(
 
 def main() -> int:
     """Run `amb` with the arguments of the process; returns its exit code."""
+    network.keep_to_this_host()
     for number in ending_signals():  # a command may have something to close, nodes to stop or a rotor to land
         signal.signal(number, signal.default_int_handler)
     try:

@@ -9,6 +9,7 @@ with AmbClient() as amb:
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from amb_bringup.connection import ClientError
+from amb_bringup.connection import ClientError, NoAnswerError
 from amb_bringup.experiment import Experiment, ExperimentRun, Progress, carry_out
 from amb_bringup.identifier_calls import IdentifierCalls
 from amb_bringup.request_fields import absolute, known_settings
@@ -41,6 +42,7 @@ from amb_msgs.srv import (
 )
 from amb_ros import topics
 from amb_ros.qos import HISTORY, LATCHED
+from amb_ros.requests import COMPUTED, QUICKLY
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
@@ -120,7 +122,7 @@ class AmbClient(IdentifierCalls):
     def pause(self) -> int:
         """Pause the simulator. Returns the next step."""
         self._require_simulator("simulator/pause")
-        return self.call(Pause, "simulator/pause", repeated=True).step
+        return self.call(Pause, "simulator/pause", repeat_after=QUICKLY).step
 
     def run(self, steps: int, progress: Callable[[int], None] | None = None) -> RunEnd:
         """Run a number of steps and wait for the end.
@@ -179,20 +181,26 @@ class AmbClient(IdentifierCalls):
 
         `settings` are the fields of the kind in SI units, as in the service: amplitude, axes, duration, frequency, ...
         """
-        answer = self.call(
-            StartExcitation,
-            "excitation_generator/start",
-            timeout=max(self.timeout, EXCITATION_TIMEOUT),
-            kind=kind,
-            first_step=first_step,
-            run=self._run,
-            **known_settings(StartExcitation.Request, settings),
-        )
+        fields = known_settings(StartExcitation.Request, settings)
+        try:
+            answer = self.call(
+                StartExcitation,
+                "excitation_generator/start",
+                timeout=max(self.timeout, EXCITATION_TIMEOUT),
+                kind=kind,
+                first_step=first_step,
+                run=self._run,
+                **fields,
+            )
+        except NoAnswerError:  # it may play, at a step that nobody knows
+            with contextlib.suppress(ClientError):
+                self.stop_excitation()
+            raise
         return StartedExcitation(answer.run, answer.first_step, answer.steps)
 
     def stop_excitation(self) -> None:
         """Stop the excitation: the reference returns to nominal."""
-        self.call(StopExcitation, "excitation_generator/stop")
+        self.call(StopExcitation, "excitation_generator/stop", repeat_after=QUICKLY)
 
     def preview_excitation(self, kind: str, region_map: str | Path = "", **settings: Any) -> PreviewExcitation.Response:
         """Predict in which regions of a map an excitation would run, without starting it.
@@ -212,7 +220,7 @@ class AmbClient(IdentifierCalls):
         return self.call(
             PreviewExcitation,
             "excitation_generator/preview",
-            repeated=True,
+            repeat_after=COMPUTED,
             kind=kind,
             map=absolute(region_map),
             **known_settings(PreviewExcitation.Request, settings),
@@ -319,7 +327,6 @@ class AmbClient(IdentifierCalls):
     def build_map(
         self,
         parameter_file: str | Path = "",
-        scheduler: str = "",
         path: str | Path = "",
         progress: Callable[[MapProgress], None] | None = None,
         cancelled: Callable[[], bool] | None = None,
@@ -331,8 +338,6 @@ class AmbClient(IdentifierCalls):
         ----------
         parameter_file : str or Path, optional
             ROS parameter file with another plant and controller.
-        scheduler : str, optional
-            Address of a dask scheduler, tcp://host:port; by default the machine of the monitor computes.
         path : str or Path, optional
             File for the map.
         progress : callable, optional
@@ -358,7 +363,6 @@ class AmbClient(IdentifierCalls):
         goal = BuildMap.Goal(
             **known_settings(BuildMap.Goal, settings),
             parameter_file=absolute(parameter_file),
-            scheduler=scheduler,
             path=absolute(path),
         )
         result = self.act(BuildMap, "region_monitor/build_map", goal, on_feedback, cancelled or (lambda: False))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
+import sys
 
 from amb_bringup.startup import ending_signals, leave
 
@@ -12,8 +14,17 @@ def main() -> int:
     signal.signal(signal.SIGINT, leave)
     from amb_bringup.cli import main as run
 
+    code: str | int | None = 1  # also of an exception
     try:
-        return run()
+        code = run()
+        return code
+    except SystemExit as end:
+        code = end.code
+        raise
     finally:
         for number in ending_signals():
             signal.signal(number, leave)  # while Python ends
+        if leaving := sys.modules.get("amb_ros.leaving"):  # otherwise the command was in no graph
+            with contextlib.suppress(OSError):  # Python reports it when it ends
+                sys.stdout.flush()
+            leaving.end_within(leaving.LIMIT, code if isinstance(code, int) else int(code is not None))

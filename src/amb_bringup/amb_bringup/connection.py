@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import time
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
@@ -16,17 +18,23 @@ from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
-from amb_core.errors import AmbError
-from amb_ros import interruptions
-from amb_ros.leaving import leave_graph
+from amb_core.errors import AmbError, bounded
+from amb_ros import interruptions, middleware
+from amb_ros.leaving import leave_graph_and_go_on
 from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
 
+UNKNOWN = "; it may have been carried out: look at the state of the node before you ask again"
+RESULT_PERIOD = 4.0  # s until the result of a goal is asked for again; less than the 10 s for which rclpy keeps results
 REASON_TIMEOUT = 5.0  # s; longest wait for the published reason of a rejection
 
 
 class ClientError(AmbError):
     """A node of the graph is missing, does not answer in time, or refuses a request."""
+
+
+class NoAnswerError(ClientError):
+    """A request was sent, and is not answered in time: nobody knows whether it was carried out."""
 
 
 class GraphConnection:
@@ -58,6 +66,7 @@ class GraphConnection:
         self.timeout = timeout
         self._nodes = tuple(nodes)
         self._context = Context()
+        middleware.configure()
         with interruptions.held_back():
             rclpy.init(context=self._context, domain_id=domain_id)
             # It logs nothing, and several connections of one process would share one publisher of the log.
@@ -84,7 +93,7 @@ class GraphConnection:
         self.close()
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Leave the graph, within 5 s also if the middleware hangs."""
         self._leave()
 
     def wait_for_nodes(self, check: Callable[[], None] = lambda: None) -> None:
@@ -115,7 +124,14 @@ class GraphConnection:
             self._executor.spin_once(timeout_sec=timeout)
 
     def call(
-        self, service: Any, name: str, /, *, timeout: float | None = None, repeated: bool = False, **fields: Any
+        self,
+        service: Any,
+        name: str,
+        /,
+        *,
+        timeout: float | None = None,
+        repeat_after: float = math.inf,
+        **fields: Any,
     ) -> Any:
         """Call a service.
 
@@ -125,8 +141,9 @@ class GraphConnection:
             Type and name, relative to the namespace.
         timeout : float, optional
             Longest wait for the answer (s).
-        repeated : bool
-            Whether the request may be sent again until it is answered, because it is idempotent.
+        repeat_after : float, optional
+            Time without an answer after which the request is sent again, because it is idempotent (s); twice as long
+            every time. Others are sent once: the node may have carried out what it has not answered.
         **fields
             Fields of the request.
 
@@ -138,12 +155,16 @@ class GraphConnection:
             self._clients[name] = self.node.create_client(service, name)
         client = self._clients[name]
         full_name = self.node.resolve_service_name(name)
+        refuse_cut_texts(full_name, fields)
         wait = self.timeout if timeout is None else timeout
         self.wait_until(client.service_is_ready, self.timeout, f"no service {full_name}; is the node running?")
-        pending = PendingRequest(client, service.Request(**fields), repeated)
+        pending = PendingRequest(client, service.Request(**fields), repeat_after)
         try:
-            self.wait_until(lambda: pending.answer() is not None, wait, f"no answer from {full_name} within {wait:g} s")
+            self.wait_until(lambda: pending.answer() is not None, wait)
             answer = pending.answer()
+        except ClientError:
+            unknown = "" if math.isfinite(repeat_after) else UNKNOWN
+            raise NoAnswerError(f"no answer from {full_name} within {wait:g} s{unknown}") from None
         finally:
             pending.forget()
         if not answer.success:
@@ -169,22 +190,29 @@ class GraphConnection:
             self._rejections[name] = RejectionListener(self.node, name)
         client = self._clients[name]
         full_name = self.node.resolve_service_name(name)
+        refuse_cut_texts(full_name, {field: getattr(goal, field) for field in goal.get_fields_and_field_types()})
         self.wait_until(client.server_is_ready, complaint=f"no action {full_name}; is the node running?")
         self._rejections[name].forget(goal)
         accepted = client.send_goal_async(goal, on_feedback)
-        self.wait_until(accepted.done, complaint=f"no answer from {full_name} within {self.timeout:g} s")
+        self.wait_until(accepted.done, complaint=f"no answer from {full_name} within {self.timeout:g} s{UNKNOWN}")
         handle = accepted.result()
         if not handle.accepted:
             raise ClientError(f"{full_name}: {self._reason(name, goal)}")
-        ended = handle.get_result_async()
+        asked = [handle.get_result_async()]
+        ask_again = time.monotonic() + RESULT_PERIOD
         cancelling = False
-        while not ended.done():
+        while (ended := next((future for future in asked if future.done()), None)) is None:
             if not client.server_is_ready():
                 raise ClientError(f"{full_name}: its node has ended")
             if not cancelling and cancelled():
                 handle.cancel_goal_async()
                 cancelling = True
+            if time.monotonic() > ask_again:  # the answer may be lost, or the node has been started again
+                asked.append(handle.get_result_async())
+                ask_again = time.monotonic() + RESULT_PERIOD
             self.spin_once()
+        if ended.result().status == GoalStatus.STATUS_UNKNOWN:
+            raise ClientError(f"{full_name}: its node has been started again, and does not know the goal any more")
         result = ended.result().result
         if not result.success and not cancelling:
             raise ClientError(f"{full_name}: {result.message}")
@@ -200,6 +228,13 @@ class GraphConnection:
         return str(heard.reason(goal))
 
 
+def refuse_cut_texts(name: str, fields: Mapping[str, Any]) -> None:
+    """Raise ClientError for a text with a NUL character: rclpy sends it up to there, and no node can see that."""
+    for field, value in fields.items():
+        if isinstance(value, str) and "\0" in value:
+            raise ClientError(f"{name}: {field} = {bounded(repr(value), 200)} has a NUL character; allowed: none")
+
+
 def _leave(executor: Executor, node: Node, context: Context) -> None:
     with interruptions.held_back():
-        leave_graph(context, executor, [node])
+        leave_graph_and_go_on(context, executor, node)

@@ -13,6 +13,7 @@ from amb_core.identification import IdentificationProgress, StateSpaceModel
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_msgs.action import Identify
 from amb_msgs.srv import Certify, GetModel, Validate
+from amb_ros.requests import COMPUTED, QUICKLY
 
 
 class IdentifierCalls(GraphConnection):
@@ -105,6 +106,7 @@ class IdentifierCalls(GraphConnection):
             Validate,
             "identifier/validate",
             timeout=timeout,
+            repeat_after=COMPUTED,
             bag=absolute(bag),
             model=absolute(model),
             first_step=first_step,
@@ -163,6 +165,7 @@ class IdentifierCalls(GraphConnection):
             Certify,
             "identifier/certify",
             timeout=timeout,
+            repeat_after=COMPUTED,
             controller=controller_name(controller),
             model=absolute(model),
             bag=absolute(bag),
@@ -176,4 +179,4 @@ class IdentifierCalls(GraphConnection):
 
     def get_model(self) -> StateSpaceModel:
         """The last identified model."""
-        return model_from_message(self.call(GetModel, "identifier/get_model", repeated=True).model)
+        return model_from_message(self.call(GetModel, "identifier/get_model", repeat_after=QUICKLY).model)

@@ -9,10 +9,11 @@ from amb_core.errors import ParameterError
 from amb_core.parameters import Parameters, load_parameters
 from amb_core.plant.machine import machine_of
 from amb_ident_node.identifier import IdentifierParameters
-from amb_ident_node.recorder import RecorderParameters
+from amb_ident_node.recorder_parameters import RecorderParameters
 from amb_ident_node.region_monitor import RegionMonitorParameters
 from amb_sim_node.bridge_parameters import BridgeParameters
-from amb_sim_node.parameters import SimulatorParameters, TargetEmulatorParameters
+from amb_sim_node.emulator_parameters import TargetEmulatorParameters
+from amb_sim_node.parameters import SimulatorParameters
 
 PARAMETERS: dict[str, type[Parameters]] = {
     "simulator": SimulatorParameters,

@@ -22,6 +22,7 @@ from amb_bringup.connection import ClientError
 from amb_msgs.msg import BridgeState, Trip
 from amb_ros import topics
 from amb_ros.qos import EVERY_STATE, LATCHED
+from amb_ros.requests import QUICKLY
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class Rig:
 
     def reset_faults(self) -> None:
         """Forget latched trips."""
-        self._client.call(Trigger, f"{BRIDGE}/reset_faults")
+        self._client.call(Trigger, f"{BRIDGE}/reset_faults", repeat_after=QUICKLY)
 
     def life_cycle(self) -> str:
         """State in the life cycle: unconfigured, inactive, active or finalized."""
@@ -151,7 +152,11 @@ class Rig:
         if answer.result().success:
             return
         self._client.wait_until(
-            lambda: self.state is not None and self.state.sequence > before and f"{label}: " in self.state.problem,
+            lambda: (
+                self.state is not None
+                and self.state.sequence > before
+                and any(text in self.state.problem for text in (f"{label}: ", f"{label} is not allowed"))
+            ),
             REASON_TIMEOUT,
             f"{BRIDGE}: {label} failed; see its log",
         )

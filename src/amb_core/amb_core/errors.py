@@ -49,13 +49,21 @@ class TaskError(AmbError):
     """A task cannot be run: no scheduler, no worker, or what the task itself raised."""
 
 
+class MissingExtraError(AmbError, ImportError):
+    """A package of an optional part is not installed."""
+
+
 LONGEST_TEXT = 2_000  # characters
 
 
 def one_line(problem: AmbError) -> str:
     """The text of an error as one line of bounded length, whatever names and values from outside it repeats."""
-    text = " ".join(str(problem).split())
-    if len(text) <= LONGEST_TEXT:
+    return bounded(" ".join(str(problem).split()))
+
+
+def bounded(text: str, longest: int = LONGEST_TEXT) -> str:
+    """A text of bounded length (characters): the middle of a longer one is left out."""
+    if len(text) <= longest:
         return text
-    half = LONGEST_TEXT // 2
+    half = longest // 2
     return f"{text[:half]} ... {text[-half:]}"

@@ -45,12 +45,22 @@ P = TypeVar("P", bound=Parameters)
 
 
 def quantity(
-    default: float, unit: str, description: str, minimum: float, maximum: float, *, runtime: bool = False
+    default: float,
+    unit: str,
+    description: str,
+    minimum: float,
+    maximum: float,
+    *,
+    runtime: bool = False,
+    source: str = "",
 ) -> Any:
-    """Declare a number with unit (`-` for none) and closed range. `runtime`: may be changed while a node runs."""
-    return Field(
-        default, ge=minimum, le=maximum, description=description, json_schema_extra={"unit": unit, "runtime": runtime}
-    )
+    """Declare a number with unit (`-` for none) and closed range.
+
+    `runtime`: may be changed while a node runs. `source`: whether the paper states the default, as `stated: table 1`,
+    or it is `assumed`; empty for a parameter that has nothing to do with the paper.
+    """
+    extra = {"unit": unit, "runtime": runtime, "source": source}
+    return Field(default, ge=minimum, le=maximum, description=description, json_schema_extra=cast(Any, extra))
 
 
 def required(unit: str, description: str, minimum: float, maximum: float) -> Any:
@@ -69,30 +79,30 @@ def of_machine(
     return Field(default, ge=minimum, le=maximum, description=description, json_schema_extra=cast(Any, extra))
 
 
-def quantities(unit: str, description: str, minimum: float, maximum: float, *, runtime: bool = False) -> Any:
+def quantities(
+    unit: str, description: str, minimum: float, maximum: float, *, runtime: bool = False, source: str = ""
+) -> Any:
     """Declare a list of numbers, by default empty, with the unit and the closed range of each."""
-    return Field(
-        (),
-        description=description,
-        json_schema_extra={"unit": unit, "runtime": runtime, "each": cast(Any, (minimum, maximum))},
-    )
+    extra = {"unit": unit, "runtime": runtime, "source": source, "each": (minimum, maximum)}
+    return Field((), description=description, json_schema_extra=cast(Any, extra))
 
 
-def switch(default: bool, description: str, *, runtime: bool = False) -> Any:
+def switch(default: bool, description: str, *, runtime: bool = False, source: str = "") -> Any:
     """Declare an on/off parameter."""
-    return Field(default, description=description, json_schema_extra={"runtime": runtime})
+    return Field(default, description=description, json_schema_extra={"runtime": runtime, "source": source})
 
 
-def choice(default: str, description: str, *, runtime: bool = False) -> Any:
+def choice(default: str, description: str, *, runtime: bool = False, source: str = "") -> Any:
     """Declare a parameter whose type is a Literal of the allowed words, or free text where its type is str."""
-    return Field(default, description=description, json_schema_extra={"runtime": runtime})
+    return Field(default, description=description, json_schema_extra={"runtime": runtime, "source": source})
 
 
 @dataclass(frozen=True)
 class Declaration:
     """One parameter as declared: dotted name, type, default, unit, description, range or choices.
 
-    `of_machine` names the simulator's parameter that decides it; empty for a parameter of its own.
+    `of_machine` names the simulator's parameter that decides it; empty for a parameter of its own. `source`: whether
+    the paper states the default (`stated: table 1`) or it is `assumed`; empty if it has nothing to do with the paper.
     """
 
     name: str
@@ -105,6 +115,7 @@ class Declaration:
     choices: tuple[str, ...]
     runtime: bool
     of_machine: str = ""
+    source: str = ""
 
     @property
     def allowed(self) -> str:
@@ -141,7 +152,35 @@ def declarations(model: type[Parameters], prefix: str = "") -> Iterator[Declarat
             choices=tuple(str(word) for word in choices),
             runtime=bool(extra.get("runtime", False)),
             of_machine=str(extra.get("of_machine", "")),
+            source=str(extra.get("source", "")),
         )
+
+
+@dataclass(frozen=True)
+class SourcedValue:
+    """A value of a parameter set; `source` is that of the declaration's default, or `given` for any other value."""
+
+    name: str
+    value: Any
+    unit: str
+    source: str
+
+
+def sourced_values(parameters: Parameters) -> Iterator[SourcedValue]:
+    """The values of a set for which the paper states something, or has to."""
+    values = flatten(parameters.model_dump())
+    for item in declarations(type(parameters)):
+        if item.source:
+            value = values[item.name]
+            source = item.source if value == item.default else "given"
+            yield SourcedValue(item.name, value, item.unit, source)
+
+
+def shown_value(value: Any) -> str:
+    """A value for a table: numbers with six digits, switches as in parameter files."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
 def own_declarations(model: type[Parameters]) -> Iterator[Declaration]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import curve_fit
 
 from amb_core.errors import IdentificationError
 
@@ -36,6 +35,8 @@ def fit_step_response(response: NDArray[np.float64], sample_time: float) -> Seco
     IdentificationError
         If the response does not look like an underdamped oscillation.
     """
+    from scipy.optimize import curve_fit  # takes a quarter of a second to import
+
     change = response[-1] - response[0]
     if not np.isfinite(response).all() or change == 0.0:
         raise IdentificationError("the response to the step is constant or not finite; no poles can be fitted")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,8 +13,9 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from amb_core.errors import BagError
+from amb_core.recording.bag_reader import BagApart
 from amb_core.recording.layout import layout_hash
-from amb_core.recording.storage import Definition, open_storage
+from amb_core.recording.storage import Definition
 from amb_msgs.msg import Excitation, ExcitationStatus, LoopSamples, Machine, PlantState, SimulatorState
 from amb_ros.definitions import message_definition
 from amb_ros.qos import HISTORY, LATCHED
@@ -67,12 +67,10 @@ class BagPlayer:
     def __init__(self, node: Node, path: str | Path) -> None:
         self._node = node
         self._path = Path(path)
-        self._storage = open_storage(self._path)
-        # After one pass its definitions are complete.
-        topics = Counter(
-            (message.topic, message.type) for message in self._storage.messages() if message.type in PLAYED
-        )
-        self.messages = topics.total()
+        self._bag = BagApart(self._path)
+        counts = self._bag.call("survey", [])["counts"]  # after this pass its definitions are complete
+        topics = {(topic, message_type): count for topic, message_type, count in counts if message_type in PLAYED}
+        self.messages = sum(topics.values())
         if not self.messages:
             raise BagError(f"bag {path}: nothing to play; played are: {', '.join(PLAYED)}")
         self._listeners = 0
@@ -104,14 +102,12 @@ class BagPlayer:
         if not SLOWEST <= rate <= FASTEST:
             raise BagError(f"rate = {rate:g} is not allowed; allowed: {SLOWEST:g} to {FASTEST:g}")
         self._wait_for_listeners()
-        start, first, played = time.monotonic(), None, 0
-        for message in self._storage.messages():
-            if message.topic not in self._publishers:
-                continue
+        start, first = time.monotonic(), None
+        stored = BagApart(self._path).messages(list(self._publishers), stored=True, decoded=False)
+        for played, message in enumerate(stored, start=1):
             first = message.log_time if first is None else first
             time.sleep(max(0.0, start + 1e-9 * (message.log_time - first) / rate - time.monotonic()))
             self._publishers[message.topic].publish(message.data)
-            played += 1
             if progress is not None:
                 progress(played)
         self._wait_for_late_listeners()
@@ -144,9 +140,6 @@ class BagPlayer:
 
     def _check_layout(self, message_type: str) -> None:
         """Refuse messages that the listeners would misread because their fields have changed."""
-        if message_type not in self._storage.definitions:
-            raise BagError(f"bag {self._path}: lacks the definition of {message_type}; record with Iron or later")
-        recorded = self._storage.definitions[message_type]
         installed = Definition("ros2msg", message_definition(message_type))
-        if layout_hash(message_type, recorded) != layout_hash(message_type, installed):
+        if self._bag.call("layout", message_type) != layout_hash(message_type, installed):
             raise BagError(f"bag {self._path}: {message_type} had other fields when it was recorded; cannot be played")

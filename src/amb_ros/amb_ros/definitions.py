@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
+
+from amb_core.errors import BagError
 
 _SEPARATOR = "=" * 80
 
@@ -19,6 +21,11 @@ def message_definition(message_type: str) -> str:
     ----------
     message_type : str
         As `package/msg/Name`; its package must be installed.
+
+    Raises
+    ------
+    BagError
+        If a package with one of the types is not known to the environment.
     """
     package, _, name = message_type.split("/")
     root = f"{package}/{name}"
@@ -37,7 +44,13 @@ def message_definition(message_type: str) -> str:
 
 def _text(name: str) -> str:
     package, message = name.split("/")
-    return (Path(get_package_share_directory(package)) / "msg" / f"{message}.msg").read_text()
+    try:
+        return (Path(get_package_share_directory(package)) / "msg" / f"{message}.msg").read_text()
+    except PackageNotFoundError:
+        raise BagError(
+            f"the message {name} cannot be recorded: its package is not in AMENT_PREFIX_PATH; source ROS 2 before the "
+            "workspace, as scripts/env.sh does"
+        ) from None
 
 
 def _included(name: str, text: str) -> list[str]:

@@ -14,7 +14,7 @@ from amb_core.errors import ExcitationError
 from amb_core.excitation import Excitation as ExcitationParameters
 from amb_core.excitation import excitation_from_definition
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
-from amb_core.excitation.playback import checksum_of
+from amb_core.excitation.playback import checksum_of, same_samples
 from amb_core.excitation.signal import steps_of
 from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
@@ -59,6 +59,26 @@ def read(data: bytes) -> Excitation | ExcitationStatus:
             problem = f"the message cannot be read: {error}"
     run, number = _address(data)
     return ExcitationStatus(run=run, id=number, message=_line(problem))
+
+
+def resolve(message: Excitation, run: int, step: int) -> None:
+    """Put in the present run and step where a message leaves them open, as requests to services do.
+
+    Run 0 is the present run. A stop whose first step has passed, such as one that gives none, is one from the next
+    step on.
+    """
+    message.run = message.run or run
+    if message.kind == STOP and message.run == run and 0 <= message.first_step <= step:
+        message.first_step = Excitation.FROM_NEXT_STEP
+
+
+def require_samples(stated: int, found: int) -> None:
+    """Raise ExcitationError if the samples made from a definition are not those of its sender, by their checksums."""
+    if stated and not same_samples(stated, found):
+        raise ExcitationError(
+            f"the samples made from its description have checksum {found}, those of the sender {stated}; does it run "
+            "another version of amb_core?"
+        )
 
 
 def length(message: Excitation) -> int:
@@ -110,6 +130,10 @@ def _check_place(message: Excitation, run: int, step: int) -> None:
         if len(axis.reference) != length(message):
             first = message.axes[0].name
             raise ExcitationError(f"{length(message)} samples on {first} but {len(axis.reference)} on {axis.name}")
+    if not message.run and message.kind != STOP:
+        raise ExcitationError(
+            "run = 0 is the present run, but there is none yet; start the loop first, or give the run"
+        )
     if message.run < run:
         raise ExcitationError(f"meant for run {message.run}; the present run is {run}")
     if message.first_step < Excitation.FROM_NEXT_STEP:
@@ -149,7 +173,7 @@ def _inline(message: Excitation, axes: Sequence[str]) -> Checked:
             f"allowed: {-HIGHEST_AMPLITUDE:g} to {HIGHEST_AMPLITUDE:g} m"
         )
     checksum = checksum_of(samples)
-    if message.checksum not in (0, checksum):
+    if message.checksum and not same_samples(message.checksum, checksum):
         raise ExcitationError(f"its samples have checksum {checksum}, not {message.checksum} as it states")
     return Checked(steps, checksum, None, samples)
 

@@ -7,11 +7,12 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
-from amb_core.errors import MachineError
+from amb_core.errors import MachineError, one_line
 from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.recording.messages.machine import machine_from_message
 from amb_msgs.msg import Machine
 from amb_ros import topics
+from amb_ros.alarms import RecentProblem
 from amb_ros.qos import LATCHED
 from amb_ros.subscriptions import create_subscription
 
@@ -30,8 +31,6 @@ class MachineInput:
     ----------
     machine : Machine or None
         The last one accepted; None before the first.
-    problem : str
-        Why the last message is not accepted, or that none has arrived; empty if all is well.
     """
 
     def __init__(self, node: Node, on_machine: Callable[[MachineDescription], None] | None = None) -> None:
@@ -40,7 +39,13 @@ class MachineInput:
         self._on_machine = on_machine
         self._known = threading.Event()
         self._subscription = create_subscription(node, Machine, topics.MACHINE, self._on_message, LATCHED)
-        self.problem = f"waiting for the machine on {self._subscription.topic_name}"
+        self._waiting = f"waiting for the machine on {self._subscription.topic_name}"
+        self._refused = RecentProblem()
+
+    @property
+    def problem(self) -> str:
+        """Why there is no machine yet, or that one was refused lately; empty if all is well."""
+        return self._refused.text if self.machine is not None else self._waiting
 
     def wait(self, timeout: float) -> MachineDescription:
         """The machine, after waiting for it; not in the thread that handles the node's messages.
@@ -61,10 +66,12 @@ class MachineInput:
         try:
             machine = machine_from_message(message)
         except MachineError as problem:
-            self.problem = f"the machine on {self._subscription.topic_name} is not accepted: {problem}"
-            self._node.get_logger().error(self.problem)
+            refused = f"the machine on {self._subscription.topic_name} is not accepted: {one_line(problem)}"
+            self._waiting = refused
+            self._refused.note(refused)
+            self._node.get_logger().error(refused, throttle_duration_sec=5.0)
             return
-        self.machine, self.problem = machine, ""
+        self.machine = machine
         self._known.set()
         if self._on_machine is not None:
             self._on_machine(machine)

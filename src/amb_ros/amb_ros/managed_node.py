@@ -7,7 +7,6 @@ There is no transition from `active` to an error: a node that falls into one dea
 
 from __future__ import annotations
 
-import contextlib
 import traceback
 from abc import abstractmethod
 from collections.abc import Callable
@@ -15,12 +14,15 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 from lifecycle_msgs.msg import State, Transition
-from rclpy.exceptions import InvalidHandle
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from amb_core.errors import AmbError, one_line
+from amb_core.errors import AmbError, bounded, one_line
+from amb_ros.callers import callers
+from amb_ros.deferred_answers import answer_by
 
 SHUTDOWN = "shutdown"
+LONGEST_LABEL = 50  # characters of a request that are repeated in the log
 
 
 class ManagedNode(LifecycleNode):
@@ -32,16 +34,15 @@ class ManagedNode(LifecycleNode):
         Runs the transitions, and whatever must not run at the same time.
     problem : str
         Why the last transition failed; empty after one that did not.
+    refusal : str
+        Why the last request was refused, since the present state does not allow it; empty after one that is allowed.
     """
 
     def __init__(self, name: str, **arguments: Any) -> None:
         self.worker = ThreadPoolExecutor(1, thread_name_prefix=name)
-        self.problem = ""
+        self.problem = self.refusal = ""
         super().__init__(name, **arguments)
-        # As in `services`: the executor passes the request on, and the worker sends the answer.
-        service: Any = self._service_change_state
-        self._send_response = service.send_response
-        service.send_response = lambda call, header: self.worker.submit(self._work, call, header)
+        answer_by(self, self._service_of(ChangeState, "change_state"), self._on_change, self.worker)
 
     # -- what a node gives
 
@@ -61,38 +62,52 @@ class ManagedNode(LifecycleNode):
     def clean_up(self) -> None:
         """From inactive to unconfigured, and at shutdown."""
 
+    def report_transition(self) -> None:
+        """Publish `problem` and `refusal`, before the caller of a transition gets its answer, which has no text."""
+
     # -- transitions
 
     @property
     def state_label(self) -> str:
         """The present state: unconfigured, inactive, active, finalized, or that of a transition."""
-        return str(self._state_machine.current_state[1])
+        return str(self._present_state().label)
 
     def fall_back(self) -> Future[None]:
         """Deactivate the node if it is active, because of an error that its subclass has kept."""
         return self.worker.submit(self._fall_back)
 
     def _fall_back(self) -> None:
-        if self.context.ok() and self._state_machine.current_state[0] == State.PRIMARY_STATE_ACTIVE:
+        if self.context.ok() and self._present_state().id == State.PRIMARY_STATE_ACTIVE:
             self.trigger_deactivate()
 
-    def _LifecycleNodeMixin__on_change_state(self, request: Any, response: Any) -> Any:  # noqa: N802 (of rclpy)
-        return request, response
+    # rclpy has no public attribute for state and transitions; the node's own services give them.
+    def _service_of(self, service_type: Any, name: str) -> Any:
+        full = self.resolve_service_name(f"~/{name}")
+        return next(item for item in self.services if item.srv_type is service_type and item.service_name == full)
 
-    def _work(self, call: tuple[Any, Any], header: Any) -> None:
-        request, response = call
+    def _present_state(self) -> State:
+        service = self._service_of(GetState, "get_state")
+        state: State = service.callback(GetState.Request(), GetState.Response()).current_state
+        return state
+
+    def _allowed(self) -> dict[str, int]:
+        """Numbers of the transitions that the present state allows, by their labels."""
+        kind = GetAvailableTransitions
+        answer = self._service_of(kind, "get_available_transitions").callback(kind.Request(), kind.Response())
+        return {item.transition.label: item.transition.id for item in answer.available_transitions}
+
+    def _on_change(self, request: Any, response: Any) -> Any:
         try:
             response.success = self._change(request.transition)
         except Exception:  # in every case the caller gets an answer and the node keeps running
             self.get_logger().error(traceback.format_exc())
             response.success = False
-        with contextlib.suppress(InvalidHandle):  # the node was shut down meanwhile
-            if self.context.ok():
-                self._send_response(response, header)
+        self.report_transition()
+        return response
 
     def _change(self, asked: Any) -> bool:
         """Do a transition, asked for by its label or number, if the present state allows it."""
-        allowed = {label: number for number, label, *_ in self._state_machine.available_transitions}
+        allowed = self._allowed()
         label = asked.label or next((name for name, number in allowed.items() if number == asked.id), "")
         triggers: dict[str, Callable[[], Any]] = {
             "configure": self.trigger_configure,
@@ -102,10 +117,13 @@ class ManagedNode(LifecycleNode):
             SHUTDOWN: self.trigger_shutdown,
         }
         if label not in allowed or label not in triggers:
-            name = label or _NAMES.get(asked.id, f"transition {asked.id}")
+            name = bounded(label, LONGEST_LABEL) or _NAMES.get(asked.id, f"transition {asked.id}")
             possible = ", ".join(name for name in triggers if name in allowed) or "none, the node has been shut down"
-            self.get_logger().error(f"{name} is not allowed while {self.state_label}; allowed: {possible}")
+            self.refusal = f"{name} is not allowed while {self.state_label}; allowed: {possible}"
+            self.get_logger().error(self.refusal)
             return False
+        self.get_logger().info(f"{label}: asked for by {callers(self, '~/change_state')}")
+        self.refusal = ""
         return bool(triggers[label]() == TransitionCallbackReturn.SUCCESS)
 
     def _done(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:

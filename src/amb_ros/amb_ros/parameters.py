@@ -126,8 +126,9 @@ def _declare(node: Node, declaration: Declaration, value: object, read_only: boo
 
 def _descriptor(declaration: Declaration, read_only: bool) -> ParameterDescriptor:
     unit = "" if declaration.unit == "-" else f" [{declaration.unit}]"
+    source = f"; default {declaration.source}" if declaration.source else ""
     descriptor = ParameterDescriptor(
-        description=declaration.description + unit,
+        description=declaration.description + unit + source,
         additional_constraints=declaration.allowed if declaration.choices else "",
         read_only=read_only,
     )

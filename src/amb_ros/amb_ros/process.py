@@ -7,6 +7,7 @@ import gc
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
@@ -38,6 +39,7 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: end.ask_for())
     middleware.configure()
+    middleware.remove_dead_segments()
     # rclpy would shut the context down in its own thread. While a node is being made that can fail without a message,
     # and rclpy then has nothing left to shut down: no signal would end the process.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -80,23 +82,30 @@ class _End:
 
 def _run(factories: Sequence[Callable[[], Node]], end: _End) -> int:
     nodes: list[Node] = []
+    code = 0
     executor = end.executor = EventsExecutor()
     try:
         for factory in factories:
             if end:
-                return 0
+                break
             nodes.append(factory())
             executor.add_node(nodes[-1])
         gc.freeze()  # present objects stay: the collector need not traverse them while the loop runs
         end.wait()
-    except AmbError as problem:
-        print(f"[amb] {problem}", file=sys.stderr)
-        return 1
     except ExternalShutdownException:
         pass
-    finally:
-        leave_graph(get_default_context(), executor, nodes)
-    return 0
+    except AmbError as problem:
+        print(f"[amb] {problem}", file=sys.stderr)
+        code = 1
+    except Exception:
+        traceback.print_exc()
+        code = 1
+    try:
+        leave_graph(get_default_context(), executor, nodes, code)
+    except Exception:
+        traceback.print_exc()
+        code = 1
+    return code
 
 
 def run_node(factory: Callable[[], Node], args: list[str] | None = None) -> NoReturn:

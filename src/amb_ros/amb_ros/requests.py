@@ -10,7 +10,8 @@ from rclpy.client import Client
 from rclpy.task import Future
 
 POLL_PERIOD = 0.005  # s; `Client.wait_for_service` checks only four times a second
-REPEAT_PERIOD = 0.5  # s; answers of other users' nodes may get lost, see `middleware`
+QUICKLY = 0.5  # s until a request is sent again: answers of other users' nodes may get lost, see `middleware`
+COMPUTED = 10.0  # s, where a node computes its answer, which it does once for every time that the request is sent
 
 
 class PendingRequest:
@@ -22,14 +23,14 @@ class PendingRequest:
         Client of the service.
     request : request of the service
         The request.
-    repeated : bool
-        Whether it may be sent again, because it is idempotent.
+    repeat_after : float
+        Time without an answer after which it is sent again, because it is idempotent (s); twice as long every time.
     """
 
-    def __init__(self, client: Client, request: Any, repeated: bool) -> None:
+    def __init__(self, client: Client, request: Any, repeat_after: float = math.inf) -> None:
         self._client = client
         self._request = request
-        self._period = REPEAT_PERIOD if repeated else math.inf
+        self._period = repeat_after
         self._next = -math.inf
         self._futures: list[Future] = []
 
@@ -42,6 +43,7 @@ class PendingRequest:
         if now >= self._next and self._client.service_is_ready():
             self._futures.append(self._client.call_async(self._request))
             self._next = now + self._period
+            self._period *= 2.0
         return None
 
     def forget(self) -> None:
@@ -56,7 +58,7 @@ def ask(client: Client, request: Any, timeout: float) -> Any:
     The request may be sent more than once.
     """
     deadline = time.monotonic() + timeout
-    pending = PendingRequest(client, request, repeated=True)
+    pending = PendingRequest(client, request, QUICKLY)
     try:
         while (answer := pending.answer()) is None and time.monotonic() < deadline:
             time.sleep(POLL_PERIOD)

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import traceback
 from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import Any, cast
+from typing import Any
 
-from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.service import Service
 
 from amb_core.errors import AmbError, one_line
-
-Callback = Callable[[Any, Any], Any]
+from amb_ros.deferred_answers import answer_by
 
 
 def create_service(
-    node: Node, service_type: Any, name: str, callback: Callback, worker: Executor | None = None
+    node: Node,
+    service_type: Any,
+    name: str,
+    callback: Callable[..., Any],
+    worker: Executor | None = None,
+    on_arrival: Callable[[], tuple[Any, ...]] = tuple,
 ) -> Service:
     """Offer a service whose response has the fields `success` and `message`.
 
@@ -32,15 +34,18 @@ def create_service(
     worker : concurrent.futures.Executor, optional
         Runs the callback, which may then block: on work, or on futures and conditions that the node's own callbacks
         complete. The answer goes out when the callback returns. Without a worker the callback runs in the executor.
+    on_arrival : callable, optional
+        Called in the executor when a request arrives, which may be long before the worker is free. What it returns are
+        further arguments of the callback.
 
     Returns
     -------
     Service
     """
 
-    def answer(request: Any, response: Any) -> Any:
+    def answer(request: Any, response: Any, *more: Any) -> Any:
         try:
-            return callback(request, response)
+            return callback(request, response, *more)
         except AmbError as problem:
             response.message = one_line(problem)
         except Exception as problem:  # in every case the caller gets an answer and the node keeps running
@@ -49,22 +54,6 @@ def create_service(
         response.success = False
         return response
 
-    if worker is None:
-        return node.create_service(service_type, name, answer)
-
-    # EventsExecutor of Jazzy neither runs coroutines as service callbacks nor has a second thread. So the callback only
-    # passes the request on, and the executor's `send_response` leaves the sending to the worker.
-    def hand_over(request: Any, response: Any) -> Any:
-        return request, response
-
-    service: Any = node.create_service(service_type, name, hand_over)
-    send = service.send_response
-
-    def work(call: tuple[Any, Any], header: Any) -> None:
-        response = answer(*call)
-        with contextlib.suppress(InvalidHandle):  # the node was shut down meanwhile
-            if node.context.ok():
-                send(response, header)
-
-    service.send_response = lambda call, header: worker.submit(work, call, header)
-    return cast(Service, service)
+    service = node.create_service(service_type, name, answer)
+    answer_by(node, service, answer, worker, on_arrival)
+    return service

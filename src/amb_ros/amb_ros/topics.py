@@ -7,6 +7,7 @@ CURRENT_REFERENCE = "current_reference"
 EXCITATION = "excitation"
 EXCITATION_STATUS = "excitation_status"
 TELEMETRY = "telemetry"
+SIGNALS = "signals/<axis>"
 MODEL = "model"
 REGION = "region"
 REGION_MAP = "region_map"
@@ -17,6 +18,11 @@ TRIP = "trip"
 CLOCK = "clock"
 
 NAMESPACE = "amb"
+
+
+def signals(axis: str) -> str:
+    """Topic with samples of an axis for plots."""
+    return SIGNALS.replace("<axis>", axis)
 
 
 def clock(namespace: str) -> str:

@@ -1,14 +1,14 @@
-"""`amb bag`: show, play, recover and export bags."""
+"""`amb bag`: show, play, recover and export bags.
+
+What only running a command needs is imported when it runs: its help comes at once.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import rclpy
 import typer
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.table import Table
 
@@ -16,8 +16,9 @@ from amb_bringup.commands import bag_export
 from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import Stages
 from amb_core.errors import BagError
-from amb_core.recording import Recording, TopicInfo, inspect_bag, recover_bag
-from amb_ros.bag_player import BagPlayer
+
+if TYPE_CHECKING:
+    from amb_core.recording import Recording, TopicInfo
 
 app = typer.Typer(help="Inspect, play, recover and export bags.", no_args_is_help=True)
 
@@ -28,13 +29,25 @@ def bag() -> None:
 
 
 @app.command()
-def info(bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")]) -> None:
-    """Show topics, runs, excitations and the model of a bag, even if the bag is incomplete."""
-    recording = Recording.read(bag)
+def info(
+    bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
+    runs: Annotated[
+        bool, typer.Option("--runs", help="Also runs, excitations and the last model: reads the whole bag into memory.")
+    ] = False,
+) -> None:
+    """Show duration and topics of a bag, even if the bag is incomplete."""
+    from amb_core.recording import Recording, read_overview
+
+    found = read_overview(bag)
     console = Console()
-    console.print(f"[bold]{recording.path}[/bold]: {recording.messages} messages in {recording.duration:.1f} s")
-    warn_of_damage(console, bag, recording.truncated)
-    console.print(_topics(recording.topics))
+    console.print(f"[bold]{bag}[/bold]: {found.messages} messages in {found.duration:.1f} s")
+    warn_of_damage(console, bag, found.damage)
+    console.print(_topics(found.topics))
+    if runs:
+        _show_runs(console, Recording.read(bag))
+
+
+def _show_runs(console: Console, recording: Recording) -> None:
     if recording.runs:
         console.print(_runs(recording))
     model = recording.model()
@@ -51,15 +64,13 @@ def play(
 
     Do not play a bag into a graph with a simulator: both would publish on the same topics.
     """
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Python handles Ctrl-C, not the context
-    try:
-        node = Node("bag_player", start_parameter_services=False)
-        player = BagPlayer(node, bag)
+    from amb_bringup.connection import GraphConnection
+    from amb_ros.bag_player import BagPlayer
+
+    with GraphConnection("", 10.0, None, ()) as connection:
+        player = BagPlayer(connection.node, bag)
         with Stages(Console(), "messages") as stages:
             player.play(rate, lambda played: stages.update("playing", played, player.messages))
-        node.destroy_node()
-    finally:
-        rclpy.try_shutdown()
 
 
 @app.command()
@@ -73,6 +84,8 @@ def recover(
 
     The bag itself is not changed. Of a whole bag no copy is made.
     """
+    from amb_core.recording import inspect_bag, recover_bag
+
     console = Console()
     with Stages(console, "bytes") as stages:
         state = inspect_bag(bag, lambda done, total: stages.update("reading", done, total))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -14,15 +14,12 @@ from amb_bringup.commands.options import QUANTITY, Quantity
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_place, new_file
 from amb_core.errors import BagError
-from amb_core.export import RunTelemetry, write_foxglove, write_plotjuggler, write_table
-from amb_core.export.layouts import foxglove_layout, plotjuggler_layout
-from amb_core.loop.telemetry import describe_gaps
+
+if TYPE_CHECKING:
+    from amb_core.export import RunTelemetry
 
 TABLES = {"csv": ".csv", "mat": ".mat", "parquet": ".parquet"}
-TOOLS = {
-    "plotjuggler": (write_plotjuggler, plotjuggler_layout, ".xml"),
-    "foxglove": (write_foxglove, foxglove_layout, ".json"),
-}
+LAYOUTS = {"plotjuggler": ".xml", "foxglove": ".json"}
 
 
 def export(
@@ -67,12 +64,19 @@ def export(
     Times are those of the run, from 0. Missing samples stay missing. The bag is not changed.
     """
     chosen = {"csv": csv, "mat": mat, "parquet": parquet, "plotjuggler": plotjuggler, "foxglove": foxglove}
+    from amb_core.export import RunTelemetry, write_foxglove, write_plotjuggler, write_table
+    from amb_core.export.layouts import foxglove_layout, plotjuggler_layout
+
+    tools = {
+        "plotjuggler": (write_plotjuggler, plotjuggler_layout),
+        "foxglove": (write_foxglove, foxglove_layout),
+    }
     formats = [name for name, wanted in chosen.items() if wanted]
     if len(formats) != 1:
         raise BagError(f"give one format: {', '.join(f'--{name}' for name in chosen)}")
     form = formats[0]
-    if layout and form not in TOOLS:
-        raise BagError(f"--layout is for {' and '.join(f'--{name}' for name in TOOLS)}")
+    if layout and form not in LAYOUTS:
+        raise BagError(f"--layout is for {' and '.join(f'--{name}' for name in LAYOUTS)}")
     ending = TABLES.get(form, ".mcap")
     path = out or bag.absolute().with_name(f"{bag.absolute().stem}{'' if form in TABLES else f'_{form}'}{ending}")
     make_place(path, (ending,))
@@ -86,9 +90,9 @@ def export(
         if form in TABLES:
             write_table(telemetry, part, wanted)
         else:
-            TOOLS[form][0](telemetry, part, wanted)
+            tools[form][0](telemetry, part, wanted)
         if beside:
-            beside.write_text(TOOLS[form][1](telemetry.axes), encoding="utf-8")
+            beside.write_text(tools[form][1](telemetry.axes), encoding="utf-8")
     warn_of_damage(console, bag, telemetry.damage)
     _show(console, telemetry, path)
     if layout:
@@ -96,10 +100,12 @@ def export(
 
 
 def _layout_beside(path: Path, form: str) -> Path:
-    return path.with_suffix(TOOLS[form][2])
+    return path.with_suffix(LAYOUTS[form])
 
 
 def _show(console: Console, telemetry: RunTelemetry, path: Path) -> None:
+    from amb_core.loop.telemetry import describe_gaps
+
     first, stop = telemetry.spans[0][0], telemetry.spans[-1][1]
     console.print(
         f"run {telemetry.run}, axes {', '.join(telemetry.axes)}: {telemetry.steps} samples at "

@@ -39,7 +39,7 @@ def campbell(
         str | None, typer.Option(help="Running speeds in rpm, ascending, instead: as 0,1500,3000.", metavar="V1,V2,...")
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a running dask scheduler, tcp://host:port, to run the experiments.")
+        str | None, typer.Option(help="Address of a running dask scheduler, tls://host:port, to run the experiments.")
     ] = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes on this machine to run them; one per core if not given.", min=1)

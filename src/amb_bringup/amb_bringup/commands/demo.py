@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -14,13 +14,11 @@ from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder
-from amb_bringup.demo import DemoSummary, run_demo
-from amb_bringup.launcher import own_domain
-from amb_bringup.machine_demo import MachineDemoSummary, run_machine_demo
-from amb_bringup.node_parameters import check_parameter_file
 from amb_core.parameters import load_parameters
-from amb_core.plant.machine import machine_of
-from amb_sim_node.parameters import SimulatorParameters
+
+if TYPE_CHECKING:
+    from amb_bringup.demo import DemoSummary
+    from amb_bringup.machine_demo import MachineDemoSummary
 
 
 def demo(
@@ -34,6 +32,13 @@ def demo(
 
     Results of an earlier demo in the folder are replaced. The graph runs in its own DDS domain, or in ROS_DOMAIN_ID.
     """
+    from amb_bringup.demo import run_demo
+    from amb_bringup.launcher import own_domain
+    from amb_bringup.machine_demo import run_machine_demo
+    from amb_bringup.node_parameters import check_parameter_file
+    from amb_core.plant.machine import machine_of
+    from amb_sim_node.parameters import SimulatorParameters
+
     console = Console()
     check_parameter_file(parameter_file(params))  # a wrong file must not delete the results of an earlier demo
     make_folder(out)

@@ -13,11 +13,16 @@ import typer
 from amb_bringup.commands.options import ParamsOption
 from amb_core.errors import ParameterError
 from amb_core.files.parameter_files import CONTROLLERS, nodes_with
+from amb_ros import network as network_of_graph
 
 if TYPE_CHECKING:
     from amb_bringup.launcher import Graph
     from amb_bringup.readiness import Readiness
 
+NetworkOption = Annotated[
+    bool,
+    typer.Option("--network", help="Let other hosts of the network reach the nodes; by default only this host can."),
+]
 READY_WITHIN = 60.0
 """Wall-clock time after which missing parts are reported (s); on a slow machine the nodes take about ten seconds."""
 
@@ -33,6 +38,7 @@ def up(
     keep_going: Annotated[
         bool, typer.Option("--keep-going", help="Leave the other nodes running when one has ended.")
     ] = False,
+    network: NetworkOption = False,
 ) -> None:
     """Start all nodes and show their output, until Ctrl-C.
 
@@ -40,7 +46,21 @@ def up(
     node ends on its own, the others are stopped and the exit code is 1.
     """
     nodes_with(controller)  # refuses an unknown one
+    choose_network(network)
     keep_running(lambda: _graph(composed, params, controller), lambda: _readiness(controller), keep_going)
+
+
+def choose_network(network: bool) -> None:
+    """Open the graph to the network if asked for; warn whenever it is, since DDS asks nobody who they are."""
+    if network:
+        network_of_graph.open_to_network()
+    if not network_of_graph.is_local():
+        typer.secho(
+            "amb: warning: other hosts of the network can reach the nodes, and command them: levitate, excite, change "
+            "gains; nothing is encrypted",
+            fg="yellow",
+            err=True,
+        )
 
 
 def keep_running(

@@ -1,21 +1,23 @@
-"""Inputs of commands: parameter files and values."""
+"""Inputs of commands: parameter files and values.
+
+Nodes are imported where their parameters are read: most commands that name a file of parameters need none.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import yaml
 
 from amb_bringup.packages import share_folder
-from amb_controller_node.parameters import PdControllerParameters
 from amb_core.errors import IdentificationError
-from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import Parameters, load_parameters
-from amb_core.plant import PlantParameters
-from amb_core.regions import RegionParameters
-from amb_ident_node.region_monitor import RegionMonitorParameters
-from amb_sim_node.parameters import SimulatorParameters
+
+if TYPE_CHECKING:
+    from amb_core.loop.control import ControllerParameters
+    from amb_core.plant import PlantParameters
+    from amb_core.regions import RegionParameters
 
 P = TypeVar("P", bound="Parameters")
 
@@ -27,6 +29,11 @@ def parameter_file(params: Path | None) -> Path:
 
 def load_loop(params: Path | None) -> tuple[PlantParameters, ControllerParameters]:
     """Plant and controller of a parameter file of all nodes; values that the nodes would refuse are refused."""
+    from amb_controller_node.parameters import PdControllerParameters  # here, as help needs none of them
+    from amb_core.loop.control import ControllerParameters
+    from amb_core.plant import PlantParameters
+    from amb_sim_node.parameters import SimulatorParameters
+
     path = parameter_file(params)
     return (
         _part(PlantParameters, SimulatorParameters, path, "simulator"),
@@ -36,6 +43,9 @@ def load_loop(params: Path | None) -> tuple[PlantParameters, ControllerParameter
 
 def load_regions(params: Path | None) -> RegionParameters:
     """Thresholds of the classifier in a parameter file of all nodes."""
+    from amb_core.regions import RegionParameters
+    from amb_ident_node.region_monitor import RegionMonitorParameters
+
     return _part(RegionParameters, RegionMonitorParameters, parameter_file(params), "region_monitor")
 
 

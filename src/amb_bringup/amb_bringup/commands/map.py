@@ -60,7 +60,7 @@ def region_map(
         ),
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a running dask scheduler, tcp://host:port, to run the sweeps.")
+        str | None, typer.Option(help="Address of a running dask scheduler, tls://host:port, to run the sweeps.")
     ] = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes on this machine to run the sweeps; one per core if not given.")

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from amb_bringup.commands.results import make_folder, make_place, new_file
 from amb_core.errors import IdentificationError
-from amb_core.export.fmu import write_fmu
-from amb_core.export.model_texts import c_texts, identifier, julia_text, python_text
-from amb_core.identification import StateSpaceModel
+
+if TYPE_CHECKING:
+    from amb_core.identification import StateSpaceModel
 
 app = typer.Typer(help="Export models.", no_args_is_help=True)
 ENDINGS = {"mat": ".mat", "fmu": ".fmu", "python": ".py", "julia": ".jl"}
@@ -39,6 +39,8 @@ def export(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files of these names.")] = False,
 ) -> None:
     """Export a model for MATLAB, as C code, as FMU, or for Python or Julia."""
+    from amb_core.identification import StateSpaceModel
+
     chosen = {"mat": mat, "c": c, "fmu": fmu, "python": python, "julia": julia}
     formats = [name for name, wanted in chosen.items() if wanted]
     if len(formats) != 1:
@@ -53,6 +55,9 @@ def export(
 
 
 def _write_file(model: StateSpaceModel, form: str, path: Path, overwrite: bool) -> Path:
+    from amb_core.export.fmu import write_fmu
+    from amb_core.export.model_texts import julia_text, python_text
+
     make_place(path, (ENDINGS[form],))
     with new_file(path, overwrite) as part:
         if form == "mat":
@@ -65,6 +70,8 @@ def _write_file(model: StateSpaceModel, form: str, path: Path, overwrite: bool) 
 
 
 def _write_c(model: StateSpaceModel, label: str, folder: Path, overwrite: bool) -> list[Path]:
+    from amb_core.export.model_texts import c_texts, identifier
+
     texts = c_texts(model, identifier(label))
     make_folder(folder)
     with ExitStack() as files:

@@ -11,7 +11,6 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from amb_bringup.commands.inputs import parameter_file
-from amb_bringup.parameter_changes import changed_file
 from amb_core.errors import ParameterError
 from amb_core.parameters import Declaration, Parameters, declarations
 from amb_core.units import quantity_of
@@ -72,8 +71,11 @@ def with_changes(command: Command) -> Command:
         if not changes:
             command(**values)
             return
+        from amb_bringup.parameter_changes import changed_file  # imports all nodes
+
         if params is None and without:
             raise ParameterError(f"--set needs --params FILE here; without it there is {without}")
+
         base = parameter_file(params)
         with TemporaryDirectory(prefix="amb-") as folder:
             path = Path(folder) / base.name
@@ -200,7 +202,8 @@ def _meaning(item: Declaration) -> str:
 def _default(item: Declaration) -> str:
     if isinstance(item.default, bool) or not isinstance(item.default, str | int | float):
         return ""
-    return f"by default {item.default if isinstance(item.default, str) else format(item.default, 'g')}"
+    default = item.default if isinstance(item.default, str) else format(item.default, "g")
+    return f"by default {default}" + (f" ({item.source})" if item.source else "")
 
 
 def _joined(defaults: Mapping[str, str]) -> str:

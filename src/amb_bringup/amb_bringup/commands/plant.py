@@ -17,11 +17,11 @@ from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.results import make_folder
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.errors import PlantError
-from amb_core.parameters import load_parameters
+from amb_core.parameters import SourcedValue, load_parameters, shown_value
 from amb_core.plant import PlantDescription
 from amb_core.plant import describe as describe_plant
 from amb_core.plant import figures as plant_figures
-from amb_core.plant.description import Entry
+from amb_core.plant.description import Entry, values_with_sources
 from amb_sim_node.parameters import SimulatorParameters
 
 app = typer.Typer(help="Describe or plot the plant of a parameter file.", no_args_is_help=True)
@@ -37,19 +37,20 @@ def describe(
     params: ParamsOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, values in SI units, instead of tables.")] = False,
 ) -> None:
-    """Print the derived constants of bearing and loop, and which effects the plant has."""
+    """Print constants and effects of bearing and loop, and which values the paper states and which are assumed."""
     path = parameter_file(params)
-    description = describe_plant(
-        load_parameters(SimulatorParameters, path, "simulator"),
-        load_parameters(PdControllerParameters, path, "pd_controller"),
-    )
+    plant_parameters = load_parameters(SimulatorParameters, path, "simulator")
+    controller = load_parameters(PdControllerParameters, path, "pd_controller")
+    description = describe_plant(plant_parameters, controller)
+    values = values_with_sources(plant_parameters, controller)
     if as_json:
-        typer.echo(_json(description))
+        typer.echo(_json(description, values))
         return
 
     console = Console()
     console.print(_constants(description.entries, str(path)))
     console.print(_effects(description.effects.entries))
+    console.print(_values(values))
 
 
 @app.command()
@@ -81,13 +82,18 @@ app.command()(plant_modes.shaft)
 app.command()(plant_ross.ross)
 
 
-def _json(description: PlantDescription) -> str:
+def _json(description: PlantDescription, values: list[SourcedValue]) -> str:
 
     def listed(entries: list[Entry]) -> dict[str, dict[str, object]]:
         return {entry.name: {key: value for key, value in asdict(entry).items() if key != "name"} for entry in entries}
 
     return json.dumps(
-        {"constants": listed(description.entries), "effects": listed(description.effects.entries)}, indent=2
+        {
+            "constants": listed(description.entries),
+            "effects": listed(description.effects.entries),
+            "parameters": {one.name: {"value": one.value, "unit": one.unit, "source": one.source} for one in values},
+        },
+        indent=2,
     )
 
 
@@ -105,6 +111,15 @@ def _effects(entries: list[Entry]) -> Table:
     table = Table("effect", "state", "meaning")
     for entry in entries:
         table.add_row(entry.name, "on" if entry.value else "off", entry.meaning)
+    return table
+
+
+def _values(values: list[SourcedValue]) -> Table:
+
+    table = Table("parameter", "value", "unit", "source", title="The paper states these values, or they are assumed")
+    table.columns[1].justify = "right"
+    for one in values:
+        table.add_row(one.name, shown_value(one.value), one.unit, one.source)
     return table
 
 

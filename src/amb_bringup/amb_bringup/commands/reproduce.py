@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -11,10 +11,10 @@ from rich.table import Table
 
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder
-from amb_bringup.paper.campaign import CampaignProgress, run_campaign
-from amb_bringup.paper.output import write_figures, write_paper
-from amb_bringup.paper.studies import STUDIES, studies_named
-from amb_bringup.paper.study import StudyResult, Workplace
+
+if TYPE_CHECKING:
+    from amb_bringup.paper.campaign import CampaignProgress
+    from amb_bringup.paper.study import StudyResult
 
 
 def reproduce(
@@ -23,11 +23,16 @@ def reproduce(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for report, figures and claims.")] = Path("results/paper"),
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a running dask scheduler, tcp://host:port; by default, this machine.")
+        str | None, typer.Option(help="Address of a running dask scheduler, tls://host:port; by default, this machine.")
     ] = None,
     workers: Annotated[int | None, typer.Option(help="Number of processes, by default one for each core.")] = None,
 ) -> None:
     """Reproduce every figure and claim of the paper on the simulator; finished studies are not run again."""
+    from amb_bringup.paper.campaign import run_campaign
+    from amb_bringup.paper.output import write_figures, write_paper
+    from amb_bringup.paper.studies import STUDIES, studies_named
+    from amb_bringup.paper.study import Workplace
+
     console = Console()
     studies = studies_named(only) if only else STUDIES
     make_folder(out)

@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from amb_bringup.commands.graph import NetworkOption, choose_network, keep_running, shown_graph
 from amb_bringup.commands.options import ParamsOption, quantity_option
 from amb_core.files.parameter_files import RIG_NODES
 
@@ -26,14 +27,14 @@ def up(
         bool, typer.Option("--emulator", help="Start an emulated target on this machine, too.")
     ] = False,
     params: ParamsOption = None,
+    network: NetworkOption = False,
 ) -> None:
     """Start the nodes of a rig and show their output, until Ctrl-C.
 
     Reports when the graph is ready, and what to call then. Exit codes as those of `amb up`. At its end the rotor is
     landed, unless the parameter `at_exit` of hardware_bridge leaves it levitated.
     """
-    from amb_bringup.commands.graph import keep_running, shown_graph
-
+    choose_network(network)
     arguments = {"emulator": str(emulator).lower()}
     keep_running(lambda: shown_graph("rig", arguments, params), _readiness)
 

@@ -58,7 +58,7 @@ def subharmonics(
         bool, typer.Option("--surface", help="Repeat both tests over amplitude and frequency of the inducing tone.")
     ] = False,
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a running dask scheduler, tcp://host:port, to run the surface.")
+        str | None, typer.Option(help="Address of a running dask scheduler, tls://host:port, to run the surface.")
     ] = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes on this machine to run the surface; one per core if not given.")

@@ -6,6 +6,10 @@ from collections.abc import Mapping, Sequence
 
 from amb_bringup.paper.study import DrawnFigure, Study, StudyResult
 from amb_core.figures.saving import page_from_json
+from amb_core.loop.control import ControllerParameters
+from amb_core.parameters import shown_value
+from amb_core.plant import PlantParameters
+from amb_core.plant.description import values_with_sources
 from amb_core.report import (
     ANSWERS,
     Answer,
@@ -63,8 +67,25 @@ def paper_report(
         "on a simulated bearing and figure by figure, the paper “LTI modelling of active magnetic bearings by means of "
         "system identification”.",
         [*_opening([figures[name] for name in opening]), table],
-        [Section(study.heading, _blocks(results[study.name])) for study in studies],
+        [*(Section(study.heading, _blocks(results[study.name])) for study in studies), values_section()],
         made_from,
+    )
+
+
+def values_section() -> Section:
+    """The values of the bearing, each stated by the paper or assumed."""
+    values = values_with_sources(PlantParameters(), ControllerParameters())
+    rows = [(one.name, shown_value(one.value), "" if one.unit == "-" else one.unit, one.source) for one in values]
+    return Section(
+        "The values: stated or assumed",
+        [
+            Prose(
+                "The bearing of all studies, except for what a study gives as its own. Values that the paper states "
+                "come with the place; all others are assumed, above all the limit of the control current, which "
+                "decides where the bearing falls."
+            ),
+            TableBlock(("parameter", "value", "unit", "source"), rows, "The bearing", filters=("source",)),
+        ],
     )
 
 
@@ -79,5 +100,6 @@ def _blocks(result: StudyResult) -> list[Block]:
     blocks: list[Block] = [Prose(note) for note in result.notes]
     blocks += [FigureBlock(page_from_json(figure.page), figure.title) for figure in result.figures]
     if result.parameters:
-        blocks.append(TableBlock(("parameter", "value"), list(result.parameters.items()), "The experiment"))
+        rows = [(name, setting.value, setting.source) for name, setting in result.parameters.items()]
+        blocks.append(TableBlock(("setting", "value", "source"), rows, "The experiment"))
     return blocks + [Verdict(claim.statement, claim.finding, claim.verdict, claim.reason) for claim in result.claims]

@@ -7,7 +7,7 @@ import hashlib
 import io
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -54,6 +54,37 @@ class Claim:
     figure: str = ""
 
 
+def judged(as_stated: Sequence[bool], changed: Sequence[bool] = ()) -> Answer:
+    """The verdict on a claim: it agrees only where it holds with everything that the paper states.
+
+    Parameters
+    ----------
+    as_stated : sequence of bool
+        Whether its parts hold for bearings that keep to what the paper states; what it does not state is assumed.
+    changed : sequence of bool, optional
+        Whether it holds for bearings with another value than the paper states: then it agrees in part at most.
+    """
+    if as_stated and all(as_stated):
+        return "agrees"
+    return "agrees in part" if any((*as_stated, *changed)) else "does not agree"
+
+
+def with_another_value(claim: Claim, value: str) -> Claim:
+    """A claim that was evaluated on a bearing with another value than the paper states: it agrees in part at most."""
+    verdict: Answer = "agrees in part" if claim.verdict == "agrees" else claim.verdict
+    return replace(
+        claim, verdict=verdict, reason=f"This bearing has {value}, against the paper. {claim.reason}".strip()
+    )
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting of an experiment: its value with unit, and whether the paper states it, and where, or it is assumed."""
+
+    value: str
+    source: str = "assumed"
+
+
 @dataclass(frozen=True)
 class DrawnFigure:
     """A figure, drawn: as PNG, and as the JSON of a plotly figure."""
@@ -86,15 +117,15 @@ class StudyResult:
         In the order in which the report shows them.
     claims : sequence of Claim
         Likewise.
-    parameters : mapping of str to str
-        Settings of the experiment, by name, with units.
+    parameters : mapping of str to Setting
+        Settings of the experiment, by name.
     notes : sequence of str
         Paragraphs for the report that explain the figures.
     """
 
     figures: Sequence[DrawnFigure]
     claims: Sequence[Claim]
-    parameters: Mapping[str, str] = field(default_factory=dict)
+    parameters: Mapping[str, Setting] = field(default_factory=dict)
     notes: Sequence[str] = ()
 
 
@@ -174,7 +205,7 @@ class Study(Task[StudyResult]):
         return {
             "figures": figures,
             "claims": [asdict(claim) for claim in result.claims],
-            "parameters": dict(result.parameters),
+            "parameters": {name: asdict(setting) for name, setting in result.parameters.items()},
             "notes": list(result.notes),
         }
 
@@ -186,4 +217,5 @@ class Study(Task[StudyResult]):
             for one in entry["figures"]
         ]
         claims = [Claim(**claim) for claim in entry["claims"]]
-        return StudyResult(figures, claims, entry["parameters"], entry["notes"])
+        parameters = {name: Setting(**setting) for name, setting in entry["parameters"].items()}
+        return StudyResult(figures, claims, parameters, entry["notes"])

@@ -11,11 +11,6 @@ from concurrent.futures import Future as ThreadFuture
 from importlib.resources import files
 from typing import Any, ClassVar
 
-from tornado.httpserver import HTTPServer
-from tornado.netutil import bind_sockets
-from tornado.web import Application, RequestHandler
-from tornado.websocket import WebSocketClosedError, WebSocketHandler
-
 from amb_bringup.view.guard import HEADERS, Guard
 from amb_bringup.view.hub import FRAME_RATE, MOST_PAGES, Hub
 from amb_bringup.view.listener import GraphListener
@@ -23,6 +18,13 @@ from amb_bringup.view.orders import Orders, forms, reason
 from amb_bringup.view.picture import Picture
 from amb_bringup.view.samples import FACTORS, Seen
 from amb_core.errors import AmbError
+from amb_core.extras import extra
+
+with extra("view", of="amb_bringup"):
+    from tornado.httpserver import HTTPServer
+    from tornado.netutil import bind_sockets
+    from tornado.web import Application, RequestHandler
+    from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 LARGEST_MESSAGE = 4096  # bytes from a page
 LARGEST_HEADER = 16 * 1024  # bytes

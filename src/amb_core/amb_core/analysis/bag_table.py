@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import BagError, IdentificationError
+from amb_core.files.plain_data import fields_of_object
 from amb_core.recording import Recording
 from amb_core.tables import Column, Table
 
@@ -86,10 +87,9 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
     labels = (
         [str(name) for name in getattr(value, "name", ())] if isinstance(getattr(value, "name", None), list) else []
     )
-    for field in getattr(value, "__dataclass_fields__", {}):
-        if field in _SKIPPED or field.startswith("__"):
+    for field, item in fields_of_object(value).items():
+        if field in _SKIPPED:
             continue
-        item = getattr(value, field)
         if isinstance(item, bool | int | float | np.number):
             yield f"{path}.{field}", float(item)
         elif isinstance(item, np.ndarray | list) and len(item) <= _MOST_VALUES:
@@ -97,9 +97,9 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
                 label = labels[index] if len(labels) == len(item) else str(index)
                 if isinstance(part, bool | int | float | np.number):
                     yield f"{path}.{field}[{label}]", float(part)
-                elif hasattr(part, "__dataclass_fields__"):
+                elif fields_of_object(part):
                     yield from _numbers(part, f"{path}.{field}[{label}]")
-        elif hasattr(item, "__dataclass_fields__"):
+        elif fields_of_object(item):
             yield from _numbers(item, f"{path}.{field}")
 
 

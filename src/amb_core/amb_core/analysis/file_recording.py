@@ -35,7 +35,6 @@ class FileContent(BagContent):
     def __init__(self, path: Path, data: IdentificationData) -> None:
         self.path = path
         self._data = data
-        self._stored: dict[str, list[bytes]] = {}
         self.topics = [TopicInfo("telemetry", LOOP_SAMPLES, len(data.experiments))]
         self.start = 0
         self.duration = data.samples * data.sample_time

@@ -10,14 +10,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from amb_core.analysis.bag_table import is_ours, table_of_bag
 from amb_core.analysis.data_files import read_data
 from amb_core.analysis.file_recording import FileContent
 from amb_core.analysis.recorded_data import recorded_data
 from amb_core.analysis.recorded_loop import RecordedLoop, recorded_controller
 from amb_core.errors import IdentificationError
+from amb_core.files.arrays import load_arrays
 from amb_core.files.file_errors import reading
 from amb_core.files.matlab import load_variables
 from amb_core.files.regular_files import is_folder, open_regular
@@ -149,8 +148,7 @@ def _is_written_here(path: Path, known: DataDescription) -> bool:
             with open_regular(path) as file:
                 return file.read(11).startswith(b"# amb_core ")
         if path.suffix.lower() == ".npz":
-            with open_regular(path) as file, np.load(file, allow_pickle=False) as archive:
-                return "inputs_0" in archive.files
+            return "inputs_0" in load_arrays(path)
         return {"u", "y", "FirstStep", "InputTrend"} <= set(load_variables(path))
 
 

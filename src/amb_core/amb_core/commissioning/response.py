@@ -156,7 +156,9 @@ def fit_second_order(frequency: NDArray[np.float64], response: NDArray[np.comple
     found = np.zeros(5)
     for _ in range(_ITERATIONS):
         rows, values = weight[:, np.newaxis] * matrix, weight * right
-        found = np.linalg.lstsq(np.vstack([rows.real, rows.imag]), np.concatenate([values.real, values.imag]))[0]
+        found = np.linalg.lstsq(
+            np.vstack([rows.real, rows.imag]), np.concatenate([values.real, values.imag]), rcond=None
+        )[0]
         weight = 1.0 / np.maximum(np.abs(s**2 + found[0] * s + found[1]), 1e-9)
     if not found[1] > 0.0:
         raise IdentificationError("the response to the sweep has no resonance")

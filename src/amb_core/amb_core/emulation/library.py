@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 
 from amb_core.errors import TargetError
-from amb_core.files.package_files import located
 from amb_core.target import build_library
 from amb_core.target.reference import SOURCE
 
@@ -25,18 +24,16 @@ def reference_library() -> Path:
     TargetError
         If it cannot be built.
     """
-    checkout = any(SOURCE.glob("*.c"))
     try:
-        source = SOURCE if checkout else located("package://amb_core/target")
-        return build_library(_folder(checkout) / _NAME, source=source)
+        return build_library(_folder() / _NAME)
     except OSError as problem:
         raise TargetError(f"the library of the reference target cannot be built: {problem}") from None
 
 
-def _folder(checkout: bool) -> Path:
+def _folder() -> Path:
     """Beside the other builds of a checkout; else in the user's cache, since an installation may be read-only."""
-    if checkout:
-        return SOURCE.parent / "build" / "target"
+    if SOURCE.is_symlink():
+        return SOURCE.resolve().parent / "build" / "target"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "amb" / "target"
 
 

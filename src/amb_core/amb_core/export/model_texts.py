@@ -9,12 +9,15 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
-import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.extras import extra
 from amb_core.model import StateSpaceModel
+
+with extra("files"):
+    import jinja2
 
 STEPS = 50
 """Steps of the test vector: few, since an unstable model grows."""

@@ -17,10 +17,9 @@ import numpy as np
 from amb_core.errors import BagError
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, StepCoverage
-from amb_core.recording.decoder import Decoder
+from amb_core.recording.bag_reader import BagApart, ReadMessage
 from amb_core.recording.mcap_file import StoredTopic
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
-from amb_core.recording.storage import StoredMessage, open_storage
 
 Progress = Callable[[str, int, int | None], None]
 """Called now and then with the name of a stage, the steps done and those in all (None: not known)."""
@@ -137,29 +136,33 @@ class RunTelemetry:
         BagError
             If one cannot be decoded.
         """
-        storage = open_storage(self.path)
-        decoder = Decoder(self.path, storage.definitions)
-        for stored in storage.messages():
-            if stored.type in types:
-                message = decoder.decode(stored.type, stored.data)
-                encoding, text = storage.definitions[stored.type]
-                yield StoredTopic(stored.topic, stored.type, encoding, text.encode()), stored.data, message
+        for message in BagApart(self.path).messages(types=list(types), stored=True):
+            encoding, text = self._definition(message.type)
+            yield (
+                StoredTopic(message.topic, message.type, encoding, text.encode()),
+                message.data or b"",
+                message.content,
+            )
+
+    def _definition(self, message_type: str) -> tuple[str, str]:
+        if message_type not in self._definitions:
+            encoding, text = self._reader.call("definition", message_type)
+            self._definitions[message_type] = (encoding, text)
+        return self._definitions[message_type]
 
     def _survey(self) -> dict[int, _Found]:
         """What there is of each run, the run recorded last at the end."""
-        storage = open_storage(self.path)
-        decoder = Decoder(self.path, storage.definitions)
+        self._reader = BagApart(self.path)
+        self._definitions: dict[str, tuple[str, str]] = {}
+        found = self._reader.call("survey", [])
+        self.damage = found["damage"]
+        telemetry = {topic for topic, kind, _ in found["counts"] if kind == LOOP_SAMPLES}
+        others = {topic for topic, _, _ in found["counts"]} - telemetry
         runs: dict[int, _Found] = {}
-        telemetry, others = set[str](), set[str]()
-        for number, stored in enumerate(storage.messages()):
+        for number, message in enumerate(BagApart(self.path).messages(types=[LOOP_SAMPLES])):
             if number % _REPORTED == 0:
                 self._progress("reading", 0, None)
-            if stored.type != LOOP_SAMPLES:
-                others.add(stored.topic)
-                continue
-            telemetry.add(stored.topic)
-            self._note(runs, *self._decoded(decoder, stored))
-        self.damage = storage.damage
+            self._note(runs, *self._decoded(message))
         if len(telemetry) > 1:
             raise BagError(f"bag {self.path}: {LOOP_SAMPLES} is on more than one topic: {', '.join(sorted(telemetry))}")
         if not runs:
@@ -182,10 +185,9 @@ class RunTelemetry:
             )
         found.coverage.add(block.first_step, block.steps)
 
-    def _decoded(self, decoder: Decoder, stored: StoredMessage) -> tuple[int, LoopRecord]:
-        message = decoder.decode(stored.type, stored.data)
+    def _decoded(self, message: ReadMessage) -> tuple[int, LoopRecord]:
         try:
-            return int(message.run), block_from_message(message)
+            return int(message.content.run), block_from_message(message.content)
         except BagError as problem:
             raise BagError(f"bag {self.path}: {problem}") from None
 
@@ -228,13 +230,9 @@ class RunTelemetry:
 
     def _blocks(self) -> Iterator[LoopRecord]:
         """Blocks of the run as recorded."""
-        storage = open_storage(self.path)
-        decoder = Decoder(self.path, storage.definitions)
         repeated = RepeatedSteps()
-        for stored in storage.messages():
-            if stored.type != LOOP_SAMPLES:
-                continue
-            run, block = self._decoded(decoder, stored)
+        for message in BagApart(self.path).messages(types=[LOOP_SAMPLES]):
+            run, block = self._decoded(message)
             if run != self.run or not block.steps:
                 continue
             repeated.add(run, block)

@@ -11,6 +11,7 @@ from pathlib import Path
 from amb_core.export.columns import ColumnName, column_names, column_values
 from amb_core.export.mat_columns import write_mat_columns
 from amb_core.export.run_telemetry import RunTelemetry
+from amb_core.extras import extra
 
 
 def write_table(telemetry: RunTelemetry, path: Path, signals: Collection[str] = ()) -> None:
@@ -37,8 +38,9 @@ def write_table(telemetry: RunTelemetry, path: Path, signals: Collection[str] = 
 
 
 def _write_csv(telemetry: RunTelemetry, path: Path, names: list[ColumnName], signals: Collection[str]) -> None:
-    import pyarrow as pa
-    from pyarrow import csv
+    with extra("files"):
+        import pyarrow as pa
+        from pyarrow import csv
 
     schema = pa.schema([(name.heading, pa.float64()) for name in names])
     with path.open("wb") as file:
@@ -49,8 +51,9 @@ def _write_csv(telemetry: RunTelemetry, path: Path, names: list[ColumnName], sig
 
 
 def _write_parquet(telemetry: RunTelemetry, path: Path, names: list[ColumnName], signals: Collection[str]) -> None:
-    import pyarrow as pa
-    from pyarrow import parquet
+    with extra("files"):
+        import pyarrow as pa
+        from pyarrow import parquet
 
     schema = pa.schema(
         [pa.field(name.heading, pa.float64(), metadata={"unit": name.unit}) for name in names],

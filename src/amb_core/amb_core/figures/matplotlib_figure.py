@@ -5,14 +5,17 @@ from __future__ import annotations
 from functools import singledispatch
 from typing import Any
 
-from matplotlib import ticker
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis as DrawnAxis
-from matplotlib.colors import LogNorm, to_rgba
-from matplotlib.figure import Figure
-
+from amb_core.extras import extra
 from amb_core.figures.drawing import Axis, Band, Curve, Drawing, Heat, HoverGrid, Note, Panel, Points, Rule, Span
 from amb_core.figures.style import OPACITY, Stroke
+
+with extra("figures"):
+    from matplotlib import ticker
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis as DrawnAxis
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import LogNorm, to_rgba
+    from matplotlib.figure import Figure
 
 NARROW = 0.04  # share of a panel in which a letter has no room
 LETTER_WIDTH = 0.066  # of the legend's font (inch)
@@ -170,6 +173,6 @@ def _area(item: Band | Span) -> dict[str, Any]:
         "facecolor": to_rgba(item.colour, opacity * OPACITY),
         "edgecolor": to_rgba(item.colour, opacity * 0.45),
         "hatch": item.hatch,
-        "hatch_linewidth": 0.6,
+        **({"hatch_linewidth": 0.6} if hasattr(PolyCollection, "set_hatch_linewidth") else {}),  # not in old ones
         "linewidth": 0.0,
     }

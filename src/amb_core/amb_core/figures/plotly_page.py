@@ -7,11 +7,14 @@ from functools import singledispatch
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go  # type: ignore[import-untyped]
-from plotly.subplots import make_subplots  # type: ignore[import-untyped]
 
+from amb_core.extras import extra
 from amb_core.figures.drawing import Axis, Band, Curve, Drawing, Heat, HoverGrid, Note, Points, Rule, Span, Values
 from amb_core.figures.style import OPACITY, Stroke
+
+with extra("figures"):
+    import plotly.graph_objects as go  # type: ignore[import-untyped]
+    from plotly.subplots import make_subplots  # type: ignore[import-untyped]
 
 PIXELS_PER_INCH = 100
 TITLE_HEIGHT, TICKS_HEIGHT, AXIS_HEIGHT = 35, 15, 75  # pixels of a panel's title, and of an axis without and with label

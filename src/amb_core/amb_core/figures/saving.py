@@ -8,14 +8,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import plotly.graph_objects as go  # type: ignore[import-untyped]
-import plotly.io  # type: ignore[import-untyped]
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from matplotlib.figure import Figure
-from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
-
 from amb_core.errors import AmbError
+from amb_core.extras import extra
+
+with extra("figures"):
+    import plotly.graph_objects as go  # type: ignore[import-untyped]
+    import plotly.io  # type: ignore[import-untyped]
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+    from matplotlib.figure import Figure
+    from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
 SCRIPT = "plotly.min.js"
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from amb_core.extras import extra
 from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Curve, Heat, Item, Panel, Points, Table, Values
 from amb_core.figures.style import GREEN, ORANGE, PURPLE, VERMILION, Stroke
 
 if TYPE_CHECKING:
     from amb_core.tuning.stability_chart import StabilityChart
+
+with extra("figures"):
+    from matplotlib.figure import Figure
 
 LINES = {2.0: Stroke(GREEN), 3.0: Stroke(ORANGE, "dash"), 4.0: Stroke(VERMILION, "dashdot")}
 SCALE = 1.0, 10.0

@@ -5,14 +5,19 @@ Versions 5 to 7.2 are read and written by SciPy; version 7.3, which is HDF5, is 
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.extras import extra
+from amb_core.files.apart import read_apart
+from amb_core.files.apart_server import seal
+from amb_core.files.limits import Items
 from amb_core.files.regular_files import open_regular
 
 
@@ -39,48 +44,95 @@ def save_variables(path: str | Path, variables: Mapping[str, Any]) -> None:
 
 
 def load_variables(path: str | Path) -> dict[str, Any]:
-    """Read the variables of a file; raises the errors of scipy if that fails.
+    """Read the variables of a file; a struct is a dictionary. The file is read in a child process.
 
     Raises
     ------
     IdentificationError
-        If the file is of version 7.3 and cannot be read as HDF5.
+        If the file is of version 7.3 and cannot be read as HDF5, or refers to other files.
+    OSError, UnreadableError
+        If it cannot be read, is damaged, or asks for more than `limits_for` allows.
     """
+    found: dict[str, Any] = read_apart(f"{__name__}:variables_of_file", path, modules=("scipy.io", "h5py"))
+    return found
+
+
+def variables_of_file(path: str) -> dict[str, Any]:
+    """As `load_variables`, in this process."""
     from scipy import io
 
-    try:
-        with open_regular(path) as file:
+    with open_regular(path) as file:
+        seal()
+        try:
             content = io.loadmat(file)
-    except NotImplementedError:
-        return _load_hdf5(path)
-    return {name: value for name, value in content.items() if not name.startswith("__")}
+        except NotImplementedError:
+            return _load_hdf5(file)
+    items = Items()
+    return {name: _plain(value, items, 0) for name, value in content.items() if not name.startswith("__")}
 
 
-def _load_hdf5(path: str | Path) -> dict[str, Any]:
-    import h5py  # takes a while to import
+def _plain(value: Any, items: Items, depth: int) -> Any:
+    """A variable without structured arrays, sparse matrices and objects, which stay out."""
+    items.take(depth)
+    if not isinstance(value, np.ndarray):
+        return None
+    if value.dtype.names and value.size == 1:
+        return {field: _plain(value[field].ravel()[0], items, depth + 1) for field in value.dtype.names}
+    if value.dtype.names:
+        return {field: _plain(value[field], items, depth + 1) for field in value.dtype.names}
+    if value.dtype == object:
+        content = np.empty(value.size, dtype=object)
+        for index, item in enumerate(value.ravel().tolist()):
+            content[index] = _plain(item, items, depth + 1)
+        return content.reshape(value.shape)
+    return value if value.dtype.kind in "fiubcUS" else None
+
+
+def _load_hdf5(stream: BinaryIO) -> dict[str, Any]:
+    with extra("files"):
+        import h5py  # takes a while to import
 
     try:
-        with open_regular(path) as file, h5py.File(file, "r") as content:
-            return {name: _of_hdf5(content, item) for name, item in content.items() if not name.startswith("#")}
-    except (OSError, RuntimeError, KeyError) as problem:
+        with h5py.File(stream, "r") as content:
+            items = Items()
+            return {name: _member(content, content, name, items, 0) for name in content if not name.startswith("#")}
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as problem:
+        if isinstance(problem, OSError) and problem.errno == errno.EFBIG:
+            raise
         raise IdentificationError(
             f"is a MATLAB file of version 7.3 that is damaged ({problem}); write it with save(..., '-v7')"
         ) from None
 
 
-def _of_hdf5(file: Any, item: Any) -> Any:
-    """A variable as `scipy.io.loadmat` returns it; a struct as a dictionary."""
+def _member(file: Any, group: Any, name: str, items: Items, depth: int) -> Any:
+    """A variable or field by its name; one that is elsewhere, or a link to another name, is refused."""
+    with extra("files"):
+        import h5py  # takes a while to import
+
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        raise IdentificationError(f"{name!r} is a link, which MATLAB does not write; allowed: data in the file itself")
+    return _of_hdf5(file, group[name], items, depth)
+
+
+def _of_hdf5(file: Any, item: Any, items: Items, depth: int) -> Any:
+    """A variable as `load_variables` returns it."""
     import h5py
 
+    items.take(depth)
     if isinstance(item, h5py.Group):
-        return {name: _of_hdf5(file, part) for name, part in item.items()}
+        return {name: _member(file, item, name, items, depth + 1) for name in item}
+    if not isinstance(item, h5py.Dataset):
+        return None
+    if item.external or item.is_virtual:
+        raise IdentificationError(f"{item.name!r} has its data in other files; allowed: data in the file itself")
     kind = item.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
-    value = item[()]
     if item.attrs.get("MATLAB_empty", 0):
         return np.empty((0, 0))
+    value = item[()]
     if kind == "char":
         return np.array(["".join(chr(code) for code in np.asarray(value).T.ravel().tolist())])
     if item.dtype.kind == "O":  # references: the items of a cell
-        return cell([_of_hdf5(file, file[reference]) for reference in np.asarray(value).T.ravel().tolist()])
+        references = np.asarray(value).T.ravel().tolist()
+        return cell([_of_hdf5(file, file[reference], items, depth + 1) for reference in references])
     return np.atleast_2d(np.asarray(value)).T if np.ndim(value) != 1 else np.asarray(value)[:, np.newaxis]

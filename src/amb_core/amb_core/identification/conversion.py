@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.errors import IdentificationError
+from amb_core.extras import extra
 from amb_core.model.state_space import StateSpaceModel
 
 if TYPE_CHECKING:
@@ -31,7 +32,8 @@ def to_predictor(model: StateSpaceModel) -> control.StateSpace:
 
     which is stable even if the model is not. Predictions are named `x_predicted` for an output `x`.
     """
-    import control  # the import takes a second; programs that do not need it should not wait for it
+    with extra("control"):
+        import control  # the import takes a second; programs that do not need it should not wait for it
 
     outputs = model.output_names
     return control.StateSpace(
@@ -69,7 +71,8 @@ def to_continuous(model: StateSpaceModel) -> control.StateSpace:
     N. J. Higham, Functions of Matrices, 2008, chapters 1 and 11; G. F. Franklin, J. D. Powell and M. L. Workman,
     Digital Control of Dynamic Systems, 3rd edition, 1998, section 4.3.
     """
-    import control
+    with extra("control"):
+        import control
 
     a, b = _held_inverse(model.a, model.b, model.sample_time)
     return control.StateSpace(

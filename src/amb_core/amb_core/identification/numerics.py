@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from amb_core.errors import IdentificationError
 
@@ -16,16 +17,27 @@ LARGEST_RADIUS = 1.0 - 1e-6
 """Of the modes of a predictor or a closed loop that is taken as stable."""
 
 
+@functools.cache
+def _blas() -> ThreadpoolController:
+    """The BLAS of numpy and scipy, which are imported by now; to find their libraries takes ten milliseconds."""
+    return ThreadpoolController()
+
+
+def one_blas_thread() -> AbstractContextManager[object]:
+    """Compute with one BLAS thread: more threads cost time on small matrices, and take cores from the control loop."""
+    return _blas().limit(limits=1, user_api="blas")
+
+
 @contextmanager
 def small_matrices(failure: str) -> Iterator[None]:
-    """Compute with one BLAS thread: more threads cost time, and take cores from the control loop.
+    """Compute with one BLAS thread, and report where linear algebra fails.
 
     Raises
     ------
     IdentificationError
         With `failure` and the reason in one line, if linear algebra has no solution.
     """
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         try:
             yield
         except (linalg.LinAlgError, ValueError) as problem:

@@ -154,6 +154,9 @@ def linear_controller_of(values: Mapping[str, object], published: StateSpaceMode
     return LinearControl.load(settings.controller_file, parameters) if settings.controller_file else None
 
 
+KEPT_EXCITATIONS = 1_000
+
+
 class ExperimentBuffer:
     """The latest samples and excitations of the current run, from telemetry; safe for several threads.
 
@@ -208,6 +211,8 @@ class ExperimentBuffer:
         with self._lock:
             self._excitations.pop((excitation.run, excitation.id), None)  # reported again: it becomes the last one
             self._excitations[excitation.run, excitation.id] = excitation
+            if len(self._excitations) > KEPT_EXCITATIONS:
+                del self._excitations[next(iter(self._excitations))]
 
     def record(self, first_step: int, stop: int) -> LoopRecord:
         """The samples of these steps.

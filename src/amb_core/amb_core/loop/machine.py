@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from amb_core.errors import MachineError
+from amb_core.errors import MachineError, bounded
 from amb_core.loop.records import LoopRecord, axis_names
 
-MOST_AXES = 16
+MOST_AXES = 16  # and bearings
+LONGEST_NAME = 64  # characters; names are repeated in messages and logs
 HIGHEST_SAMPLE_RATE = 1e6  # Hz
 
 
@@ -71,8 +72,8 @@ class Machine:
     Raises
     ------
     MachineError
-        If it has no axis or too many, two axes have one name, an axis lies in no bearing, or the sample rate is no
-        positive number.
+        If it has no axis or too many, a name is too long, two axes have one name, an axis lies in no bearing, or the
+        sample rate is no positive number.
 
     Attributes
     ----------
@@ -98,9 +99,16 @@ class Machine:
         names = [axis.name for axis in self.axes]
         if not 1 <= len(names) <= MOST_AXES:
             raise MachineError(f"{len(names)} axes; allowed: 1 to {MOST_AXES}")
+        if len(self.bearings) > MOST_AXES:
+            raise MachineError(f"{len(self.bearings)} bearings; allowed: up to {MOST_AXES}")
+        for name in (self.name, self.source, *names, *(axis.bearing for axis in self.axes), *self._bearing_names):
+            if len(name) > LONGEST_NAME:
+                raise MachineError(
+                    f"name {bounded(repr(name), LONGEST_NAME)} of {len(name)} characters; allowed: {LONGEST_NAME}"
+                )
         if not all(names) or len(set(names)) < len(names):
             raise MachineError(f"axes {', '.join(map(repr, names))}; allowed: a name of its own for each axis")
-        bearings = [bearing.name for bearing in self.bearings]
+        bearings = self._bearing_names
         for axis in self.axes:
             if axis.bearing not in bearings:
                 there = ", ".join(map(repr, bearings)) or "none"
@@ -109,6 +117,10 @@ class Machine:
             raise MachineError(
                 f"sample rate {self.sample_rate:g} Hz; allowed: more than 0, up to {HIGHEST_SAMPLE_RATE:g} Hz"
             )
+
+    @property
+    def _bearing_names(self) -> list[str]:
+        return [bearing.name for bearing in self.bearings]
 
     @property
     def axis_names(self) -> tuple[str, ...]:

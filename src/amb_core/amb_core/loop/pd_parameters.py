@@ -22,13 +22,20 @@ from amb_core.parameters import (
 
 def current_limit() -> Any:
     """Declaration of the limit that every controller has."""
-    return quantity(3.0, "A", "limit on the magnitude of the control current references", 0.0, 100.0, runtime=True)
+    return quantity(
+        3.0, "A", "limit on the magnitude of the control current references", 0.0, 100.0, runtime=True, source="assumed"
+    )
 
 
 def nominal_reference() -> Any:
     """Declaration of the nominal reference that every controller has."""
     return quantities(
-        "m", "nominal reference position of each axis, in their order; empty: 0 on all", -1e-3, 1e-3, runtime=True
+        "m",
+        "nominal reference position of each axis, in their order; empty: 0 on all",
+        -1e-3,
+        1e-3,
+        runtime=True,
+        source="assumed",
     )
 
 
@@ -38,13 +45,25 @@ class ControllerParameters(Parameters):
     sample_rate: float = of_machine(
         10_000.0, "Hz", "controller sample rate f_s", 1_000.0, 100_000.0, simulator_parameter="integration.sample_rate"
     )
-    proportional_gain: float = quantity(20_000.0, "A/m", "proportional gain K_P", 0.0, 1e6, runtime=True)
-    derivative_gain: float = quantity(38.0, "A s/m", "derivative gain K_D", 0.0, 1e4, runtime=True)
+    proportional_gain: float = quantity(
+        20_000.0, "A/m", "proportional gain K_P", 0.0, 1e6, runtime=True, source="stated: table 1, unit assumed"
+    )
+    derivative_gain: float = quantity(
+        38.0, "A s/m", "derivative gain K_D", 0.0, 1e4, runtime=True, source="stated: table 1, unit assumed"
+    )
     derivative_filter: float = quantity(
-        0.0, "s", "time constant of the first-order filter on the derivative; 0 for none", 0.0, 0.1, runtime=True
+        0.0,
+        "s",
+        "time constant of the first-order filter on the derivative; 0 for none",
+        0.0,
+        0.1,
+        runtime=True,
+        source="assumed",
     )
     derivative_on: Literal["error", "measurement"] = choice(
-        "error", "signal that is differentiated: the position error (paper, Fig. 10) or the measured position"
+        "error",
+        "signal that is differentiated: the position error (paper, Fig. 10) or the measured position",
+        source="stated: Fig. 10",
     )
     current_limit: float = current_limit()
     proportional_gains: tuple[float, ...] = quantities(

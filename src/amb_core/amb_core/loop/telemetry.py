@@ -12,7 +12,12 @@ from amb_core.loop.records import LoopRecord
 
 
 class StepCoverage:
-    """The known steps of a run, as disjoint spans; adding is cheap while blocks arrive in order."""
+    """The known steps of a run, as disjoint spans; adding is cheap while blocks arrive in order.
+
+    Memory is bounded: beyond `MOST_SPANS` spans, steps that touch none of them count as unknown.
+    """
+
+    MOST_SPANS = 100_000
 
     def __init__(self) -> None:
         self._spans: list[tuple[int, int]] = []
@@ -43,7 +48,8 @@ class StepCoverage:
         while self._spans and self._spans[-1][1] >= start:
             known = self._spans.pop()
             start, stop = min(start, known[0]), max(stop, known[1])
-        self._spans.append((start, stop))
+        if len(self._spans) + len(later) < self.MOST_SPANS:
+            self._spans.append((start, stop))
         self._spans.extend(reversed(later))
 
     def missing(self, first_step: int, stop: int) -> list[tuple[int, int]]:
@@ -68,7 +74,7 @@ class RepeatedSteps:
     Attributes
     ----------
     conflict : str
-        The last finding, as text; empty if there is none.
+        The last finding, as text; empty if there is none in the present run, or none among its latest blocks.
     """
 
     COMPARED_BLOCKS = 100
@@ -77,18 +83,23 @@ class RepeatedSteps:
         self._run: int | None = None
         self._blocks: deque[LoopRecord] = deque(maxlen=self.COMPARED_BLOCKS)
         self._stop = 0
+        self._blocks_since = 0  # the conflict
         self.conflict = ""
 
     def add(self, run: int, block: LoopRecord) -> None:
         """Add a block of telemetry."""
         if run != self._run:
-            self._run, self._stop = run, 0
+            self._run, self._stop, self.conflict = run, 0, ""
             self._blocks.clear()
+        self._blocks_since += 1
+        if self._blocks_since > self.COMPARED_BLOCKS:
+            self.conflict = ""
         if block.first_step < self._stop and any(_contradict(known, block) for known in self._blocks):
             self.conflict = (
                 f"telemetry of run {run}: steps {block.first_step} to {block.first_step + block.steps - 1} came twice "
                 "with different samples; do two controllers publish it?"
             )
+            self._blocks_since = 0
         self._blocks.append(block)
         self._stop = max(self._stop, block.first_step + block.steps)
 

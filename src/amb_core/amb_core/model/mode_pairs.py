@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from amb_core.errors import IdentificationError
 from amb_core.model.modes import LEAST_GAIN, Mode, Modes
@@ -114,6 +113,8 @@ def pair_modes(
     IdentificationError
         If the two do not have the same outputs.
     """
+    from scipy.optimize import linear_sum_assignment  # takes a quarter of a second to import
+
     if identified.output_names != computed.output_names:
         raise IdentificationError(
             f"modes at the outputs {', '.join(identified.output_names)} cannot be paired with modes at "

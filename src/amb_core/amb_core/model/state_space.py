@@ -19,9 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.extras import extra
+from amb_core.files.arrays import load_arrays
 from amb_core.files.file_errors import reading
 from amb_core.files.matlab import load_variables, save_variables
-from amb_core.files.regular_files import MIB, open_regular, read_text
+from amb_core.files.regular_files import MIB, read_text
 from amb_core.model.mat_fields import fields_of, variables_of
 
 if TYPE_CHECKING:
@@ -118,7 +120,8 @@ class StateSpaceModel:
 
     def to_control(self) -> control.StateSpace:
         """The deterministic part (from u - input_offset to y - output_offset) for python-control."""
-        import control  # the import takes a second; programs that do not need it should not wait for it
+        with extra("control"):
+            import control  # the import takes a second; programs that do not need it should not wait for it
 
         return control.StateSpace(
             self.a,
@@ -181,8 +184,7 @@ class StateSpaceModel:
         ending = _ending(path)
         with reading("model", path):
             if ending == ".npz":
-                with open_regular(path) as file, np.load(file, allow_pickle=False) as archive:
-                    content: dict[str, Any] = {name: archive[name].tolist() for name in archive.files}
+                content: dict[str, Any] = {name: array.tolist() for name, array in load_arrays(path).items()}
             elif ending == ".mat":
                 content = fields_of(load_variables(path))
             else:

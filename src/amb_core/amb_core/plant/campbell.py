@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from amb_core.errors import PlantError
 from amb_core.loop.control import ControllerParameters
@@ -208,6 +207,8 @@ def _branches(speed: NDArray[np.float64], at_speed: list[tuple[Mode, ...]]) -> t
 
 def _closest(ends: list[Mode], modes: tuple[Mode, ...]) -> list[tuple[int, int]]:
     """Pairs of a mode and the end of a branch which it continues, as numbers."""
+    from scipy.optimize import linear_sum_assignment  # takes a quarter of a second to import
+
     if not ends or not modes:
         return []
     rates = [np.array([mode.rate for mode in side]) for side in (ends, modes)]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from amb_core.loop.control import ControllerParameters
+from amb_core.parameters import SourcedValue, sourced_values
 from amb_core.plant.averaged import coil_references, flux_embedding
 from amb_core.plant.linearise import linearize
 from amb_core.plant.network import COIL_AXES, COIL_POLES, POLES, active_coils
@@ -155,6 +156,22 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
         **_constants_of_axis(plant),
         effects=_effects(plant),
     )
+
+
+def values_with_sources(parameters: PlantParameters, controller: ControllerParameters) -> list[SourcedValue]:
+    """Values of a plant and its controller, stated by the paper or assumed, without parts that the plant does not have.
+
+    Parameters
+    ----------
+    parameters : PlantParameters
+        The plant.
+    controller : ControllerParameters
+        The controller; the names of its values begin with `controller.`.
+    """
+    rotor = parameters.rotor
+    absent = {"rigid_rotor": rotor.model != "rigid", "thrust_bearing": not rotor.axial}
+    own = [one for one in sourced_values(parameters) if not absent.get(one.name.split(".")[0])]
+    return own + [replace(one, name=f"controller.{one.name}") for one in sourced_values(controller)]
 
 
 def _constants_of_axis(plant: Plant) -> dict[str, float | None]:

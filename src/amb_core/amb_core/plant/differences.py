@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.extras import extra
 from amb_core.plant.averaged import AveragedPlant, flux_embedding
 from amb_core.plant.network import COILS, POLES, active_coils
 from amb_core.plant.operating_point import OperatingPoint
@@ -50,7 +51,8 @@ class OpenPlant:
 
 def linear_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
     """The averaged plant from control currents (A) to measured positions (m) about an operating point, continuous."""
-    import control  # takes a second to import: only on use
+    with extra("control"):
+        import control  # takes a second to import: only on use
 
     averaged = AveragedPlant(plant)
     kept, embedding = _independent_states(averaged)

@@ -25,7 +25,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
-from scipy.optimize import brentq
 
 from amb_core.errors import PlantError
 from amb_core.plant.memory_terms import MOST_TERMS, MemoryTerms, fit_weights
@@ -211,6 +210,8 @@ def eddy_bandwidth(parameters: PlantParameters) -> float:
     In separate laminated circuits this is R / (2 pi K), with R the reluctance and K the eddy coefficient of a pole and
     its part of the rings. Otherwise it is found numerically from `force_response`.
     """
+    from scipy.optimize import brentq  # takes a quarter of a second to import
+
     if not parameters.iron.eddy_currents:
         return math.inf
 

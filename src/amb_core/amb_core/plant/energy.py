@@ -7,6 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 from amb_core.plant.network import POLES
 from amb_core.plant.plant import Plant
@@ -134,7 +135,7 @@ class EnergyAccount:
         self.damping += self._integral(np.sum(trace.rates * (trace.rates @ model.damping), axis=1))
 
     def _integral(self, power: NDArray[np.float64]) -> float:
-        return float(np.trapezoid(power, dx=self._plant.parameters.integration.internal_step))
+        return float(trapezoid(power, dx=self._plant.parameters.integration.internal_step))
 
     def _field(self, trace: Trace, row: int) -> float:
         (x, y), flux = trace.position[row], trace.flux[row]

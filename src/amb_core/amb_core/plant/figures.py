@@ -6,11 +6,10 @@ Made without pyplot, as those of `amb_core.figures`; save one with `figure.savef
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
+from amb_core.extras import extra
 from amb_core.plant.eddy import eddy_bandwidth, force_response
 from amb_core.plant.iron import initial_iron, pack_material, saturation_curve
 from amb_core.plant.kernel.iron import advance_hysteresis
@@ -19,6 +18,10 @@ from amb_core.plant.network import COIL_AXES
 from amb_core.plant.operating_point import static_force
 from amb_core.plant.parameters import IronParameters, PlantParameters
 from amb_core.plant.plant import Plant
+
+with extra("figures"):
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73")
 _LOOPS = (0.4, 0.8, 1.2)  # peak flux densities (T)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
-from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from amb_core.errors import PlantError
 from amb_core.plant.bh_table import read_bh_table
@@ -75,6 +74,8 @@ def saturation_curve(parameters: IronParameters) -> SaturationCurve:
         If the table cannot be used or the Jiles-Atherton parameters have no stable anhysteretic curve.
     """
     if parameters.bh_table:
+        from scipy.interpolate import PchipInterpolator  # takes a quarter of a second to import
+
         field, flux_density = read_bh_table(parameters.bh_table)
         odd = PchipInterpolator(
             np.concatenate([-flux_density[:0:-1], flux_density]), np.concatenate([-field[:0:-1], field])
@@ -90,9 +91,20 @@ def saturation_curve(parameters: IronParameters) -> SaturationCurve:
         values, slopes = anhysteretic_field(grid, parameters)
     interval = grid[-1] / CURVE_INTERVALS
     coefficients = np.zeros((CURVE_INTERVALS + 1, 4))
-    coefficients[:-1] = CubicHermiteSpline(grid, values, slopes).c[::-1].T * interval ** np.arange(4)
+    coefficients[:-1] = _hermite(grid, values, slopes) * interval ** np.arange(4)
     coefficients[-1, :2] = values[-1], interval / mu_0
     return SaturationCurve(float(grid[-1]), coefficients)
+
+
+def _hermite(
+    grid: NDArray[np.float64], values: NDArray[np.float64], slopes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Coefficients of the cubics with these values and slopes at the grid, lowest power first, one row an interval."""
+    secant = np.diff(values) / np.diff(grid)
+    bend = (slopes[:-1] + slopes[1:] - 2.0 * secant) / np.diff(grid)
+    return np.column_stack(
+        [values[:-1], slopes[:-1], (secant - slopes[:-1]) / np.diff(grid) - bend, bend / np.diff(grid)]
+    )
 
 
 def anhysteretic_field(

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
+from amb_core.extras import extra
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant.axial import Axial
 from amb_core.plant.differences import OpenPlant, with_low_pass
@@ -156,7 +157,8 @@ def averaged_axial(plant: Plant, axial: Axial, point: AxialPoint) -> control.Sta
 
     With e = r - i and V = 2 U (K_P e + I), V follows from V = 2 U (K_P (r - C x - D V) + I).
     """
-    import control
+    with extra("control"):
+        import control
 
     opened, amplifier = open_axial(plant, axial, point), thrust_amplifier(plant.parameters)
     gain, size = 2.0 * amplifier.supply_voltage, len(opened.a)

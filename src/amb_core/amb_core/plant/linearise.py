@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from amb_core.extras import extra
 from amb_core.loop.control import ControllerParameters, pack_gains, require_one_rate
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.plant.differences import linear_plant
@@ -147,7 +148,8 @@ def linearize(
 
 def _beside(first: control.StateSpace, second: control.StateSpace) -> control.StateSpace:
     """Two models that do not act on each other as one, inputs and outputs of the first first."""
-    import control
+    with extra("control"):
+        import control
 
     return control.StateSpace(
         *(linalg.block_diag(getattr(first, name), getattr(second, name)) for name in "ABCD"), first.dt,
@@ -158,7 +160,8 @@ def _beside(first: control.StateSpace, second: control.StateSpace) -> control.St
 
 def _discretise(continuous: control.StateSpace, plant: Plant) -> control.StateSpace:
     """Inputs held over each sample, starting after the computation delay; with a delay, earlier inputs are states."""
-    import control
+    with extra("control"):
+        import control
 
     delay = plant.parameters.converters.computation_delay * plant.sample_time
     if delay == 0.0:
@@ -201,7 +204,8 @@ def close_loop(plant: control.StateSpace, controller: KnownController) -> tuple[
     sensitivity : control.StateSpace
         From a disturbance w_x, w_y of the measurement to the measured x, y (m).
     """
-    import control
+    with extra("control"):
+        import control
 
     if isinstance(controller, LinearControl):
         return _close_linear_loop(plant, controller)
@@ -235,7 +239,8 @@ def _close_linear_loop(
     plant: control.StateSpace, controller: LinearControl
 ) -> tuple[control.StateSpace, control.StateSpace]:
     """As `close_loop`: x+ = (A + B D_y C) x + B C_c w + B D_r r, w+ = B_y C x + A_c w + B_r r, with w of the law."""
-    import control
+    with extra("control"):
+        import control
 
     axes, law = plant.ninputs, controller.model
     controller.require_axes(axes)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 MOST_TERMS = 30
 """Largest number of terms of a fit; the integrators have room for as many."""
@@ -85,6 +84,8 @@ def fit_weights(
     rest : float
         r (s).
     """
+    from scipy.optimize import nnls  # takes a quarter of a second to import
+
     s = 2j * np.pi * frequency[:, None]
     columns = np.hstack([s / (s + rates), s]) / wanted[:, None]
     matrix = np.vstack([columns.real, columns.imag])

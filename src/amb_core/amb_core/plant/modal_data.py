@@ -36,8 +36,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
+from amb_core.files.arrays import load_arrays
 from amb_core.files.package_files import located
-from amb_core.files.regular_files import open_regular, shown
+from amb_core.files.regular_files import shown
 
 _SKEW_TOLERANCE = 1e-6
 """Largest symmetric part of the gyroscopic matrix, relative to its largest element; allows single precision files."""
@@ -98,7 +99,7 @@ class ModalData:
     def static_loads(self, gravity: float) -> NDArray[np.float64]:
         """Forces that carry the rotor's weight at A x, A y, B x, B y (N), shape (4,), by a gravity along -y (m/s^2)."""
         rigid = self.natural_frequencies == 0.0
-        return np.linalg.lstsq(self.bearings[:, rigid].T, -gravity * self.weight[rigid])[0]
+        return np.linalg.lstsq(self.bearings[:, rigid].T, -gravity * self.weight[rigid], rcond=None)[0]
 
     def save(self, path: str | Path) -> None:
         """Write the file.
@@ -194,13 +195,11 @@ _ARRAYS = tuple(item.name for item in fields(ModalData) if item.name != "descrip
 def _read(path: str | Path) -> dict[str, NDArray[np.float64]]:
     """All arrays of an .npz file."""
     try:
-        with open_regular(located(path)) as file:
-            archive = np.load(file, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise PlantError(
-                    f"modal data {path}: is a single array (.npy); needed: an .npz with {', '.join(_ARRAYS)}"
-                )
-            return {name: archive[name] for name in archive.files}
+        file = located(path)
+        arrays = load_arrays(file)
+        if list(arrays) == [file.stem]:
+            raise PlantError(f"modal data {path}: is a single array (.npy); needed: an .npz with {', '.join(_ARRAYS)}")
+        return arrays
     except OSError as problem:
         raise PlantError(f"modal data {shown(path)}: cannot be read: {problem.strerror}") from None
     except PlantError:

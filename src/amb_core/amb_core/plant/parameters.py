@@ -1,6 +1,6 @@
-"""Parameters of the plant: power amplifiers, magnetic circuit, iron, rotor, sensors. Defaults are the paper's table 1.
+"""Parameters of the plant: power amplifiers, magnetic circuit, iron, sensors; with those of the rotor.
 
-Values that the table does not give are marked "assumed" in their descriptions. Effects beyond the table are off.
+The declaration of each says whether the paper states its default, and where, or it is assumed (`source`).
 """
 
 from __future__ import annotations
@@ -10,8 +10,13 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from amb_core.loop.bearing import BACKUP_BEARING_RADIUS
 from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_core.plant.rotor_parameters import (
+    BackupBearingParameters,
+    FlexibleRotorParameters,
+    RigidRotorParameters,
+    RotorParameters,
+)
 from amb_core.plant.thrust_parameters import ThrustBearingParameters
 
 
@@ -22,21 +27,52 @@ class MagneticCircuitParameters(Parameters):
         "two_axis",
         "electromagnets with an amplifier: all four (2-DOF), +y and -y (1-DOF differential), +y alone (1-DOF); "
         "with 1 DOF the rotor moves along y only",
+        source="stated: section 2.4",
     )
-    air_gap: float = quantity(0.6e-3, "m", "air gap between pole and journal, rotor centred", 1e-5, 1e-2)
-    axial_length: float = quantity(49.15e-3, "m", "axial bearing length", 1e-3, 1.0)
-    journal_inner_radius: float = quantity(15.88e-3, "m", "journal inner radius r_r", 1e-3, 1.0)
-    journal_outer_radius: float = quantity(34.95e-3, "m", "journal outer radius r_j", 1e-3, 1.0)
-    pole_radius: float = quantity(35.60e-3, "m", "stator pole radius r_p", 1e-3, 1.0)
-    back_iron_inner_radius: float = quantity(60.00e-3, "m", "stator back-iron inner radius r_c", 1e-3, 1.0)
-    stator_outer_radius: float = quantity(75.00e-3, "m", "stator outer radius r_s", 1e-3, 1.0)
-    pole_width: float = quantity(13.89e-3, "m", "pole width r_w", 1e-4, 1.0)
-    turns_per_pole: int = quantity(50, "-", "turns per pole; two poles in series make an electromagnet", 1, 10_000)
-    coil_resistance: float = quantity(0.2, "ohm", "resistance of the two coils of an electromagnet", 0.0, 100.0)
-    relative_permeability: float = quantity(4000.0, "-", "relative permeability of linear iron", 1.0, 1e12)
-    lamination_thickness: float = quantity(0.35e-3, "m", "thickness of the laminations (assumed)", 1e-5, 5e-3)
-    iron_conductivity: float = quantity(2.0e6, "S/m", "conductivity of the iron (assumed, silicon steel)", 1e3, 1e8)
-    coupling: bool = switch(True, "flux couples between the electromagnets; false: each closes its own circuit")
+    air_gap: float = quantity(
+        0.6e-3, "m", "air gap between pole and journal, rotor centred", 1e-5, 1e-2, source="stated: table 1"
+    )
+    axial_length: float = quantity(49.15e-3, "m", "axial bearing length", 1e-3, 1.0, source="stated: table 1")
+    journal_inner_radius: float = quantity(
+        15.88e-3, "m", "journal inner radius r_r", 1e-3, 1.0, source="stated: table 1"
+    )
+    journal_outer_radius: float = quantity(
+        34.95e-3, "m", "journal outer radius r_j", 1e-3, 1.0, source="stated: table 1"
+    )
+    pole_radius: float = quantity(35.60e-3, "m", "stator pole radius r_p", 1e-3, 1.0, source="stated: table 1")
+    back_iron_inner_radius: float = quantity(
+        60.00e-3, "m", "stator back-iron inner radius r_c", 1e-3, 1.0, source="stated: table 1"
+    )
+    stator_outer_radius: float = quantity(75.00e-3, "m", "stator outer radius r_s", 1e-3, 1.0, source="stated: table 1")
+    pole_width: float = quantity(13.89e-3, "m", "pole width r_w", 1e-4, 1.0, source="stated: table 1")
+    turns_per_pole: int = quantity(
+        50,
+        "-",
+        "turns per pole; two poles in series make an electromagnet",
+        1,
+        10_000,
+        source="stated: table 1, taken as per pole",
+    )
+    coil_resistance: float = quantity(
+        0.2,
+        "ohm",
+        "resistance of the two coils of an electromagnet",
+        0.0,
+        100.0,
+        source="stated: table 1, taken for both coils",
+    )
+    relative_permeability: float = quantity(
+        4000.0, "-", "relative permeability of linear iron", 1.0, 1e12, source="stated: table 1"
+    )
+    lamination_thickness: float = quantity(0.35e-3, "m", "thickness of the laminations", 1e-5, 5e-3, source="assumed")
+    iron_conductivity: float = quantity(
+        2.0e6, "S/m", "conductivity of the iron, silicon steel", 1e3, 1e8, source="assumed"
+    )
+    coupling: bool = switch(
+        True,
+        "flux couples between the electromagnets; false: each closes its own circuit",
+        source="stated: section 2.4",
+    )
 
     @model_validator(mode="after")
     def _radii_ascend(self) -> MagneticCircuitParameters:
@@ -64,26 +100,43 @@ class IronParameters(Parameters):
     (2004): coercive field 36 A/m, remanence 0.67 T, largest relative permeability 8250, saturation at 1.44 T.
     """
 
-    saturation: bool = switch(False, "flux density saturates along a curve; false: relative_permeability")
-    hysteresis: bool = switch(False, "flux density follows loops (Jiles-Atherton); needs saturation")
-    eddy_currents: bool = switch(True, "eddy currents in the laminations")
+    saturation: bool = switch(
+        False,
+        "flux density saturates along a curve; false: relative_permeability",
+        source="assumed: section 2.4 has it, without values",
+    )
+    hysteresis: bool = switch(
+        False,
+        "flux density follows loops (Jiles-Atherton); needs saturation",
+        source="assumed: section 2.4 has it, without values",
+    )
+    eddy_currents: bool = switch(True, "eddy currents in the laminations", source="stated: section 2.4")
     laminations: Literal["thin", "diffusion"] = choice(
         "thin",
         "eddy currents of laminations: thin, fast but with too much loss above some hundred hertz, or diffusion of the "
         "flux at relative_permeability, right to 1 MHz",
+        source="assumed",
     )
-    solid_journal: bool = switch(False, "journal of solid iron of constant permeability: flux lags as it diffuses")
-    saturation_magnetisation: float = quantity(1.14522e6, "A/m", "saturation magnetisation M_s", 1e4, 3e6)
-    anhysteretic_field: float = quantity(59.5, "A/m", "shape parameter a of the anhysteretic curve", 0.1, 1e5)
-    interdomain_coupling: float = quantity(1.3e-4, "-", "interdomain coupling alpha", 0.0, 1.0)
-    pinning_field: float = quantity(99.2, "A/m", "pinning k", 0.1, 1e5)
-    reversibility: float = quantity(0.54, "-", "reversible part c of the magnetisation", 0.0, 1.0)
+    solid_journal: bool = switch(
+        False, "journal of solid iron of constant permeability: flux lags as it diffuses", source="assumed"
+    )
+    saturation_magnetisation: float = quantity(
+        1.14522e6, "A/m", "saturation magnetisation M_s", 1e4, 3e6, source="assumed"
+    )
+    anhysteretic_field: float = quantity(
+        59.5, "A/m", "shape parameter a of the anhysteretic curve", 0.1, 1e5, source="assumed"
+    )
+    interdomain_coupling: float = quantity(1.3e-4, "-", "interdomain coupling alpha", 0.0, 1.0, source="assumed")
+    pinning_field: float = quantity(99.2, "A/m", "pinning k", 0.1, 1e5, source="assumed")
+    reversibility: float = quantity(0.54, "-", "reversible part c of the magnetisation", 0.0, 1.0, source="assumed")
     bh_table: str = choice(
         "",
         "CSV file with columns H (A/m) and B (T), from 0, 0 upwards, instead of the anhysteretic curve; "
         "empty for none; no hysteresis with it",
     )
-    journal_conductivity: float = quantity(5.0e6, "S/m", "conductivity of a solid journal (assumed, steel)", 1e3, 1e8)
+    journal_conductivity: float = quantity(
+        5.0e6, "S/m", "conductivity of a solid journal, steel", 1e3, 1e8, source="assumed"
+    )
 
     @model_validator(mode="after")
     def _fits_together(self) -> IronParameters:
@@ -102,21 +155,39 @@ class IronParameters(Parameters):
 class AmplifierParameters(Parameters):
     """Two-state switched-mode power amplifier, one per electromagnet."""
 
-    supply_voltage: float = quantity(300.0, "V", "supply voltage: a coil sees plus or minus this", 1.0, 5000.0)
-    switching_frequency: float = quantity(100e3, "Hz", "switching frequency", 1e3, 1e6)
-    minimum_duty: float = quantity(0.25, "-", "smallest duty cycle", 0.0, 0.5)
-    maximum_duty: float = quantity(0.75, "-", "largest duty cycle", 0.5, 1.0)
-    proportional_gain: float = quantity(1.0, "1/A", "PI gain from current error to duty cycle, K_P", 0.0, 1e3)
-    integral_gain: float = quantity(0.01, "1/(A s)", "PI integral gain K_I", 0.0, 1e6)
-    bias_current: float = quantity(3.0, "A", "bias current of every electromagnet", 0.0, 100.0)
-    current_limit: float = quantity(10.0, "A", "limit on the coil current reference (assumed)", 0.0, 1000.0)
-    switching: bool = switch(True, "resolve the pulse-width modulation; false: apply its average voltage")
-    carriers: Literal["synchronous", "interleaved"] = choice(
-        "synchronous", "switching periods of the electromagnets begin together, or each a quarter of a period later"
+    supply_voltage: float = quantity(
+        300.0, "V", "supply voltage: a coil sees plus or minus this", 1.0, 5000.0, source="stated: table 1"
     )
-    dead_time: float = quantity(0.0, "s", "delay of the edge that starts to drive the coil current", 0.0, 1e-5)
-    limits: bool = switch(True, "duty cycle and coil current reference are limited; false only without switching")
-    unipolar: bool = switch(True, "the coil current cannot become negative")
+    switching_frequency: float = quantity(100e3, "Hz", "switching frequency", 1e3, 1e6, source="stated: table 1")
+    minimum_duty: float = quantity(0.25, "-", "smallest duty cycle", 0.0, 0.5, source="stated: section 2.4")
+    maximum_duty: float = quantity(0.75, "-", "largest duty cycle", 0.5, 1.0, source="stated: section 2.4")
+    proportional_gain: float = quantity(
+        1.0, "1/A", "PI gain from current error to duty cycle, K_P", 0.0, 1e3, source="stated: table 1, unit assumed"
+    )
+    integral_gain: float = quantity(
+        0.01, "1/(A s)", "PI integral gain K_I", 0.0, 1e6, source="stated: table 1, unit assumed"
+    )
+    bias_current: float = quantity(
+        3.0, "A", "bias current of every electromagnet", 0.0, 100.0, source="stated: table 1"
+    )
+    current_limit: float = quantity(10.0, "A", "limit on the coil current reference", 0.0, 1000.0, source="assumed")
+    switching: bool = switch(
+        True, "resolve the pulse-width modulation; false: apply its average voltage", source="stated: section 2.4"
+    )
+    carriers: Literal["synchronous", "interleaved"] = choice(
+        "synchronous",
+        "switching periods of the electromagnets begin together, or each a quarter of a period later",
+        source="assumed",
+    )
+    dead_time: float = quantity(
+        0.0, "s", "delay of the edge that starts to drive the coil current", 0.0, 1e-5, source="assumed"
+    )
+    limits: bool = switch(
+        True,
+        "duty cycle and coil current reference are limited; false only without switching",
+        source="stated: section 2.4",
+    )
+    unipolar: bool = switch(True, "the coil current cannot become negative", source="assumed")
 
     @model_validator(mode="after")
     def _fits_together(self) -> AmplifierParameters:
@@ -137,104 +208,41 @@ class AmplifierParameters(Parameters):
         return self
 
 
-class RotorParameters(Parameters):
-    """The rotor and what acts on it; displacements are those of the journals in their bearings."""
-
-    model: Literal["point_mass", "rigid", "flexible"] = choice(
-        "point_mass",
-        "half a rotor in one bearing, or a rotor in two bearings A and B: rigid body (rigid_rotor) or modes "
-        "(flexible_rotor)",
-    )
-    mass: float = quantity(6.25, "kg", "point mass carried by the bearing: half of the rotor", 1e-3, 1e5)
-    gravity: float = quantity(9.81, "m/s^2", "gravity along -y; 0 switches it off", 0.0, 100.0)
-    running_speed: float = quantity(0.0, "Hz", "running speed, revolutions per second from +x to +y", 0.0, 5000.0)
-    unbalance: float = quantity(
-        0.0,
-        "kg m",
-        "static unbalance, mass times eccentricity: at the centre of mass, or where the modal data have it",
-        0.0,
-        1.0,
-    )
-    external_force_x: float = quantity(0.0, "N", "external force on the rotor at bearing A, x axis", -1e6, 1e6)
-    external_force_y: float = quantity(0.0, "N", "external force on the rotor at bearing A, y axis", -1e6, 1e6)
-    external_force_frequency: float = quantity(
-        0.0, "Hz", "frequency of the external force, a cosine starting at the reset; 0 for a constant force", 0.0, 1e5
-    )
-    backup_bearing_radius: float = quantity(
-        BACKUP_BEARING_RADIUS, "m", "radial rotor displacement at which it touches the backup bearing", 1e-6, 1e-2
-    )
-    initial_x: float = quantity(0.0, "m", "rotor position at reset, x axis", -1e-2, 1e-2)
-    initial_y: float = quantity(0.0, "m", "rotor position at reset, y axis", -1e-2, 1e-2)
-    axial: bool = switch(False, "the rotor moves along its axis too, axis z, in a thrust bearing (thrust_bearing)")
-    external_force_z: float = quantity(0.0, "N", "external force on the rotor along its axis, z", -1e6, 1e6)
-    initial_z: float = quantity(0.0, "m", "rotor position at reset, z axis", -1e-2, 1e-2)
-
-
-class RigidRotorParameters(Parameters):
-    """Rigid rotor in two bearings, for `rotor.model: rigid`. Axial positions count from the centre of mass."""
-
-    mass: float = quantity(12.5, "kg", "mass of the rotor", 1e-3, 1e5)
-    transverse_inertia: float = quantity(0.25, "kg m^2", "moment of inertia about a diameter (assumed)", 1e-9, 1e6)
-    polar_inertia: float = quantity(0.008, "kg m^2", "moment of inertia about the axis (assumed)", 0.0, 1e6)
-    bearing_a: float = quantity(-0.15, "m", "axial position of bearing A (assumed)", -10.0, 10.0)
-    bearing_b: float = quantity(0.15, "m", "axial position of bearing B (assumed)", -10.0, 10.0)
-    sensor_a: float = quantity(-0.15, "m", "axial position of the sensors of bearing A (assumed)", -10.0, 10.0)
-    sensor_b: float = quantity(0.15, "m", "axial position of the sensors of bearing B (assumed)", -10.0, 10.0)
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> RigidRotorParameters:
-        for name in ("bearing", "sensor"):
-            a, b = getattr(self, f"{name}_a"), getattr(self, f"{name}_b")
-            if a >= b:
-                raise ValueError(f"{name}_a = {a:g} m must be smaller than {name}_b = {b:g} m: A is the side of -z")
-        if self.polar_inertia > 2.0 * self.transverse_inertia:
-            raise ValueError(
-                f"polar_inertia = {self.polar_inertia:g} kg m^2 of a body cannot exceed twice its transverse_inertia, "
-                f"{2.0 * self.transverse_inertia:g} kg m^2"
-            )
-        return self
-
-
-class FlexibleRotorParameters(Parameters):
-    """Flexible rotor in two bearings, for `rotor.model: flexible`."""
-
-    modal_data: str = choice(
-        "",
-        "file of modal data (.npz), see amb_core.plant.modal_data; package://NAME/PATH for one of a built package",
-    )
-
-
-class BackupBearingParameters(Parameters):
-    """Contact of the rotor with the backup bearing; its radius is `rotor.backup_bearing_radius`."""
-
-    contact: bool = switch(False, "the rotor bounces and rubs on the backup bearing; false: touching it ends the run")
-    stiffness: float = quantity(2e7, "N/m", "contact stiffness (assumed)", 1e3, 1e10)
-    damping: float = quantity(2e3, "N s/m", "contact damping (assumed)", 0.0, 1e7)
-    friction: float = quantity(0.1, "-", "friction coefficient against the surface of the turning rotor", 0.0, 2.0)
-
-
 class SensorParameters(Parameters):
     """Position sensors; ideal by default."""
 
-    bandwidth: float = quantity(0.0, "Hz", "first-order low-pass; 0 for none", 0.0, 1e6)
-    noise: float = quantity(0.0, "m", "standard deviation of white noise on every sample", 0.0, 1e-3)
+    bandwidth: float = quantity(
+        0.0, "Hz", "first-order low-pass; 0 for none", 0.0, 1e6, source="stated: section 2.4, ideal"
+    )
+    noise: float = quantity(
+        0.0, "m", "standard deviation of white noise on every sample", 0.0, 1e-3, source="stated: section 2.4, ideal"
+    )
     noise_seed: int = quantity(0, "-", "seed of the noise: the same noise after every reset", 0, 2**31 - 1)
 
 
 class ConverterParameters(Parameters):
     """Converters and computer between sensors and amplifiers; ideal by default."""
 
-    position_resolution: float = quantity(0.0, "m", "step of the analogue-digital converter; 0 for none", 0.0, 1e-3)
-    current_resolution: float = quantity(0.0, "A", "step of the digital-analogue converter; 0 for none", 0.0, 10.0)
+    position_resolution: float = quantity(
+        0.0, "m", "step of the analogue-digital converter; 0 for none", 0.0, 1e-3, source="assumed"
+    )
+    current_resolution: float = quantity(
+        0.0, "A", "step of the digital-analogue converter; 0 for none", 0.0, 10.0, source="assumed"
+    )
     computation_delay: float = quantity(
-        0.0, "-", "part of a controller sample until a control current reference takes effect", 0.0, 1.0
+        0.0,
+        "-",
+        "part of a controller sample until a control current reference takes effect",
+        0.0,
+        1.0,
+        source="assumed",
     )
 
 
 class IntegrationParameters(Parameters):
     """Time grid."""
 
-    sample_rate: float = quantity(10_000.0, "Hz", "controller sample rate f_s", 1e3, 1e5)
+    sample_rate: float = quantity(10_000.0, "Hz", "controller sample rate f_s", 1e3, 1e5, source="stated: section 3.2")
     internal_step: float = quantity(0.5e-6, "s", "step of the integrator", 1e-9, 1e-5)
 
 

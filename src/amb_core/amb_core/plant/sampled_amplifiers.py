@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from amb_core.extras import extra
 from amb_core.plant.differences import OpenPlant, axis_labels, open_plant, plant_axes
 from amb_core.plant.network import COIL_AXES, COILS, active_coils
 from amb_core.plant.operating_point import OperatingPoint
@@ -70,7 +71,8 @@ def sample_modulated(
     labels : list of str
         Names of the axes.
     """
-    import control
+    with extra("control"):
+        import control
 
     a, b, names = _sample(opened, parameters, by_axis)
     axes = len(labels)

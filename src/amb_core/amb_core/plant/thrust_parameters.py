@@ -16,32 +16,52 @@ class ThrustBearingParameters(Parameters):
     voltage, switching, duty limits and dead time of section `amplifier`; its carrier is synchronous.
     """
 
-    inner_radius: float = quantity(22.0e-3, "m", "inner radius of the inner pole and of the disc (assumed)", 1e-3, 1.0)
-    slot_inner_radius: float = quantity(32.0e-3, "m", "outer radius of the inner pole (assumed)", 1e-3, 1.0)
-    slot_outer_radius: float = quantity(46.0e-3, "m", "inner radius of the outer pole (assumed)", 1e-3, 1.0)
-    outer_radius: float = quantity(51.5e-3, "m", "outer radius of the outer pole and of the disc (assumed)", 1e-3, 1.0)
-    slot_depth: float = quantity(25.0e-3, "m", "depth of the slot: length of the poles (assumed)", 1e-4, 1.0)
-    back_thickness: float = quantity(12.0e-3, "m", "thickness of the stator behind the slot (assumed)", 1e-4, 1.0)
-    disc_thickness: float = quantity(16.0e-3, "m", "thickness of the thrust disc (assumed)", 1e-4, 1.0)
-    air_gap: float = quantity(0.5e-3, "m", "air gap of each magnet, disc centred (assumed)", 1e-5, 1e-2)
-    turns: int = quantity(100, "-", "turns of each coil (assumed)", 1, 10_000)
-    coil_resistance: float = quantity(0.5, "ohm", "resistance of each coil (assumed)", 0.0, 100.0)
-    relative_permeability: float = quantity(1000.0, "-", "relative permeability of the solid steel (assumed)", 1.0, 1e6)
-    conductivity: float = quantity(5.0e6, "S/m", "conductivity of the solid steel (assumed)", 1e3, 1e8)
+    inner_radius: float = quantity(
+        22.0e-3, "m", "inner radius of the inner pole and of the disc", 1e-3, 1.0, source="assumed"
+    )
+    slot_inner_radius: float = quantity(32.0e-3, "m", "outer radius of the inner pole", 1e-3, 1.0, source="assumed")
+    slot_outer_radius: float = quantity(46.0e-3, "m", "inner radius of the outer pole", 1e-3, 1.0, source="assumed")
+    outer_radius: float = quantity(
+        51.5e-3, "m", "outer radius of the outer pole and of the disc", 1e-3, 1.0, source="assumed"
+    )
+    slot_depth: float = quantity(25.0e-3, "m", "depth of the slot: length of the poles", 1e-4, 1.0, source="assumed")
+    back_thickness: float = quantity(
+        12.0e-3, "m", "thickness of the stator behind the slot", 1e-4, 1.0, source="assumed"
+    )
+    disc_thickness: float = quantity(16.0e-3, "m", "thickness of the thrust disc", 1e-4, 1.0, source="assumed")
+    air_gap: float = quantity(0.5e-3, "m", "air gap of each magnet, disc centred", 1e-5, 1e-2, source="assumed")
+    turns: int = quantity(100, "-", "turns of each coil", 1, 10_000, source="assumed")
+    coil_resistance: float = quantity(0.5, "ohm", "resistance of each coil", 0.0, 100.0, source="assumed")
+    relative_permeability: float = quantity(
+        1000.0, "-", "relative permeability of the solid steel", 1.0, 1e6, source="assumed"
+    )
+    conductivity: float = quantity(5.0e6, "S/m", "conductivity of the solid steel", 1e3, 1e8, source="assumed")
     eddy_currents: bool = switch(
-        True, "eddy currents in disc and stator: flux lags as the square root of the frequency"
+        True,
+        "eddy currents in disc and stator: flux lags as the square root of the frequency",
+        source="assumed",
     )
-    bias_current: float = quantity(3.0, "A", "bias current of both coils (assumed)", 1e-3, 100.0)
-    current_limit: float = quantity(10.0, "A", "limit on the coil current references (assumed)", 0.0, 1000.0)
+    bias_current: float = quantity(3.0, "A", "bias current of both coils", 1e-3, 100.0, source="assumed")
+    current_limit: float = quantity(10.0, "A", "limit on the coil current references", 0.0, 1000.0, source="assumed")
     proportional_gain: float = quantity(
-        0.2, "1/A", "PI gain of its amplifiers from current error to duty cycle (assumed)", 0.0, 1e3
+        0.2,
+        "1/A",
+        "PI gain of its amplifiers from current error to duty cycle",
+        0.0,
+        1e3,
+        source="assumed",
     )
-    integral_gain: float = quantity(10.0, "1/(A s)", "PI integral gain of its amplifiers (assumed)", 0.0, 1e6)
+    integral_gain: float = quantity(10.0, "1/(A s)", "PI integral gain of its amplifiers", 0.0, 1e6, source="assumed")
     clearance: float = quantity(
-        250e-6, "m", "axial rotor displacement at which it touches the backup bearing (assumed)", 1e-6, 1e-2
+        250e-6,
+        "m",
+        "axial rotor displacement at which it touches the backup bearing",
+        1e-6,
+        1e-2,
+        source="assumed",
     )
-    sensor_position: float = quantity(0.0, "m", "axial position of its sensor (assumed)", -10.0, 10.0)
-    actuator_position: float = quantity(0.0, "m", "axial position of the disc (assumed)", -10.0, 10.0)
+    sensor_position: float = quantity(0.0, "m", "axial position of its sensor", -10.0, 10.0, source="assumed")
+    actuator_position: float = quantity(0.0, "m", "axial position of the disc", -10.0, 10.0, source="assumed")
 
     @model_validator(mode="after")
     def _fits_together(self) -> ThrustBearingParameters:

@@ -16,7 +16,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from amb_core.errors import PlantError
 from amb_core.plant.modal_data import ModalData
@@ -110,6 +109,8 @@ def uniform_shaft(
 
 def _wave_number(mode: int) -> float:
     """Root of cos(b) cosh(b) = 1, divided by cosh(b) so that it stays small."""
+    from scipy.optimize import brentq  # takes a quarter of a second to import
+
     guess = (mode + 0.5) * np.pi
     return float(brentq(lambda b: np.cos(b) - 1.0 / np.cosh(b), guess - 0.5, guess + 0.5))
 

@@ -7,13 +7,15 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from amb_core.recording.content import TopicInfo
+    from amb_core.recording.overview import BagOverview, read_overview
     from amb_core.recording.recording import Recording
     from amb_core.recording.recovery import BagState, inspect_bag, recover_bag
     from amb_core.recording.step_audit import StepAudit, audit_steps
+    from amb_core.recording.topic_info import TopicInfo
     from amb_core.recording.writer import BagWriter
 
 __all__ = [
+    "BagOverview",
     "BagState",
     "BagWriter",
     "Recording",
@@ -21,17 +23,20 @@ __all__ = [
     "TopicInfo",
     "audit_steps",
     "inspect_bag",
+    "read_overview",
     "recover_bag",
 ]
 
 _MODULES = {
+    "BagOverview": "overview",
     "BagState": "recovery",
     "BagWriter": "writer",
     "Recording": "recording",
     "StepAudit": "step_audit",
-    "TopicInfo": "content",
+    "TopicInfo": "topic_info",
     "audit_steps": "step_audit",
     "inspect_bag": "recovery",
+    "read_overview": "overview",
     "recover_bag": "recovery",
 }
 

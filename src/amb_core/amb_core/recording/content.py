@@ -1,12 +1,13 @@
 """The content of a bag: its messages counted and checked in one pass, and converted by type on request.
 
+A child process reads the bag, see `bag_reader`.
+
 Topics are found by message type, so a bag from any namespace can be read.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -15,7 +16,7 @@ from amb_core.errors import BagError
 from amb_core.loop.experiments import AppliedExcitation
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
-from amb_core.recording.decoder import Decoder
+from amb_core.recording.bag_reader import CONTROLLER, BagApart, kind_of
 from amb_core.recording.messages.excitation import EXCITATION
 from amb_core.recording.messages.excitation_status import EXCITATION_STATUS, answer_from_message
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
@@ -23,7 +24,7 @@ from amb_core.recording.messages.machine import MACHINE, machine_from_message
 from amb_core.recording.messages.parameters import PARAMETER_EVENT, ParameterValue, parameters_from_messages
 from amb_core.recording.messages.plant_state import PLANT_STATE
 from amb_core.recording.messages.state_space_model import STATE_SPACE_MODEL
-from amb_core.recording.storage import Storage
+from amb_core.recording.topic_info import TopicInfo
 
 if TYPE_CHECKING:
     from amb_core.regions import RegionState
@@ -48,18 +49,6 @@ KEPT = (
 )
 """Message types that the library reads, except those of single samples, since there are too many of these."""
 
-CONTROLLER = "controller"
-"""Last part of the name of the topic with linear controllers, whose message type is that of identified models."""
-
-
-@dataclass(frozen=True)
-class TopicInfo:
-    """A topic of a bag and the number of its messages."""
-
-    name: str
-    type: str
-    messages: int
-
 
 class BagContent:
     """The messages of a bag: those of known types are kept as stored, until they are asked for.
@@ -80,24 +69,15 @@ class BagContent:
         Why it cannot be read to its end; empty for a complete bag.
     """
 
-    def __init__(self, path: Path, storage: Storage) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        self._storage = storage
-        self._decoder = Decoder(path, storage.definitions)
-        self._stored: dict[str, list[bytes]] = {}
-        counts: dict[tuple[str, str], int] = {}
-        start, end = 2**63 - 1, 0
-        for message in storage.messages():
-            key = (message.topic, message.type)
-            counts[key] = counts.get(key, 0) + 1
-            start, end = min(start, message.log_time), max(end, message.log_time)
-            if message.type in KEPT:
-                self._stored.setdefault(_kind(*key), []).append(message.data)
-        self.topics = [TopicInfo(name, kind, count) for (name, kind), count in sorted(counts.items())]
-        self.start = start if counts else 0
-        self.duration = (end - start) / 1e9 if counts else 0.0
-        self.truncated = storage.damage
-        if self.truncated and not counts:
+        self._reader = BagApart(path)
+        found = self._reader.call("survey", KEPT)
+        self.topics = [TopicInfo(*topic) for topic in found["counts"]]
+        self.start = found["start"]
+        self.duration = found["duration"]
+        self.truncated = found["damage"]
+        if self.truncated and not self.topics:
             raise BagError(f"bag {path}: no message can be read: {self.truncated}")
 
     def messages_of(self, topic: str) -> Iterator[Any]:
@@ -116,9 +96,8 @@ class BagContent:
         if topic not in [known.name for known in self.topics]:
             there = ", ".join(known.name for known in self.topics) or "none"
             raise BagError(f"bag {self.path}: holds no topic {topic}; its topics: {there}")
-        for message in self._storage.messages():
-            if message.topic == topic:
-                yield message.log_time, self._decoder.decode(message.type, message.data)
+        for message in BagApart(self.path).messages([topic]):
+            yield message.log_time, message.content
 
     @cached_property
     def blocks(self) -> dict[int, list[LoopRecord]]:
@@ -198,7 +177,7 @@ class BagContent:
 
     def topic_of(self, message_type: str) -> str | None:
         """Name of the topic of a kind of messages, which is their type or `CONTROLLER`; None when there is none."""
-        names = [topic.name for topic in self.topics if _kind(topic.name, topic.type) == message_type]
+        names = [topic.name for topic in self.topics if kind_of(topic.name, topic.type) == message_type]
         if len(names) > 1 and message_type != PARAMETER_EVENT:
             raise BagError(f"bag {self.path}: {message_type} is on more than one topic: {', '.join(names)}")
         return names[0] if names else None
@@ -207,15 +186,7 @@ class BagContent:
         """The messages of a type in order; their stored form is dropped."""
         if self.topic_of(message_type) is None:
             return []
-        stored_as = STATE_SPACE_MODEL if message_type == CONTROLLER else message_type
-        converted = [convert(self._decoder.decode(stored_as, data)) for data in self._stored[message_type]]
-        del self._stored[message_type]
-        return converted
-
-
-def _kind(topic: str, message_type: str) -> str:
-    """What the messages of a topic are: their type, or `CONTROLLER`."""
-    return CONTROLLER if message_type == STATE_SPACE_MODEL and topic.rsplit("/", 1)[-1] == CONTROLLER else message_type
+        return [convert(message) for message in self._reader.iterate("kept", message_type)]
 
 
 def _unchanged(message: Any) -> Any:

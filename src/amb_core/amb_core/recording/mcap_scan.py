@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import IO, BinaryIO, cast
 
+import lz4.frame
 import zstandard
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
@@ -16,11 +20,15 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from amb_core.errors import BagError
-from amb_core.files.regular_files import open_regular
+from amb_core.files.limits import Expansion, limits_for
+from amb_core.files.regular_files import MIB, open_regular
 from amb_core.recording.mcap_file import StoredTopic
 
 LARGEST = 1 << 30
-"""Largest record or chunk that is read (B): a corrupt length must not take all memory."""
+"""Largest record that is read (B): a corrupt length must not take all memory."""
+LARGEST_OF_SMALL = 64 * MIB
+"""Largest content of a chunk in a small file (B); in others four times the size of the file."""
+_LARGEST_WINDOW = 128 * MIB  # of Zstandard's decompressor, which allocates it
 UNREADABLE = (
     McapError,
     ValueError,
@@ -41,6 +49,13 @@ class NotMcapError(BagError):
 class McapScan:
     """One MCAP file, read once by `messages`.
 
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : bytes, optional
+        Its content, if the file itself is compressed.
+
     Attributes
     ----------
     path : Path
@@ -55,8 +70,10 @@ class McapScan:
         What cannot be read, one text each; empty for a whole file. Known at the end of `messages`.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, content: bytes | None = None) -> None:
         self.path = path
+        self._content = content
+        self._expansion = Expansion(limits_for(path).expanded)
         self.size = self.position = 0
         self.topics: dict[tuple[str, str], StoredTopic] = {}
         self.damage: list[str] = []
@@ -73,12 +90,13 @@ class McapScan:
             If it is not an MCAP file, or cannot be opened.
         """
         try:
-            with open_regular(self.path) as stream:
-                self.size = self.path.stat().st_size
+            with self._open() as stream:
+                self.size = stream.seek(0, os.SEEK_END)
+                stream.seek(0)
                 if not MCAP0_MAGIC.startswith(stream.read(len(MCAP0_MAGIC))):
                     raise NotMcapError(f"bag {self.path}: not an MCAP file")
                 stream.seek(0)
-                bounded = cast("IO[bytes]", _BoundedReads(stream))
+                bounded = cast("IO[bytes]", _BoundedReads(stream, min(self.size, LARGEST)))
                 reader = StreamReader(bounded, emit_chunks=True, record_size_limit=min(self.size, LARGEST))
                 for record in self._top_level(reader):
                     yield from self._messages_in(record)
@@ -113,10 +131,15 @@ class McapScan:
             return
         yield from messages
 
+    def _open(self) -> BinaryIO:
+        return open_regular(self.path) if self._content is None else BytesIO(self._content)
+
     def _unpacked(self, chunk: Chunk) -> list[McapRecord]:
-        if chunk.uncompressed_size > LARGEST:
+        size = len(chunk.data) if not chunk.compression else chunk.uncompressed_size
+        if size > min(max(LARGEST_OF_SMALL, 4 * self.size), LARGEST):
             raise ValueError("too large")
-        return breakup_chunk(chunk, validate_crc=True)
+        self._expansion.take(size)
+        return breakup_chunk(replace(chunk, data=_expanded(chunk), compression=""), validate_crc=True)
 
     def _topic_of(self, message: Message) -> StoredTopic:
         if message.channel_id not in self._channels and not self._is_index_read:
@@ -126,7 +149,7 @@ class McapScan:
     def _read_index(self) -> None:
         """Learn the topics from the end of the file, because the chunk that introduces them is damaged."""
         self._is_index_read = True
-        with open_regular(self.path) as stream, contextlib.suppress(*UNREADABLE):
+        with self._open() as stream, contextlib.suppress(*UNREADABLE):
             summary = SeekingReader(stream, record_size_limit=LARGEST).get_summary()
             for record in (*summary.schemas.values(), *summary.channels.values()) if summary else ():
                 self._learn(record)
@@ -149,13 +172,37 @@ class McapScan:
         return f"{self.path.name} is incomplete: it was not closed, and its last {lost} of {self.size} bytes are lost"
 
 
-class _BoundedReads:
-    """A stream of which no more than `LARGEST` is read at a time: lengths inside a record may be corrupt too."""
+def _expanded(chunk: Chunk) -> bytes:
+    """The content of a chunk; no more than it declares, whatever its compressed data say."""
+    if chunk.compression == "zstd":
+        return expand_zstd(chunk.data, chunk.uncompressed_size)
+    if chunk.compression == "lz4":
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, chunk.uncompressed_size))
+    if chunk.compression:
+        raise ValueError(f"compression {chunk.compression} is not known")
+    return bytes(chunk.data)
 
-    def __init__(self, stream: BinaryIO) -> None:
+
+def expand_zstd(data: bytes, limit: int) -> bytes:
+    """Zstandard data decompressed; ValueError if that is more than a limit (B)."""
+    reader = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW).stream_reader(data, read_across_frames=True)
+    parts, size = [], 0
+    while part := reader.read(MIB):
+        size += len(part)
+        if size > limit:
+            raise ValueError(f"expands to more than {limit} bytes")
+        parts.append(part)
+    return b"".join(parts)
+
+
+class _BoundedReads:
+    """A stream of which no more than a limit is read at a time: lengths inside a record may be corrupt too."""
+
+    def __init__(self, stream: BinaryIO, limit: int) -> None:
         self._stream = stream
+        self._limit = limit
 
     def read(self, length: int) -> bytes:
-        if length > LARGEST:
+        if length > self._limit:
             raise ValueError(f"{length} bytes are too many")
         return self._stream.read(length)

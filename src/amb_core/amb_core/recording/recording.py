@@ -29,7 +29,6 @@ from amb_core.recording.messages.loop_samples import LOOP_SAMPLES
 from amb_core.recording.messages.parameters import ParameterValue
 from amb_core.recording.messages.plant_state import PLANT_STATE, plant_record_from_messages
 from amb_core.recording.messages.state_space_model import model_from_message
-from amb_core.recording.storage import open_storage
 
 if TYPE_CHECKING:
     from amb_core.loop.known_controller import KnownController
@@ -78,7 +77,7 @@ class Recording:
         BagError
             If there is no bag, or if no message of a damaged one can be read.
         """
-        return cls(BagContent(Path(path), open_storage(Path(path))))
+        return cls(BagContent(Path(path)))
 
     @property
     def content(self) -> BagContent:
@@ -197,7 +196,7 @@ class Recording:
         for answer in self.excitations(run):
             if answer.accepted:  # also for a stop: an excitation ends where the next one begins
                 frequency[answer.first_step :] = np.nan
-                excitation = known.get((answer.run, answer.id))
+                excitation = known.get((answer.run, answer.id), known.get((0, answer.id)))  # 0: the present run
                 part = np.zeros(0) if excitation is None else frequency_from_message(excitation, machine)
                 part = part[: max(len(frequency) - answer.first_step, 0)]
                 frequency[answer.first_step : answer.first_step + len(part)] = part

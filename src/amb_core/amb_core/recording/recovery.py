@@ -12,18 +12,17 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from amb_core.errors import BagError
 from amb_core.files.regular_files import is_folder
 from amb_core.recording.bag_metadata import METADATA, write_metadata
-from amb_core.recording.content import TopicInfo
-from amb_core.recording.decoder import Decoder
+from amb_core.recording.bag_reader import BagApart
 from amb_core.recording.mcap_file import FileContent, McapFile, StoredTopic
 from amb_core.recording.mcap_scan import McapScan, NotMcapError
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
 from amb_core.recording.step_audit import StepAudit
-from amb_core.recording.storage import Definition, description_of, files_by_number, mode_of
+from amb_core.recording.storage import description_of, files_by_number, listed_files, mode_of
+from amb_core.recording.topic_info import TopicInfo
 
 Progress = Callable[[int, int], None]
 """Called with the bytes read so far and in all."""
@@ -84,14 +83,12 @@ def inspect_bag(path: str | Path, progress: Progress | None = None) -> BagState:
     report = _Reporter(files, progress)
     topics: dict[tuple[str, str], StoredTopic] = {}
     counts: Counter[tuple[str, str]] = Counter()
-    audits = _Audits(path)
     for file in list(files):
         scan = McapScan(file)
         try:
             for topic, message in scan.messages():
                 _refuse_compressed(path, message.data)
                 counts[topic.key] += 1
-                audits.note(topic, message.data)
                 report(scan)
         except NotMcapError as problem:
             files.remove(file)
@@ -101,7 +98,8 @@ def inspect_bag(path: str | Path, progress: Progress | None = None) -> BagState:
         report.finished(scan)
     damage += _contradictions(path, counts.total())
     found = [TopicInfo(name, kind, counts[name, kind]) for name, kind in sorted(topics)]
-    return BagState(path, files, list(topics.values()), found, audits.runs, damage)
+    runs = _audited(files) if any(topic.type == LOOP_SAMPLES for topic in found) else {}
+    return BagState(path, files, list(topics.values()), found, runs, damage)
 
 
 def recover_bag(state: BagState, out: str | Path, progress: Progress | None = None) -> Path:
@@ -173,8 +171,8 @@ def _files_of(path: Path) -> tuple[list[Path], list[str]]:
     files = files_by_number(path.glob("*.mcap"))
     if not files:
         raise BagError(f"bag {path}: the folder holds no .mcap file; other bags cannot be recovered")
-    listed = description_of(path).get("relative_file_paths") or []
-    missing = {Path(name).name for name in listed} - {file.name for file in files}
+    listed = listed_files(path, description_of(path))
+    missing = {file.name for file in listed} - {file.name for file in files}
     return files, [f"{name} is missing" for name in sorted(missing)]
 
 
@@ -190,28 +188,22 @@ def _contradictions(path: Path, messages: int) -> list[str]:
     if not description:
         return [f"{METADATA} is missing or cannot be read"]
     listed = description.get("message_count")
+    if not isinstance(listed, int):
+        return [f"{METADATA} has no number of messages"]
     return [] if listed == messages else [f"{METADATA} lists {listed} messages, and {messages} can be read"]
 
 
-class _Audits:
-    """The samples of the loop, by topic and run."""
-
-    def __init__(self, path: Path) -> None:
-        self.runs: dict[tuple[str, int], StepAudit] = {}
-        self._definitions: dict[str, Definition] = {}
-        self._decoder = Decoder(path, self._definitions)
-
-    def note(self, topic: StoredTopic, data: bytes) -> None:
-        """A message of any topic; telemetry that cannot be decoded is copied, but has no steps."""
-        if topic.type != LOOP_SAMPLES:
-            return
-        try:
-            self._definitions[topic.type] = Definition(topic.encoding, topic.definition.decode(errors="replace"))
-            message: Any = self._decoder.decode(topic.type, data)
-            block = block_from_message(message)
-        except BagError:
-            return
-        self.runs.setdefault((topic.name, int(message.run)), StepAudit()).add(block.first_step, block.steps)
+def _audited(files: Sequence[Path]) -> dict[tuple[str, int], StepAudit]:
+    """The samples of the loop, by topic and run; telemetry that cannot be decoded is copied, but has no steps."""
+    runs: dict[tuple[str, int], StepAudit] = {}
+    for file in files:
+        for message in BagApart(file).messages(types=[LOOP_SAMPLES], lenient=True):
+            try:
+                block = block_from_message(message.content)
+            except BagError:
+                continue
+            runs.setdefault((message.topic, int(message.content.run)), StepAudit()).add(block.first_step, block.steps)
+    return runs
 
 
 class _Reporter:

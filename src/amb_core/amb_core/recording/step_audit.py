@@ -9,9 +9,8 @@ from pathlib import Path
 
 from amb_core.errors import BagError
 from amb_core.loop.telemetry import StepCoverage, describe_gaps
-from amb_core.recording.decoder import Decoder
+from amb_core.recording.bag_reader import BagApart
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
-from amb_core.recording.storage import open_storage
 
 
 class StepAudit:
@@ -91,15 +90,11 @@ def audit_steps(path: str | Path, run: int) -> StepAudit:
     BagError
         If there is no bag, or it holds no such run.
     """
-    storage = open_storage(Path(path))
-    decoder = Decoder(Path(path), storage.definitions)
     audit = StepAudit()
-    for stored in storage.messages():
-        if stored.type == LOOP_SAMPLES:
-            message = decoder.decode(stored.type, stored.data)
-            if message.run == run:
-                block = block_from_message(message)
-                audit.add(block.first_step, block.steps)
+    for message in BagApart(Path(path)).messages(types=[LOOP_SAMPLES]):
+        if message.content.run == run:
+            block = block_from_message(message.content)
+            audit.add(block.first_step, block.steps)
     if not audit.samples:
         raise BagError(f"bag {path}: holds no run {run}")
     return audit

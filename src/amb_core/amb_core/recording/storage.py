@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import errno
 import re
+import sqlite3
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
+from urllib.parse import quote
 
 import yaml
-from rosbags.interfaces import MessageDefinitionFormat
-from rosbags.rosbag2 import Reader, ReaderError
+import zstandard
 
 from amb_core.errors import BagError
-from amb_core.files.regular_files import MIB, read_text, shown
-from amb_core.recording.mcap_scan import McapScan
+from amb_core.files.limits import Expansion, limits_for, too_much
+from amb_core.files.regular_files import MIB, open_regular, read_text, shown
+from amb_core.recording.mcap_scan import McapScan, expand_zstd
 
 
 class StoredMessage(NamedTuple):
@@ -58,9 +62,9 @@ def open_storage(path: Path) -> Storage:
     if stat.S_ISDIR(mode):
         return _storage_of_folder(path)
     if stat.S_ISREG(mode) and path.suffix == ".mcap":
-        return McapStorage([path])
+        return McapStorage([path], Compressed("", 0))
     if stat.S_ISREG(mode) and path.suffix == ".db3":
-        return RosbagsStorage(path)
+        return SqliteStorage([path], Compressed("", 0))
     raise BagError(f"bag {path}: not a bag; a bag is a folder, an .mcap or a .db3 file")
 
 
@@ -84,62 +88,166 @@ def mode_of(path: Path) -> int:
 
 def _storage_of_folder(path: Path) -> Storage:
     description = description_of(path)
-    if description.get("storage_identifier") == "sqlite3" or description.get("compression_mode"):
-        return RosbagsStorage(path)
-    listed = description.get("relative_file_paths")
-    files = [path / Path(name).name for name in listed] if listed else files_by_number(path.glob("*.mcap"))
+    listed = listed_files(path, description)
+    files = listed or files_by_number(path.glob("*.mcap"))
     if missing := [file.name for file in files if not file.exists()]:
         raise BagError(f"bag {path}: metadata.yaml lists {', '.join(missing)}, which does not exist")
+    compressed = _compression_of(path, description)
+    if listed and description.get("storage_identifier") == "sqlite3":
+        return SqliteStorage(files, compressed)
     if files:
-        return McapStorage(files)
+        return McapStorage(files, compressed)
     databases = files_by_number(path.glob("*.db3"))
     if len(databases) == 1:
-        return RosbagsStorage(databases[0])
+        return SqliteStorage(databases, compressed)
     raise BagError(f"bag {path}: not a bag; the folder holds neither metadata.yaml nor an .mcap or .db3 file")
+
+
+def listed_files(folder: Path, description: Mapping[str, Any]) -> list[Path]:
+    """The files that `metadata.yaml` lists, all in the folder of the bag; none without a list.
+
+    Raises
+    ------
+    BagError
+        If the list is none of names.
+    """
+    listed = description.get("relative_file_paths") or []
+    if not isinstance(listed, list) or not all(isinstance(name, str) and Path(name).name for name in listed):
+        raise BagError(f"bag {folder}: relative_file_paths in metadata.yaml must be a list of file names")
+    return [folder / Path(name).name for name in listed]
+
+
+def _compression_of(path: Path, description: Mapping[str, Any]) -> Compressed:
+    mode = description.get("compression_mode") or ""
+    mode = mode.lower() if isinstance(mode, str) else ""
+    if mode in ("file", "message") and description.get("compression_format") != "zstd":
+        raise BagError(f"bag {path}: its compression format is not supported; allowed: zstd")
+    return Compressed(mode, limits_for(path).expanded)
 
 
 class McapStorage:
     """MCAP files read from the beginning, so their end may be missing."""
 
-    def __init__(self, files: list[Path]) -> None:
+    def __init__(self, files: list[Path], compressed: Compressed) -> None:
         self.definitions: dict[str, Definition] = {}
         self.damage = ""
-        self._files = files
+        self.files = files
+        self._compressed = compressed
 
     def messages(self) -> Iterator[StoredMessage]:
         """All messages that can be read, file after file."""
+        try:
+            yield from self._messages()
+        except OSError as problem:
+            raise BagError(f"bag {self.files[0].parent}: cannot be read: {problem.strerror}") from None
+
+    def _messages(self) -> Iterator[StoredMessage]:
         damage = []
-        for file in self._files:
-            scan = McapScan(file)
+        for file in self.files:
+            scan = McapScan(file, self._compressed.content_of(file))
             for topic, message in scan.messages():
                 if topic.type not in self.definitions:
                     self.definitions[topic.type] = Definition(topic.encoding, topic.definition.decode(errors="replace"))
-                yield StoredMessage(topic.name, topic.type, message.log_time, message.data)
+                data = self._compressed.message(message.data)
+                yield StoredMessage(topic.name, topic.type, message.log_time, data)
             damage += scan.damage
         self.damage = "; ".join(damage)
 
 
-class RosbagsStorage:
-    """Bags of `ros2 bag record` in SQLite or compressed form, read by the package rosbags."""
+class SqliteStorage:
+    """A bag of `ros2 bag record` in SQLite; its file is never written, and nothing beside it is read."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, files: list[Path], compressed: Compressed) -> None:
         self.definitions: dict[str, Definition] = {}
         self.damage = ""
-        self._path = path
+        self.files = files
+        self._compressed = compressed
 
     def messages(self) -> Iterator[StoredMessage]:
-        """All messages in order of time."""
-        encodings = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.IDL: "ros2idl"}
+        """All messages, file after file, each in order of time."""
+        for file in self.files:
+            try:
+                yield from self._messages_of(file)
+            except (sqlite3.Error, UnicodeDecodeError, TypeError, ValueError) as problem:
+                raise BagError(f"bag {file}: cannot be read: {problem}") from None
+            except OSError as problem:
+                raise BagError(f"bag {file}: cannot be read: {problem.strerror}") from None
+
+    def _messages_of(self, file: Path) -> Iterator[StoredMessage]:
+        content = self._compressed.content_of(file)
+        with closing(_connected(file, content)) as database:
+            columns = {row[1] for row in database.execute("PRAGMA table_info(message_definitions)")}
+            if columns:
+                _check_table(database, file, "message_definitions")
+                found = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+                for kind, encoding, text in database.execute(found):
+                    self.definitions[str(kind)] = Definition(str(encoding), str(text))
+            for name in ("topics", "messages"):
+                _check_table(database, file, name)
+            query = (
+                "SELECT topics.name, topics.type, messages.timestamp, messages.data FROM messages "
+                "JOIN topics ON messages.topic_id = topics.id ORDER BY messages.timestamp"
+            )
+            for topic, kind, time, data in database.execute(query):
+                yield StoredMessage(str(topic), str(kind), int(time), self._compressed.message(bytes(data)))
+
+
+class Compressed:
+    """Compression of whole files or of messages by `ros2 bag record`; the expanded bytes are limited.
+
+    Parameters
+    ----------
+    mode : str
+        `file`, `message`, or anything else for none.
+    limit : int
+        Most bytes allowed.
+    """
+
+    def __init__(self, mode: str, limit: int) -> None:
+        self._mode = mode
+        self._limit = limit
+        self._expansion = Expansion(limit)
+
+    def content_of(self, file: Path) -> bytes | None:
+        """The expanded content of a file; None if it is not compressed."""
+        if self._mode != "file":
+            return None
+        with open_regular(file) as stream:
+            return self._expanded(stream.read())
+
+    def message(self, data: bytes) -> bytes:
+        """The expanded data of a message."""
+        return self._expanded(data) if self._mode == "message" else data
+
+    def _expanded(self, data: bytes) -> bytes:
         try:
-            with Reader(self._path) as reader:
-                for connection in reader.connections:
-                    encoding = encodings.get(connection.msgdef.format)
-                    if encoding:
-                        self.definitions[connection.msgtype] = Definition(encoding, connection.msgdef.data)
-                for connection, log_time, data in reader.messages():
-                    yield StoredMessage(connection.topic, connection.msgtype, log_time, bytes(data))
-        except (ReaderError, OSError) as problem:
-            raise BagError(f"bag {self._path}: cannot be read: {problem}") from None
+            expanded = expand_zstd(data, self._expansion.left)
+        except ValueError:
+            raise too_much(f"expands to more than {self._limit // MIB} MiB; decompress it with zstd -d") from None
+        except zstandard.ZstdError as problem:
+            raise OSError(errno.EIO, f"is not compressed by Zstandard, or damaged: {problem}") from None
+        self._expansion.take(len(expanded))
+        return expanded
+
+
+def _connected(file: Path, content: bytes | None) -> sqlite3.Connection:
+    """A database to be read only: no journal beside it is played back, no function of its views is trusted."""
+    if content is None:
+        open_regular(file).close()  # refuses pipes and devices
+        database = sqlite3.connect(f"file:{quote(str(file.absolute()))}?immutable=1&mode=ro", uri=True)
+    else:
+        database = sqlite3.connect(":memory:")
+        database.deserialize(content)
+    database.execute("PRAGMA trusted_schema = OFF")
+    database.execute("PRAGMA temp_store = MEMORY")
+    return database
+
+
+def _check_table(database: sqlite3.Connection, file: Path, name: str) -> None:
+    """Refuse a view or a virtual table in the place of a table: it computes its rows."""
+    found = database.execute("SELECT sql FROM sqlite_master WHERE type = 'table' AND name = ?", (name,)).fetchone()
+    if found is None or not re.match(r"\s*CREATE\s+TABLE\b", str(found[0]), re.IGNORECASE):
+        raise BagError(f"bag {file}: cannot be read: it has no table {name}, or is incomplete")
 
 
 def description_of(folder: Path) -> dict[str, Any]:

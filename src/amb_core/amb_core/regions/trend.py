@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 LEVELS = 6
 ABRUPT = 0.25  # squares left by a jump over those left by a kink, below which the trend begins at the jump
@@ -200,7 +200,7 @@ class TrendTest:
         self._points = points
         self._interval = interval
         level = false_alarm_rate * interval / 2.0  # at most two tests per interval
-        self._critical = student.isf(level / 2.0, np.arange(1, 2 * (points // 3) - 3))
+        self._critical = -stdtrit(np.arange(1, 2 * (points // 3) - 3), level / 2.0)  # Student's t
         self._history = np.empty(2 * points << (LEVELS - 1))
         self.reset()
 

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import plotly.graph_objects as go  # type: ignore[import-untyped]
+from amb_core.extras import extra
+
+with extra("figures"):
+    import plotly.graph_objects as go  # type: ignore[import-untyped]
 
 State = Literal["good", "limited", "bad", "neutral"]
 Answer = Literal["agrees", "agrees in part", "does not agree"]

@@ -7,13 +7,15 @@ import mimetypes
 from collections.abc import Iterator
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
-
 from amb_core.errors import AmbError
+from amb_core.extras import extra
 from amb_core.figures.saving import DRAWING, STYLE, page_fragment
 from amb_core.report.document import Badge, Block, FigureBlock, Picture, Report, TableBlock, anchor_of
+
+with extra("figures"):
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
 
 def write_report(report: Report, path: str | Path) -> None:

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from amb_core.errors import ExcitationError
+from amb_core.errors import ExcitationError, ParameterError
+from amb_core.loop.machine import Machine
 from amb_core.parameters import Parameters, quantity
 from amb_core.target import Limits
 
@@ -65,6 +66,15 @@ class ProtectionParameters(Parameters):
             )
         return self
 
+    def require_no_looser(self, than: ProtectionParameters, when: str) -> None:
+        """Raise ParameterError if one of these limits protects less than another one, which holds at a time `when`."""
+        for name in ("excitation_amplitude", "excitation_slew", "alarm_share", "trip_share"):
+            value, limit = (getattr(limits, name) or math.inf for limits in (self, than))  # 0: the target's limit
+            if value > limit:
+                raise ParameterError(
+                    f"'protection.{name}' = {getattr(self, name):g} protects less; allowed: up to {limit:g}, as {when}"
+                )
+
     def lowered(self, of_target: Limits, current_limit: float) -> Limits:
         """The target's limits with these in their place where they are lower, and a limit of the current (A)."""
         changed = {
@@ -87,22 +97,19 @@ class ExcitationProtection:
         Band and length.
     limits : Limits
         Amplitude and slew.
-    axes : tuple of str
-        Names of the axes.
-    sample_rate : float
-        Controller sample rate (Hz).
+    machine : Machine
+        Its axes, its clearances and its sample rate.
     room : int
         Longest excitation that the target has room for, in steps.
     """
 
-    def __init__(
-        self, parameters: ProtectionParameters, limits: Limits, axes: tuple[str, ...], sample_rate: float, room: int
-    ) -> None:
-        self._parameters, self._limits, self._axes, self._rate = parameters, limits, axes, sample_rate
+    def __init__(self, parameters: ProtectionParameters, limits: Limits, machine: Machine, room: int) -> None:
+        self._parameters, self._limits, self._machine = parameters, limits, machine
+        self._axes, self._rate = machine.axis_names, machine.sample_rate
         wanted = parameters.longest_excitation
         self._steps, self._by = room, "room for it on the target"
-        if wanted and round(wanted * sample_rate) < room:
-            self._steps, self._by = round(wanted * sample_rate), "the limit longest_excitation"
+        if wanted and round(wanted * self._rate) < room:
+            self._steps, self._by = round(wanted * self._rate), "the limit longest_excitation"
 
     def require_length(self, steps: int) -> None:
         """Raise ExcitationError if an excitation has more steps than allowed; needs no samples."""
@@ -111,13 +118,22 @@ class ExcitationProtection:
                 f"{steps / self._rate:g} s long; allowed on this rig: {self._steps / self._rate:g} s ({self._by})"
             )
 
-    def require(self, samples: NDArray[np.float64]) -> None:
-        """Raise ExcitationError unless an excitation (m), shape (steps, axes), is within all limits."""
+    def require(self, samples: NDArray[np.float64], position: NDArray[np.float64]) -> None:
+        """Raise ExcitationError unless an excitation is within all limits.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (steps, axes)
+            The excitation (m).
+        position : ndarray, shape (axes,)
+            Where the rotor is without it (m).
+        """
         self.require_length(len(samples))
         self._require_below(np.abs(samples), self._limits.excitation_amplitude, "amplitude", 1e6, "um")
         slew = np.abs(np.diff(samples, axis=0, prepend=0.0, append=0.0)) * self._rate  # from and to zero, too
         self._require_below(slew, self._limits.excitation_slew, "slew", 1e3, "mm/s")
         self._require_band(samples)
+        self._require_clearance(samples + position)
 
     def _require_below(self, values: NDArray[np.float64], limit: float, what: str, scale: float, unit: str) -> None:
         peaks = values.max(axis=0)
@@ -127,6 +143,18 @@ class ExcitationProtection:
                 f"{what} of {peaks[worst] * scale:.4g} {unit} on {self._axes[worst]}; allowed on this rig: "
                 f"{limit * scale:.4g} {unit}"
             )
+
+    def _require_clearance(self, positions: NDArray[np.float64]) -> None:
+        """A rotor that follows exactly must stay below the alarm; if it overshoots, there is room up to the trip."""
+        share = self._limits.alarm_share
+        for bearing in self._machine.bearings:
+            columns = [index for index, axis in enumerate(self._machine.axes) if axis.bearing == bearing.name]
+            farthest = float(np.sqrt((positions[:, columns] ** 2).sum(axis=1)).max())
+            if not farthest <= share * bearing.clearance:  # nor where a position is not known
+                raise ExcitationError(
+                    f"from where the rotor is now it would go to {farthest * 1e6:.4g} um from the centre of bearing "
+                    f"{bearing.name}; allowed on this rig: {share * bearing.clearance * 1e6:.4g} um, the alarm"
+                )
 
     def _require_band(self, samples: NDArray[np.float64]) -> None:
         low = self._parameters.lowest_frequency

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from threadpoolctl import threadpool_limits
 
+from amb_core.identification.numerics import one_blas_thread
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
@@ -218,7 +218,7 @@ def assess_loop(
 ) -> Assessment:
     """The same for a loop that is formed already."""
     feedback.require_stable()
-    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small
+    with one_blas_thread():  # the matrices are small
         margins = classical_margins(feedback)
         axes = tuple(_axis(feedback, axis, item, settings) for axis, item in enumerate(margins))
         frequency = _grid(feedback, axes, round(settings.frequencies))

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from amb_core.identification.frequency_response import normal_quantile, transfers
 from amb_core.identification.uncertainty import ModelUncertainty
@@ -144,7 +144,7 @@ def radius_of_one(confidence: float, count: int = 1) -> float:
 
 def radius_of_all(confidence: float, count: int) -> float:
     """Radius for bounds of everything at once, of a model of `count` parameters; or of a response of so many parts."""
-    return float(np.sqrt(chi2.ppf(confidence, count)))
+    return float(np.sqrt(2.0 * gammaincinv(0.5 * count, confidence)))
 
 
 def closed_loop_objective(

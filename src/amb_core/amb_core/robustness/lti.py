@@ -88,7 +88,7 @@ class Lti:
             return np.broadcast_to(self.d.astype(np.complex128), (len(z), *self.d.shape)).copy()
         shifted = z[:, np.newaxis, np.newaxis] * np.eye(self.order) - self.a
         try:
-            return np.asarray(self.c @ np.linalg.solve(shifted, self.b.astype(np.complex128)) + self.d)
+            return np.asarray(self.c @ np.linalg.solve(shifted, self.b.astype(np.complex128)[np.newaxis]) + self.d)
         except np.linalg.LinAlgError:  # at one of the frequencies; the others one by one
             if len(z) == 1:
                 return np.full((1, *self.d.shape), np.inf, dtype=np.complex128)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from amb_core.errors import RobustnessError
 from amb_core.identification.data import IdentificationData
@@ -83,7 +83,7 @@ class MeasuredSensitivity:
 
         Infinite where no frequency is coherent.
         """
-        upper = np.abs(self.own[:, axis]) + norm.ppf(confidence) * self.deviation[:, axis]
+        upper = np.abs(self.own[:, axis]) + ndtri(confidence) * self.deviation[:, axis]
         upper = np.where(self.coherence[:, axis] >= COHERENT, upper, -np.inf)
         place = int(np.argmax(upper))
         return (float(upper[place]) if upper[place] > 0.0 else np.inf), float(self.frequency[place])

@@ -18,12 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from amb_core.errors import RobustnessError
 from amb_core.robustness.lti import Arrays, Complexes, Lti
 from amb_core.robustness.mu_lower import lower_bound
-from amb_core.robustness.mu_upper import top_of_mixed, upper_bound, upper_curve
+from amb_core.robustness.mu_upper import top, upper_curve
 
 _PEAKS = 4  # local peaks of the upper bound that are refined at most
 _HIGH = 0.95  # of the largest: lower peaks are not refined
@@ -121,18 +120,8 @@ def _refine(
 ) -> tuple[float, float]:
     """The largest upper bound between the neighbours of a frequency, and where it is."""
     low, high = float(frequency[max(place - 1, 0)]), float(frequency[min(place + 1, len(frequency) - 1)])
-    if np.any(real):
-        at, width = float(frequency[place]), max(high - low, 0.0)
-        for span in (width, width / _ZOOM):
-            near = np.clip(at + span * np.linspace(-0.5, 0.5, _ZOOM + 1), low, high)
-            top, at, start = top_of_mixed(system.response(near), real, near, start)
-        inside = top, at
-    else:
-        found = minimize_scalar(
-            lambda at: -upper_bound(system.response(np.array([at]))[0], real),
-            bounds=(low, high),
-            method="bounded",
-            options={"xatol": 1e-4 * (high - low), "maxiter": 25},
-        )
-        inside = float(-found.fun), float(found.x)
-    return max(inside, (float(curve[place]), float(frequency[place])))
+    at, width = float(frequency[place]), max(high - low, 0.0)
+    for span in (width, width / _ZOOM):
+        near = np.clip(at + span * np.linspace(-0.5, 0.5, _ZOOM + 1), low, high)
+        largest, at, start = top(system.response(near), real, near, start)
+    return max((largest, at), (float(curve[place]), float(frequency[place])))

@@ -6,9 +6,8 @@ For any real x and g (g_i = 0 where perturbation i is complex), with M~ = diag(e
 
 So every evaluation is a valid bound, whether or not the search for the best scalings has converged, and the scalings of
 one frequency give a valid bound at every other one. A curve uses this: scalings are searched at few frequencies and
-where the bound may be the largest, and only evaluated at the others. Where all perturbations are complex the scalings
-are SLICOT's AB13MD. Where some are real they are found here: AB13MD (as in ctrlsys 1.1.1) does not return for some
-matrices with real blocks, even of size 2.
+where the bound may be the largest, and only evaluated at the others. SLICOT's AB13MD (as in ctrlsys 1.1.1) is not used:
+it does not return for some matrices, with real perturbations even of size 2, with complex ones of size 3.
 
 Source: M. K. H. Fan, A. L. Tits and J. C. Doyle, Robustness in the presence of mixed parametric uncertainty and
 unmodeled dynamics, IEEE Transactions on Automatic Control 36 (1991).
@@ -16,7 +15,6 @@ unmodeled dynamics, IEEE Transactions on Automatic Control 36 (1991).
 
 from __future__ import annotations
 
-import ctrlsys
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
@@ -47,15 +45,7 @@ def upper_bound(matrix: Complexes, real: NDArray[np.bool_], start: Arrays | None
     """
     if len(matrix) == 1:
         return _scalar(complex(matrix[0, 0]), bool(real[0]))
-    if np.any(real):
-        return scalings(matrix, real, start)[0]
-    balanced = balance(matrix)
-    largest = float(np.linalg.norm(balanced, 2))
-    if largest == 0.0:
-        return 0.0
-    kinds = np.full(len(matrix), 2, dtype=np.int32)
-    bound, *_, info = ctrlsys.ab13md(np.asfortranarray(balanced / largest), np.ones(len(matrix), np.int32), kinds, "N")
-    return min(largest, float(bound) * largest) if info == 0 else largest
+    return scalings(matrix, real, start)[0]
 
 
 def upper_curve(matrices: Complexes, real: NDArray[np.bool_]) -> tuple[Arrays, Arrays]:
@@ -80,10 +70,9 @@ def upper_curve(matrices: Complexes, real: NDArray[np.bool_]) -> tuple[Arrays, A
     if n == 1:
         return np.array([upper_bound(matrix, real) for matrix in matrices]), points
     bounds = scaled_bounds(matrices, points)
-    if np.any(real):
-        for place in range(0, count, _EVERY):
-            start = points[place - _EVERY] if place else points[place]
-            _spread(matrices, bounds, points, place, scalings(matrices[place], real, start, coarse=True)[1])
+    for place in range(0, count, _EVERY):
+        start = points[place - _EVERY] if place else points[place]
+        _spread(matrices, bounds, points, place, scalings(matrices[place], real, start, coarse=True)[1])
     fine = np.zeros(count, dtype=bool)
     while True:
         # The largest that is not fine yet; done once it is clearly below the largest of all.
@@ -91,15 +80,10 @@ def upper_curve(matrices: Complexes, real: NDArray[np.bool_]) -> tuple[Arrays, A
         if fine[place] or bounds[place] < _NEARLY * bounds.max() or bounds[place] == 0.0:
             return bounds, points
         fine[place] = True
-        if np.any(real):
-            _spread(matrices, bounds, points, place, scalings(matrices[place], real, points[place])[1])
-        else:
-            bounds[place] = min(bounds[place], upper_bound(matrices[place], real))
+        _spread(matrices, bounds, points, place, scalings(matrices[place], real, points[place])[1])
 
 
-def top_of_mixed(
-    matrices: Complexes, real: NDArray[np.bool_], frequency: Arrays, start: Arrays
-) -> tuple[float, float, Arrays]:
+def top(matrices: Complexes, real: NDArray[np.bool_], frequency: Arrays, start: Arrays) -> tuple[float, float, Arrays]:
     """The largest bound over close frequencies, its frequency, and scalings there.
 
     The scalings are searched at the largest bound until that lowers it no more, and hold at all other frequencies.
@@ -134,7 +118,7 @@ def scaled_bounds(matrices: Complexes, points: Arrays) -> Arrays:
 def scalings(
     matrix: Complexes, real: NDArray[np.bool_], start: Arrays | None = None, *, coarse: bool = False
 ) -> tuple[float, Arrays]:
-    """The least bound found for a matrix with real perturbations, and its scalings (x, g).
+    """The least bound found for a matrix, and its scalings (x, g).
 
     Parameters
     ----------
@@ -156,12 +140,6 @@ def scalings(
         matrix / largest, real, at / relative, SHARPNESS[1:2] if coarse else SHARPNESS, _COARSE if coarse else _FINE
     )
     return best * largest, place * relative
-
-
-def balance(matrix: Complexes) -> Complexes:
-    """D M D^-1 with rows and columns of equal norm; a perturbation of diagonal form does not see D."""
-    scale = balancing(matrix)
-    return np.asarray(matrix * scale[:, np.newaxis] / scale)
 
 
 def balancing(matrices: Complexes, sweeps: int = 6) -> Arrays:
@@ -206,6 +184,8 @@ def _searched(
     free = np.concatenate([np.ones(n, dtype=bool), real])
     free[0] = False  # a common factor of D changes nothing
     best, at = 1.0, start
+    if not np.any(free):
+        return best, at
 
     def whole(point: Arrays) -> Arrays:
         found = start.copy()

@@ -45,7 +45,7 @@ def subharmonic_surface(
     cache : Path, optional
         Folder of finished runs, by default `cache_folder("subharmonics")`; these are not run again.
     scheduler : str, optional
-        Address of a running dask scheduler (tcp://host:port); by default processes on this machine.
+        Address of a running dask scheduler (tls://host:port); by default processes on this machine.
     workers : int, optional
         Number of these processes, by default one for each core.
     progress : callable, optional

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.files.limits import MOST_COLUMNS
 from amb_core.tables.table import Column, Table, split_unit
 
 SAMPLE_TIMES = ("ts", "dt", "sample_time", "sampletime", "t_s", "tsample", "delta_t")
@@ -45,7 +47,10 @@ def table_of_variables(path: str, content: Mapping[str, Any], variable: str = ""
     rows = lengths.pop()
     texts = {name.casefold(): value for name, value in flat.items() if _is_texts(value)}
     names, units = (_texts_of(texts, known) for known in (_NAMES, _UNITS))
-    columns = [column for name, value in arrays.items() for column in _columns(name, value, rows, len(arrays) == 1)]
+    every = (column for name, value in arrays.items() for column in _columns(name, value, rows, len(arrays) == 1))
+    columns = list(islice(every, MOST_COLUMNS + 1))
+    if len(columns) > MOST_COLUMNS:
+        raise IdentificationError(f"has more than {MOST_COLUMNS} signals; name one matrix with --variable")
     if len(names) == len(columns):
         labels = [split_unit(name) for name in names]
         if len(units) == len(columns):
@@ -70,10 +75,6 @@ def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
     for name, value in content.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")
-        elif isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:  # a struct of version 5
-            yield from _flat({field: value[field].ravel()[0] for field in value.dtype.names}, f"{prefix}{name}.")
-        elif isinstance(value, np.ndarray) and value.dtype.names:
-            yield from _flat({field: value[field] for field in value.dtype.names}, f"{prefix}{name}.")
         else:
             yield prefix + name, value
 

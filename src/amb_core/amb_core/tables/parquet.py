@@ -7,8 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.extras import extra
+from amb_core.files.apart import read_apart
+from amb_core.files.apart_server import seal
+from amb_core.files.limits import MOST_COLUMNS
 from amb_core.files.regular_files import open_regular
 from amb_core.tables.table import Column, Table, split_unit
 
@@ -23,14 +28,29 @@ def read_parquet_table(path: Path) -> Table:
     IdentificationError
         If no column is of numbers.
     """
-    import pyarrow.parquet as parquet  # takes a while to import
+    names, columns, sample_time = read_apart(f"{__name__}:columns_of_file", path, modules=("pyarrow.parquet",))
+    if not columns:
+        raise IdentificationError(f"no column is of numbers; there are {', '.join(names) or 'none'}")
+    return Table(str(path), tuple(Column(*column) for column in columns), sample_time)
+
+
+def columns_of_file(path: str) -> tuple[list[str], list[tuple[str, NDArray[np.float64], str, str]], float | None]:
+    """Names of all columns; name, values, unit and source of those of numbers; and the sample time (s)."""
+    with extra("files"):
+        import pyarrow.parquet as parquet  # takes a while to import
 
     with open_regular(path) as file:
-        content = parquet.read_table(file)
-    columns = [column for name in content.column_names for column in _columns(content, name)]
-    if not columns:
-        raise IdentificationError(f"no column is of numbers; there are {', '.join(content.column_names) or 'none'}")
-    return Table(str(path), tuple(columns), _sample_time(content.schema.metadata or {}))
+        seal()
+        whole = parquet.ParquetFile(file)
+        if len(whole.schema) > MOST_COLUMNS:
+            raise IdentificationError(f"has {len(whole.schema)} columns; allowed: at most {MOST_COLUMNS}")
+        content = whole.read(use_threads=False)
+    columns = [
+        (column.name, column.values, column.unit, column.source)
+        for name in content.column_names
+        for column in _columns(content, name)
+    ]
+    return content.column_names, columns, _sample_time(content.schema.metadata or {})
 
 
 def _sample_time(metadata: Mapping[bytes, bytes]) -> float | None:
@@ -42,7 +62,8 @@ def _sample_time(metadata: Mapping[bytes, bytes]) -> float | None:
 
 
 def _columns(content: Any, heading: str) -> Iterator[Column]:
-    import pyarrow as pa
+    with extra("files"):
+        import pyarrow as pa
 
     field, data = content.schema.field(heading), content.column(heading)
     name, unit = split_unit(heading)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from amb_core.errors import IdentificationError
+from amb_core.files.arrays import load_arrays
 from amb_core.files.file_errors import reading
 from amb_core.files.matlab import load_variables
-from amb_core.files.regular_files import open_regular
 from amb_core.tables.matrices import table_of_variables
 from amb_core.tables.parquet import read_parquet_table
 from amb_core.tables.table import Table
@@ -45,10 +43,7 @@ def read_table(path: str | Path, variable: str = "", separator: str = "", decima
         if ending == ".mat":
             return table_of_variables(str(path), load_variables(path), variable)
         if ending in (".npz", ".npy"):
-            with open_regular(path) as file:
-                content = np.load(file, allow_pickle=False)
-                arrays = {path.stem: content} if isinstance(content, np.ndarray) else dict(content)
-            return table_of_variables(str(path), arrays, variable)
+            return table_of_variables(str(path), load_arrays(path), variable)
         if ending in (".parquet", ".pq"):
             return read_parquet_table(path)
         raise IdentificationError(f"the file name must end in {', '.join(ENDINGS)}")

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.files.apart import read_apart
+from amb_core.files.limits import LONGEST_LINE, MOST_COLUMNS
 from amb_core.files.regular_files import open_regular
 from amb_core.tables.table import Column, Table, split_unit
 from amb_core.tables.units import is_known
@@ -30,13 +32,21 @@ Cells = list[list[str]]
 
 
 def read_text_table(path: Path, separator: str = "", decimal: str = "") -> Table:
-    """Read a text table; `separator` and `decimal` are words of `SEPARATORS` and `DECIMALS`.
+    """Read a text table in a child process; `separator` and `decimal` are words of `SEPARATORS` and `DECIMALS`.
 
     Raises
     ------
     IdentificationError
-        If it has no rows of numbers, or rows of different lengths.
+        If it has no rows of numbers, rows of different lengths, or more columns or longer lines than are allowed.
     """
+    columns, notes = read_apart(f"{__name__}:columns_of_text", path, separator, decimal)
+    return Table(str(path), tuple(Column(*column) for column in columns), notes=tuple(notes))
+
+
+def columns_of_text(
+    path: str, separator: str, decimal: str
+) -> tuple[list[tuple[str, NDArray[np.float64], str, str, bool]], list[str]]:
+    """As `read_text_table` in this process: the attributes of the columns, and the notes."""
     lines, cut = _lines(path)
     mark, point = _format(lines, separator, decimal)
     rows = _cells(lines, mark)
@@ -46,6 +56,8 @@ def read_text_table(path: Path, separator: str = "", decimal: str = "") -> Table
             "there are no samples: no row is of numbers; name what separates them with --separator, --decimal"
         )
     count = Counter(len(rows[index]) for index in data[-_LOOKED_AT:]).most_common(1)[0][0]
+    if count > MOST_COLUMNS:
+        raise IdentificationError(f"has {count} columns; allowed: at most {MOST_COLUMNS}")
     first = next(index for index in data if len(rows[index]) == count)  # lines such as Points,700 may stand above
     numbers = _numbers(rows[first:], count, point)
     headings = _headings(rows[:first], count)
@@ -58,13 +70,13 @@ def read_text_table(path: Path, separator: str = "", decimal: str = "") -> Table
     for index in range(count):
         if index < len(headings):
             name, unit = headings[index]
-            columns.append(Column(name or f"column {index}", numbers[:, index], unit, named=bool(name)))
+            columns.append((name or f"column {index}", numbers[:, index], unit, "", bool(name)))
         else:
-            columns.append(Column(f"column {index}", numbers[:, index], named=False))
-    return Table(str(path), tuple(columns), notes=tuple(notes))
+            columns.append((f"column {index}", numbers[:, index], "", "", False))
+    return columns, notes
 
 
-def _lines(path: Path) -> tuple[list[str], bool]:
+def _lines(path: str) -> tuple[list[str], bool]:
     """The lines without comments, and whether the last one was cut off and is left out."""
     with open_regular(path) as file:
         content = file.read()
@@ -78,6 +90,8 @@ def _lines(path: Path) -> tuple[list[str], bool]:
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(_COMMENTS)]
     if not lines:
         raise IdentificationError("is empty: there must be rows of numbers, below the names of the columns")
+    if longest := max(map(len, lines)) // LONGEST_LINE:
+        raise IdentificationError(f"has a line of {longest} MiB; allowed: rows of at most {MOST_COLUMNS} numbers")
     before = lines[-_LOOKED_AT:-1]
     cut = bool(before) and not text.endswith(("\n", "\r")) and len(lines[-1]) < min(map(len, before)) - 1
     return (lines[:-1] if cut else lines), cut

@@ -20,8 +20,8 @@ from amb_core.loop.pd_parameters import ControllerParameters, pack_gains
 from amb_core.target.frames import require_key
 from amb_core.target.layout import LARGEST_FRAME, LONGEST_KEY, MOST_AXES, NONCE, Limits
 
-SOURCE = Path(__file__).resolve().parents[4] / "target"
-"""Folder of the C code in the checkout from which this package is installed."""
+SOURCE = Path(__file__).resolve().with_name("c")
+"""Folder of the C code: in a checkout a link to its folder `target`, of which each build of this package has a copy."""
 COMPILER = (
     "gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-pedantic", "-ffp-contract=off",
 )  # fmt: skip
@@ -69,7 +69,7 @@ def build_library(library: Path, options: Iterable[str] = ("-O2",), source: Path
     """
     files = sorted([*source.glob("*.c"), *source.glob("hosted/*.c")])
     if not files:
-        raise TargetError(f"no C code in {source}; it is in the folder `target` of the workbench's checkout")
+        raise TargetError(f"no C code in {source}; it is the folder `target` of the workbench's checkout")
     newest = max(file.stat().st_mtime for file in [*files, *source.glob("*.h"), *source.glob("hosted/*.h")])
     if library.exists() and library.stat().st_mtime >= newest:
         return library

@@ -1,4 +1,9 @@
-"""Where tasks run: on a local `dask.distributed` cluster, or on one that is already running."""
+"""Where tasks run: on a local `dask.distributed` cluster, or on one that is already running.
+
+Whoever can connect to a scheduler or a worker runs code as the user who started it, also on a port of the loopback
+interface, which other users of the machine reach. So the local cluster speaks TLS with a key of its own, which exists
+in memory and in the environments of the workers, and both sides of every connection show it.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +15,18 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-
-import dask
-from distributed import Client, Scheduler, SpecCluster
-from distributed.deploy.subprocess import SubprocessWorker
+from typing import Any
 
 from amb_core.errors import TaskError
+from amb_core.extras import extra
+
+with extra("cluster"):
+    import dask
+    from distributed import Client, Scheduler, Security, SpecCluster
+    from distributed.deploy.subprocess import SubprocessWorker
 
 ADDRESS = re.compile(r"(tcp|tls|ws|wss)://\S+:\d+")
+ENCRYPTED = ("tls://", "wss://")
 CONNECT_TIMEOUT = 3.0  # s, within which a scheduler answers on any network
 
 logger = logging.getLogger(__name__)
@@ -26,7 +35,7 @@ logger = logging.getLogger(__name__)
 def check_address(scheduler: str) -> None:
     """Raise TaskError if a text is not the address of a scheduler."""
     if not ADDRESS.fullmatch(scheduler):
-        raise TaskError(f"scheduler '{scheduler}' is no address; allowed: one like tcp://host:8786")
+        raise TaskError(f"scheduler '{scheduler}' is no address; allowed: one like tls://host:8786")
 
 
 @contextlib.contextmanager
@@ -36,7 +45,8 @@ def open_cluster(scheduler: str | None = None, workers: int | None = None) -> It
     Parameters
     ----------
     scheduler : str, optional
-        Address of a running scheduler, tcp://host:port; by default processes on this machine.
+        Address of a running scheduler, tls://host:port; by default processes on this machine. The key and certificates
+        are those of dask's configuration (`distributed.comm.tls`). A warning is logged for one without TLS.
     workers : int, optional
         Number of these processes, by default one for each core that this process may use.
 
@@ -57,7 +67,7 @@ def open_cluster(scheduler: str | None = None, workers: int | None = None) -> It
     with contextlib.ExitStack() as resources:
         if scheduler is None:
             cluster = resources.enter_context(_local_cluster(workers))
-            yield resources.enter_context(Client(cluster, set_as_default=False))
+            yield resources.enter_context(Client(cluster, security=cluster.security, set_as_default=False))
         else:
             yield resources.enter_context(_connect(scheduler))
 
@@ -69,26 +79,52 @@ class DetachedWorker(SubprocessWorker):
     again and again. The worker has its own session, so Ctrl-C in a terminal does not reach it; the driver ends it. If
     the driver is killed, the worker finishes its task, keeps the result, and ends. Its stderr is dropped: a problem of
     a task is returned as its result, and a worker that is ended during its start writes tracebacks of multiprocessing.
+
+    Parameters
+    ----------
+    scheduler : str
+        Its address.
+    security : Security
+        Key and certificates. They go to the worker by its environment, which other users cannot read; its arguments
+        they could.
+    **options
+        As for `SubprocessWorker`.
     """
+
+    def __init__(self, scheduler: str, security: Security, **options: Any) -> None:
+        super().__init__(scheduler, **options)
+        self._security = security
 
     async def _start(self) -> None:
         specification = json.dumps({"cls": self.worker_class, "opts": self.worker_kwargs})
         self.process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "dask", "spec", self.scheduler, "--spec", specification,
             stderr=asyncio.subprocess.DEVNULL, start_new_session=True,
-            env={**os.environ, "DASK_LOGGING__DISTRIBUTED": "critical"},
+            env={**os.environ, "DASK_LOGGING__DISTRIBUTED": "critical", **self._credentials()},
         )  # fmt: skip
+
+    def _credentials(self) -> dict[str, str]:
+        worker = self._security.get_tls_config_for_role("worker")
+        tls = {"CA_FILE": worker["ca_file"], "WORKER__KEY": worker["key"], "WORKER__CERT": worker["cert"]}
+        return {
+            "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "True",
+            "DASK_DISTRIBUTED__WORKER__HTTP__ROUTES": "[]",
+        } | {f"DASK_DISTRIBUTED__COMM__TLS__{name}": value for name, value in tls.items()}
 
 
 def _local_cluster(workers: int | None) -> SpecCluster:
     # Any free port for the pages of dask, because its usual one may be taken
-    local = {"host": "127.0.0.1", "dashboard": False, "dashboard_address": "127.0.0.1:0"}
-    worker = {"cls": DetachedWorker, "options": {"worker_kwargs": {**local, "nthreads": 1, "memory_limit": 0}}}
-    # No task waits at a busy worker while another is idle: tasks run for seconds, moving one takes milliseconds
-    with dask.config.set({"distributed.scheduler.worker-saturation": 1.0}):
+    local = {"host": "127.0.0.1", "protocol": "tls", "dashboard": False, "dashboard_address": "127.0.0.1:0"}
+    security = Security.temporary()
+    options = {"security": security, "worker_kwargs": {**local, "nthreads": 1, "memory_limit": 0}}
+    worker = {"cls": DetachedWorker, "options": options}
+    # No task waits at a busy worker while another is idle: tasks run for seconds, moving one takes milliseconds.
+    # Without routes the pages of dask, which anybody can read, are empty
+    with dask.config.set({"distributed.scheduler.worker-saturation": 1.0, "distributed.scheduler.http.routes": []}):
         return SpecCluster(
             workers=dict.fromkeys(range(workers or len(os.sched_getaffinity(0))), worker),
-            scheduler={"cls": Scheduler, "options": local},
+            scheduler={"cls": Scheduler, "options": {**local, "security": security}},
+            security=security,
             silence_logs=logging.CRITICAL,
         )
 
@@ -100,13 +136,19 @@ def _connect(scheduler: str) -> Iterator[Client]:
     levels = [log.level for log in logs]
     for log in logs:
         log.setLevel(logging.CRITICAL)
+    if not scheduler.startswith(ENCRYPTED):
+        logger.warning(
+            "scheduler %s is not encrypted: whoever reaches its port runs code as you, and as its workers; start it "
+            "with --protocol tls",
+            scheduler,
+        )
     try:
         try:
             client = Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError):
             raise TaskError(
-                f"scheduler {scheduler} does not answer within {CONNECT_TIMEOUT:g} s; is it running, and with the same "
-                "version of dask?"
+                f"scheduler {scheduler} does not answer within {CONNECT_TIMEOUT:g} s; is it running, with the same "
+                "version of dask, and with the certificate of your configuration of dask (distributed.comm.tls)?"
             ) from None
         with client:
             if not client.scheduler_info()["workers"]:

@@ -10,13 +10,15 @@ from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any, Generic
 
-from distributed import Client, Future, KilledWorker
-from distributed.comm import CommClosedError
-
 from amb_core.errors import TaskError
+from amb_core.extras import extra
 from amb_core.tasks.cache import compute
 from amb_core.tasks.cluster import open_cluster
 from amb_core.tasks.task import R, Task
+
+with extra("cluster"):
+    from distributed import Client, Future, KilledWorker
+    from distributed.comm import CommClosedError
 
 START_TIMEOUT = 120.0  # s, ten times what a process takes to start on a busy machine
 ABSENCE = 10.0  # s without workers after which a warning reports that an external scheduler has none

@@ -32,7 +32,7 @@ STUDIES: tuple[Study, ...] = (
     ArxTransients(),
 )
 
-OPENING = ("fig3-slow-amplifier", "fig9")
+OPENING = ("fig2-top-coil", "fig9")
 """Names of the figures that open the report: what happens under one sweep, and the map of many."""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from amb_bringup.paper.graph_experiment import SETTLING
 from amb_bringup.paper.square_waves import EXPERIMENT, ORDER
-from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult
+from amb_bringup.paper.study import Claim, DrawnFigure, Setting, Study, StudyResult
 from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Curve, Item, Panel, Points, Table
 from amb_core.figures.style import BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION, Marker, Stroke
@@ -84,10 +84,10 @@ class ArxTransients(Study):
             ],
             claims(transients),
             {
-                "data": f"the square waves of Fig. 13, {truth.steps:,} samples",
-                "noise of the sensors": ", ".join(f"{UM * noise:g} µm" for noise in NOISES),
-                "ARX": f"least squares, {LAGS[0]} to {LAGS[-1]} lags of both positions and both currents",
-                "state space": f"PEM, order {ORDER}",
+                "data": Setting(f"the square waves of Fig. 13, {truth.steps:,} samples"),
+                "noise of the sensors": Setting(", ".join(f"{UM * noise:g} µm" for noise in NOISES)),
+                "ARX": Setting(f"least squares, {LAGS[0]} to {LAGS[-1]} lags of both positions and both currents"),
+                "state space": Setting(f"PEM, order {ORDER}", "stated: section 4"),
             },
             [
                 "ARX fits the next sample by least squares, and noise of the sensors enters its regressors. At a high "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from amb_bringup.paper.studies.frequency_amplitude_graph import paper_map
-from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
+from amb_bringup.paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, Workplace
 from amb_core.excitation import Square, WhiteNoise, generate
 from amb_core.excitation_design import ExcitationCheck, Trial, TrialBench, check_excitation
 from amb_core.figures.overlay import overlay_chart
@@ -65,10 +65,9 @@ class ExcitationsOnTheMap(Study):
                 judge_pulses(checks[PULSES], trials[PULSES], trials[LARGE_PULSES]),
             ],
             {
-                "white noise": f"{_amplitude(NOISE)} rms on y, flat from 10 Hz to 5 kHz, {NOISE.duration:g} s; "
-                "the paper does not state its amplitude",
-                "rectangular pulses": f"{_amplitude(PULSES)}, {PULSES.frequency:g} Hz, on x and then on y, "
-                f"{PULSES.duration:g} s",
+                "white noise": Setting(f"{_amplitude(NOISE)} rms on y, flat from 10 Hz to 5 kHz, {NOISE.duration:g} s"),
+                "amplitude of the pulses": Setting(_amplitude(PULSES), "stated: section 4"),
+                "pulses": Setting(f"{PULSES.frequency:g} Hz, on x and then on y, {PULSES.duration:g} s"),
             },
             [
                 "A point on the graph is a sine of the same power: for white noise, each third of an octave; for the "

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from amb_bringup.paper.model_trials import DataSet, ModelTask, ModelTrial, run_trials
-from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
+from amb_bringup.paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, Workplace
 from amb_core.excitation import Multisine, Sweep, generate
 from amb_core.excitation_design import Trial
 from amb_core.figures.chart import Chart
@@ -69,11 +69,15 @@ class MultisineModels(Study):
             [DrawnFigure.of("multisine-models", _chart(trials, regions))],
             [_region_claim(runs, as_rms), beyond_claim(trials, regions), control_claim(trials, regions)],
             {
-                "multisine": f"random phases, {PAPER.frequency_start:g} Hz to {PAPER.frequency_end:g} Hz on x and y at "
-                f"once, {PAPER.duration:g} s, of which the last {SAMPLES:,} samples are used for identification",
-                "amplitude": "peak value; " + ", ".join(data.name for data in DATA[:3]),
-                "sweep": f"as in Fig. 15, but {SWEPT.excitation.duration:g} s long, until the rotor delevitates",
-                "orders and methods": f"{ORDERS[0]} to {ORDERS[-1]}; {', '.join(METHODS)}",
+                "multisine": Setting(
+                    f"random phases, {UM * PAPER.amplitude:g} µm, {PAPER.frequency_start:g} Hz to "
+                    f"{PAPER.frequency_end:g} Hz on x and y at once",
+                    "stated: section 4",
+                ),
+                "amplitude": Setting("taken as peak value; others: " + ", ".join(data.name for data in DATA[:3])),
+                "duration": Setting(f"{PAPER.duration:g} s, of which the last {SAMPLES:,} samples are used"),
+                "sweep": Setting(f"as in Fig. 15, but {SWEPT.excitation.duration:g} s long, until the rotor falls"),
+                "orders and methods": Setting(f"{ORDERS[0]} to {ORDERS[-1]}; {', '.join(METHODS)}"),
             },
             [
                 "A model counts as stable if all poles of its closed loop with the known controller are stable, and "
@@ -104,7 +108,7 @@ def _region_claim(runs: Mapping[str, Trial], as_rms: DataSet) -> Claim:
         reason=""
         if region >= Region.C
         else "The paper does not state whether 50 µm is the peak or the rms value; its regions come from an "
-        "algorithm, and from iron and amplifiers, that are not public.",
+        "algorithm that is not public, and from iron whose data it does not state.",
         figure="multisine-models",
     )
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from amb_bringup.paper.graph_experiment import SETTLING, equality_claim
 from amb_bringup.paper.square_waves import EXPERIMENT, model_from_squares
-from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
+from amb_bringup.paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, Workplace
 from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Curve
 from amb_core.figures.loop import orbit_chart, response_chart
@@ -96,13 +96,18 @@ class SquareWaves(Study):
                 equality_claim("square-waves", "Fig. 13, 14", without, through),
             ],
             {
-                "excitation": f"squares of {UM * excitation['amplitude']:g} µm and {excitation['frequency']:g} Hz, "
-                f"{excitation['duration'] / 2:g} s on x, then the same on y",
-                "before": f"{SETTLING * measured.sample_time:g} s at rest",
-                "samples": f"{measured.steps:,} at {1.0 / measured.sample_time:g} Hz",
-                "method": f"subspace (SSARX), then PEM with prediction focus, order {found.model.order}",
-                "poles": _poles(found),
-                "bag": str(Path("bags") / EXPERIMENT.name),
+                "amplitude of the squares": Setting(f"{UM * excitation['amplitude']:g} µm", "stated: section 4"),
+                "squares": Setting(
+                    f"{excitation['frequency']:g} Hz, {excitation['duration'] / 2:g} s on x, then the same on y"
+                ),
+                "before": Setting(f"{SETTLING * measured.sample_time:g} s at rest"),
+                "sample rate": Setting(f"{1.0 / measured.sample_time:g} Hz", "stated: section 3.2"),
+                "order of the model": Setting(f"{found.model.order}", "stated: section 4"),
+                "method": Setting("subspace, then PEM with prediction focus", "stated: section 3.4"),
+                "subspace method": Setting("SSARX"),
+                "samples": Setting(f"{measured.steps:,}", "result"),
+                "poles": Setting(_poles(found), "result"),
+                "bag": Setting(str(Path("bags") / EXPERIMENT.name), "result"),
             },
             [
                 "The model is identified from data without their means, as is usual. In closed loop it then moves "

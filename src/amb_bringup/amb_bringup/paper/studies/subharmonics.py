@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_bringup.paper.study import Claim, DrawnFigure, Study, StudyResult, Workplace
+from amb_bringup.paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, Workplace
 from amb_core.figures.spectrum import spectrum_chart
 from amb_core.figures.surface import surface_chart
 from amb_core.loop.control import ControllerParameters
@@ -75,10 +75,14 @@ class Subharmonics(Study):
             ],
             [judge_product(three), judge_cause(two, three), judge_slow(three, shifted), judge_influence(surface)],
             {
-                "tones": "10 µm at 200 Hz, 10 µm at 300 Hz, 40 µm at 3 kHz on y, in steady state",
-                "limit of the control current": f"{CURRENT_LIMIT:g} A",
-                "surface": f"{largest}, {SURFACE.frequency_low:g} to {SURFACE.frequency_high:g} Hz, shifted by "
-                f"{settings.offset_1:g}, {settings.offset_2:g} and {settings.offset_3:g} Hz",
+                "tones": Setting(
+                    "10 µm at 200 Hz, 10 µm at 300 Hz, 40 µm at 3 kHz on y, in steady state", "stated: section 2.3"
+                ),
+                "control current limit": Setting(f"{CURRENT_LIMIT:g} A"),
+                "surface": Setting(
+                    f"{largest}, {SURFACE.frequency_low:g} to {SURFACE.frequency_high:g} Hz, shifted by "
+                    f"{settings.offset_1:g}, {settings.offset_2:g} and {settings.offset_3:g} Hz"
+                ),
             },
             [
                 "The paper's tones and the sample rate are all multiples of 100 Hz, so many products coincide, "

@@ -19,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.files.apart import read_apart
 from amb_core.files.file_errors import reading
+from amb_core.files.limits import LONGEST_LINE
 from amb_core.files.regular_files import open_regular
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.described.clock import clock_of
@@ -104,9 +106,15 @@ def read_csv(
 
 def _read_table(path: Path) -> tuple[dict[str, Any] | None, list[tuple[str, str]], NDArray[np.float64]]:
     """Content of the comment, names and units of the columns, and the numbers, shape (rows, columns)."""
+    about, header, table = read_apart(f"{__name__}:table_of_file", path)
+    return about, [(name, unit) for name, unit in header], table
+
+
+def table_of_file(path: str) -> tuple[dict[str, Any] | None, list[tuple[str, str]], NDArray[np.float64]]:
+    """As `_read_table`, in this process."""
     # Spreadsheets begin with a byte order mark.
     with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as file:
-        line = file.readline()
+        line = file.readline(LONGEST_LINE)
         about = json.loads(line.removeprefix(_COMMENT)) if line.startswith(_COMMENT) else None
         while line.startswith("#"):
             line = file.readline()

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from amb_core.files.arrays import load_arrays
 from amb_core.files.file_errors import reading
-from amb_core.files.regular_files import open_regular
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.matrix_data import data_of_matrix, only_matrix
@@ -61,8 +61,7 @@ def read_npz(
     """
     path = Path(path)
     with reading("data", path):
-        with open_regular(path) as file, np.load(file, allow_pickle=False) as archive:
-            content: dict[str, Any] = {name: archive[name] for name in archive.files}
+        content: dict[str, Any] = load_arrays(path)
         if inputs is None and outputs is None and "inputs_0" in content:
             return _own(content)
         return data_of_matrix(only_matrix(content, variable), inputs, outputs, sample_time, str(path))

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import linalg
-from threadpoolctl import threadpool_limits
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import HIGHEST_ORDER, Samples, ScaledData
+from amb_core.identification.numerics import one_blas_thread
 from amb_core.model.state_space import StateSpaceModel
 
 _FEWEST = 2  # samples per regressor
@@ -74,7 +74,7 @@ def arx(
     if feedthrough:
         past = np.hstack([past, np.vstack([data.inputs[part.start + lags : part.stop] for part in parts])])
     present = np.vstack([data.outputs[part.start + lags : part.stop] for part in parts])
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         coefficients, _, rank, _ = linalg.lstsq(past, present)
     if rank < past.shape[1]:
         raise IdentificationError(f"the data do not determine {lags} lags; use fewer, or excite more")

@@ -66,7 +66,8 @@ def minimise(
     most_iterations : int
         Steps tried, taken or not.
     least_gain : float
-        Relative decrease of the sum of squares, as predicted by the linearisation, at which the search ends.
+        Relative decrease of the sum of squares, as predicted by the linearisation, at which the search ends. It also
+        ends where steps were refused so often that the damping leaves nothing of the next one.
     """
     point, cost, damping = start, squares(start), Damping()
     sensitivity, errors = linearise(point)
@@ -74,7 +75,7 @@ def minimise(
         if progress is not None:
             progress(iteration, cost)
         step, promised, possible = damped_step(sensitivity, errors, damping.value)
-        if not possible >= least_gain:
+        if not possible >= least_gain or not promised > 0.0:
             break
         trial = move(point, step)
         trial_cost = np.inf if trial is None else squares(trial)
@@ -90,13 +91,16 @@ def minimise(
 def damped_step(sensitivity: Arrays, errors: Arrays, damping: float) -> tuple[Arrays, float, float]:
     """Levenberg-Marquardt step, and its predicted relative decrease of the sum of squares, with and without damping.
 
-    Damping is relative to the largest eigenvalue of the Gauss-Newton matrix of parameters of equal effect.
+    Damping is relative to the largest eigenvalue of the Gauss-Newton matrix of parameters of equal effect. Where no
+    parameter has an effect, there is no step and nothing is predicted.
     """
     scale = np.linalg.norm(sensitivity, axis=0)
     scale = np.maximum(scale, 1e-8 * scale.max() + np.finfo(float).tiny)
     left, singular, right = thin_svd(sensitivity / scale)
     along = left.T @ errors
     level = damping * singular[0] ** 2
+    if not level > 0.0:
+        return np.zeros(sensitivity.shape[1]), 0.0, 0.0
     step = right.T @ (singular / (singular**2 + level) * along) / scale
     kept = level / (singular**2 + level)  # remaining share of the errors, per direction
     total = max(float(np.sum(errors**2)), np.finfo(float).tiny)

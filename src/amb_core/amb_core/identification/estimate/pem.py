@@ -164,6 +164,8 @@ def fit_modes(
         step, promised, possible = damped_step(fit.sensitivity, fit.errors, damping.value)
         if not possible >= least_gain or (hopeless is not None and hopeless(cost, possible)):
             break
+        if not promised > 0.0:  # steps were refused so often that the damping leaves nothing of the next one
+            break
         iteration += 1
         trial = _try(fit.modes.moved(step), best, _weight(fit.covariance))
         if trial is None or not cost_of(trial) < cost:

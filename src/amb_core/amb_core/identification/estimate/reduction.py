@@ -100,13 +100,14 @@ def _balanced(
     schur, basis, unstable = linalg.schur(
         model.a, output="real", sort=lambda real, imaginary=0.0: np.hypot(real, imaginary) >= _BOUNDARY
     )
-    coupling = linalg.solve_sylvester(
-        schur[:unstable, :unstable], -schur[unstable:, unstable:], -schur[:unstable, unstable:]
-    )
     into, out_of = basis.T.copy(), basis.copy()
-    into[:unstable] -= coupling @ basis.T[unstable:]
-    out_of[:, unstable:] += basis[:, :unstable] @ coupling
     stable = model.order - unstable
+    if unstable and stable:  # old versions of SciPy solve no empty equation
+        coupling = linalg.solve_sylvester(
+            schur[:unstable, :unstable], -schur[unstable:, unstable:], -schur[:unstable, unstable:]
+        )
+        into[:unstable] -= coupling @ basis.T[unstable:]
+        out_of[:, unstable:] += basis[:, :unstable] @ coupling
     if not stable:
         return unstable, into, out_of, np.empty(0)
     a, b, c = schur[unstable:, unstable:], into[unstable:] @ model.b, model.c @ out_of[:, unstable:]

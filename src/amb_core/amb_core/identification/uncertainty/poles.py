@@ -27,8 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
-from scipy.optimize import minimize
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 Complexes = NDArray[np.complex128]
 Arrays = NDArray[np.float64]
@@ -70,6 +69,8 @@ class PoleGroup:
         Infinite if no F of the group has it, such as a complex value for a single real pole. The search ends at the
         first F that is not farther than `enough`.
         """
+        from scipy.optimize import minimize  # takes a quarter of a second to import
+
         size = len(self.matrix)
         by_real = self.real and complex(pole).imag == 0.0
         shifted = (pole.real if by_real else pole) * np.eye(size) - self.matrix
@@ -101,7 +102,7 @@ class PoleGroup:
     def holds(self, pole: complex, confidence: float) -> bool:
         """Whether a value lies in the confidence region of the group's poles."""
         freedom = 1 if self.real and complex(pole).imag == 0.0 else 2
-        limit = math.sqrt(chi2.ppf(confidence, freedom))
+        limit = math.sqrt(2.0 * gammaincinv(0.5 * freedom, confidence))  # quantile of chi^2
         return self.distance(pole, limit) <= limit
 
     def magnitudes(self, radius: float) -> tuple[float, float]:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from amb_core.distortion import Evidence
 from amb_core.errors import IdentificationError
 from amb_core.identification.controller_state import unexplained
 from amb_core.identification.data import IdentificationData, restore
 from amb_core.identification.data.checks import evidence_of
+from amb_core.identification.numerics import one_blas_thread
 from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
 from amb_core.identification.validation.report import report_text, report_values, summary_line
@@ -171,7 +171,7 @@ def validate(
     if controller is not None:
         controller.require_axes(len(data.output_names))
     # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         prediction = predict(model, data, horizons)
         residuals = check_residuals(
             prediction.residuals,

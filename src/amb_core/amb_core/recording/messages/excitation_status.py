@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from amb_core.errors import bounded
 from amb_core.loop.experiments import AppliedExcitation
 
+LONGEST_KIND = 50  # characters
 EXCITATION_STATUS = "amb_msgs/msg/ExcitationStatus"
 
 
@@ -14,9 +16,9 @@ def answer_from_message(message: Any) -> AppliedExcitation:
     return AppliedExcitation(
         run=int(message.run),
         id=int(message.id),
-        kind=str(message.kind),
+        kind=bounded(str(message.kind), LONGEST_KIND),
         accepted=bool(message.accepted),
-        message=str(message.message),
+        message=bounded(str(message.message)),
         first_step=int(message.first_step),
         steps=int(message.steps),
     )

@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import BagError
+from amb_core.errors import BagError, bounded
+from amb_core.loop.machine import LONGEST_NAME
 from amb_core.loop.records import LoopRecord
 from amb_core.recording.messages.arrays import doubles
 from amb_core.recording.messages.time_stamp import LONGEST_TIME, set_step_time
@@ -32,9 +33,10 @@ def block_from_message(message: Any) -> LoopRecord:
     names, signals = _first_layout(message) if hasattr(message, "position_x") else _by_axis(message)
     if len({len(column) for columns in signals for column in columns}) > 1:
         raise BagError(f"{where}: its arrays must have the same length")
-    if not names or not all(names) or len(set(names)) < len(names):
+    if not names or not all(names) or len(set(names)) < len(names) or max(map(len, names)) > LONGEST_NAME:
         raise BagError(
-            f"{where}: its axes have the names {list(names)}; allowed: at least one axis, each with its name"
+            f"{where}: its axes have the names {bounded(str(list(names)), 200)}; allowed: at least one axis, each with "
+            f"its name of at most {LONGEST_NAME} characters"
         )
     reference, position, current = map(_columns, signals)
     block = LoopRecord(int(message.first_step), float(message.sample_time), reference, position, current, names)

@@ -73,7 +73,7 @@ def build_map(
         Folder of finished sweeps, by default `cache_folder("region_map")`. Every sweep is kept there as soon
         as it is finished.
     scheduler : str, optional
-        Address of a running dask scheduler (tcp://host:port) whose workers have this code; by default processes on
+        Address of a running dask scheduler (tls://host:port) whose workers have this code; by default processes on
         this machine.
     workers : int, optional
         Number of these processes, by default one for each core.

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal.windows import hann
 
 from amb_core.errors import RegionError
 from amb_core.excitation.axes import factors_of
@@ -185,7 +184,7 @@ def _displacement(record: LoopRecord, at_rest: slice, settled: int, task: DwellT
     """Largest distance of the mean position from that at rest (m), and whether it counts as drift on an axis."""
     held = record.position[settled:]
     # The window's side lobes keep the sine, and disturbances that were there before it, out of the mean.
-    weight = hann(len(held), sym=False)[:, None]
+    weight = 0.5 + 0.5 * np.cos(np.linspace(-np.pi, np.pi, len(held) + 1)[:-1, None])  # Hann's
     phase = np.exp(-2j * np.pi * task.frequency * record.sample_time * np.arange(len(held)))[:, None]
     mean = (weight * held).sum(axis=0) / weight.sum()
     response = 2.0 * np.abs((weight * phase * (held - mean)).sum(axis=0)) / weight.sum()

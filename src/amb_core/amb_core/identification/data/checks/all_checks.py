@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from threadpoolctl import threadpool_limits
-
 from amb_core.errors import IdentificationError
 from amb_core.identification.data.checks.distortion import check_distortion
 from amb_core.identification.data.checks.drift import check_drift
@@ -23,6 +21,7 @@ from amb_core.identification.data.checks.samples import (
 )
 from amb_core.identification.data.conditioning import split_at_invalid
 from amb_core.identification.data.dataset import IdentificationData
+from amb_core.identification.numerics import one_blas_thread
 
 if TYPE_CHECKING:
     from amb_core.regions import RegionParameters
@@ -68,7 +67,7 @@ def check_data(
         except IdentificationError:
             return DataReport(_title(data), tuple(findings))
     # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_blas_thread():
         findings += [
             check_amount(data, order),
             check_inputs(data),

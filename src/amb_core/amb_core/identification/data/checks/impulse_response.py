@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, optimize
+from scipy import linalg
 
 from amb_core.identification.data.checks.lagged import pieces, rows_of, triangle_of
 from amb_core.identification.data.dataset import IdentificationData
@@ -80,6 +80,8 @@ def _posterior(
     factor: NDArray[np.float64], size: int, output: int, freedom: int, m: int, lags: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean of the predictor's impulse responses for an output, and a square root of their covariance."""
+    from scipy.optimize import minimize  # takes a quarter of a second to import
+
     regressors, target = factor[:size, :size], factor[:size, size + output]
     residual = float(np.sum(factor[size:, size + output] ** 2))
     noise = max(residual, _LEAST_NOISE * (residual + float(target @ target))) / freedom
@@ -108,7 +110,7 @@ def _posterior(
 
     simplex = np.vstack([_START, _START + np.diag(_SPREAD)])
     options = {"maxfev": _EVALUATIONS, "xatol": 0.1, "fatol": 0.1, "initial_simplex": simplex}
-    shape = optimize.minimize(cost, _START, method="Nelder-Mead", options=options).x
+    shape = minimize(cost, _START, method="Nelder-Mead", options=options).x
     return _regularised(weighted(shape), shape, target, noise, m, lags)
 
 

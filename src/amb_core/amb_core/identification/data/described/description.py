@@ -83,8 +83,11 @@ class DataDescription(BaseModel):
         path = Path(path)
         with reading("description", path):
             content = yaml.safe_load(read_text(path)) or {}
-            if not isinstance(content, dict):
+            if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
                 raise IdentificationError("must have lines such as inputs: [i_x, i_y]")
+            for name in LISTS:
+                if isinstance(content.get(name), list) and any(isinstance(part, list | dict) for part in content[name]):
+                    raise IdentificationError(f"{name} must be a list of names")
             return cls.of(**content)
 
     def save(self, path: str | Path) -> None:

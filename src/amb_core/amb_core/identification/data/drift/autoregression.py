@@ -69,7 +69,11 @@ def fit(parts: list[NDArray[np.float64]], outputs: int) -> Autoregression:
     q = parts[0].shape[1]
     past, target = products[q:, q:], products[q:, q - outputs : q]
     past[np.diag_indices_from(past)] *= 1.0 + _ADDED_NOISE
-    coefficients = linalg.solve(past, target, assume_a="pos")
+    # Signals of very different size, such as those that a prefilter almost removes, are no ill condition.
+    power = past.diagonal()
+    size = np.sqrt(np.where(power > 0.0, power, 1.0))
+    scaled = linalg.solve(past / np.outer(size, size), target / size[:, np.newaxis], assume_a="pos")
+    coefficients = scaled / size[:, np.newaxis]
     left = products[q - outputs : q, q - outputs : q] - target.T @ coefficients
     return Autoregression(coefficients, left / rows)
 

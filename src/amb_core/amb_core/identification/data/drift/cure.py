@@ -14,13 +14,13 @@ from typing import Literal
 
 import numpy as np
 from scipy import linalg
-from threadpoolctl import threadpool_limits
 
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.drift.autoregression import LAGS, fit, scales
 from amb_core.identification.data.drift.find import Drift, find_drift, long_enough, undrifted
 from amb_core.identification.data.drift.prefilter import CORNER, high_pass, log_gain
 from amb_core.identification.data.drift.steps import SensorStep, find_steps, without_steps
+from amb_core.identification.numerics import one_blas_thread
 
 DriftOption = Literal["auto", "none", "prefilter"]
 
@@ -106,7 +106,7 @@ def _entropy(data: IdentificationData, window: int, longest: int) -> float:
         signals = np.hstack([common.inputs, common.outputs]) / factor
         parts.append(signals - signals.mean(axis=0))
     try:
-        with threadpool_limits(limits=1, user_api="blas"):
+        with one_blas_thread():
             covariance = fit(parts, p).covariance
     except linalg.LinAlgError:
         return math.inf

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, linalg
-from threadpoolctl import threadpool_limits
 
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.drift.autoregression import LAGS, Autoregression, fit, scales, signals_of
 from amb_core.identification.data.drift.prefilter import high_pass
+from amb_core.identification.numerics import one_blas_thread
 
 FEWEST_SAMPLES = 1_000
 """Experiments with fewer samples are too short for the check."""
@@ -98,7 +98,7 @@ def undrifted(data: IdentificationData) -> Autoregression | None:
     if sum(len(part) - LAGS for part in parts) < 2 * LAGS * parts[0].shape[1]:
         return None
     try:
-        with threadpool_limits(limits=1, user_api="blas"):
+        with one_blas_thread():
             return fit(parts, len(data.output_names))
     except linalg.LinAlgError:
         return None

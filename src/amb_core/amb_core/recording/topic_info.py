@@ -1,0 +1,14 @@
+"""A topic of a bag, as lists of topics show it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A topic of a bag and the number of its messages."""
+
+    name: str
+    type: str
+    messages: int

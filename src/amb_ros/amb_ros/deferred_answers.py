@@ -1,0 +1,62 @@
+"""Answers that a worker sends: the one module that changes how rclpy handles a service.
+
+EventsExecutor of Jazzy neither runs coroutines as callbacks of services nor has a second thread. So the callback only
+hands a request over, and the `send_response` that the executor calls next leaves the work to a worker. That executors
+look up `callback` and `send_response` of a service at every request is no promise of rclpy: seen with `SEEN_WITH`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from concurrent.futures import Executor
+from typing import Any
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+
+SEEN_WITH = "7.1.6"
+"""Version of rclpy with which the tests of this module passed."""
+
+Work = Callable[..., Any]
+
+
+def answer_by(
+    node: Node, service: Any, work: Work, worker: Executor | None, on_arrival: Callable[[], tuple[Any, ...]] = tuple
+) -> None:
+    """Let a worker answer the requests of a service, or the executor itself if there is none.
+
+    Requests and answers are logged at level debug, with the number that the client has given to the request.
+
+    Parameters
+    ----------
+    node, service
+        The node, and a service of it.
+    work : callable
+        Called with request and response, and with what `on_arrival` returned; returns the response. Must not raise.
+    worker : concurrent.futures.Executor or None
+        Calls `work`, which may then block.
+    on_arrival : callable, optional
+        Called in the executor when a request arrives.
+    """
+    send = service.send_response
+
+    def hand_over(request: Any, response: Any) -> tuple[Any, ...]:
+        return request, response, *on_arrival()
+
+    def do(call: tuple[Any, ...], header: Any, number: int) -> None:
+        response = work(*call)
+        with contextlib.suppress(InvalidHandle):  # the node was shut down meanwhile
+            if node.context.ok():
+                send(response, header)
+                node.get_logger().debug(f"{service.srv_name}: answered request {number}")
+
+    def take(call: tuple[Any, ...], header: Any) -> None:
+        number = getattr(header, "request_id", header).sequence_number
+        node.get_logger().debug(f"{service.srv_name}: received request {number}")
+        if worker is None:
+            do(call, header, number)
+        else:
+            worker.submit(do, call, header, number)
+
+    service.callback, service.send_response = hand_over, take

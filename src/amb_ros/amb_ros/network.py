@@ -1,0 +1,60 @@
+"""Who can reach the nodes of a process: this host only, or the network.
+
+DDS has no access control here: whoever reaches a node commands it. With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST the
+nodes of Jazzy announce themselves on this host only, but their sockets still take packets from every network, so a peer
+that knows the port gets in. For that range the profile of `middleware` binds the sockets to the loopback interface.
+"""
+
+from __future__ import annotations
+
+import os
+from ipaddress import ip_address
+from socket import SOCK_DGRAM
+
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+THIS_HOST = ("LOCALHOST", "OFF")
+PORT_BASE, DOMAIN_GAIN = 7400, 250  # PB and DG of DDSI-RTPS
+
+
+def keep_to_this_host() -> None:
+    """Limit the nodes of this process, and of those that it starts, to this host, unless the user has set a range."""
+    if "ROS_LOCALHOST_ONLY" not in os.environ:  # it would hold instead, with a warning
+        os.environ.setdefault(RANGE, "LOCALHOST")
+
+
+def open_to_network() -> None:
+    """Let hosts of the network find the nodes of this process, and of those that it starts."""
+    os.environ.pop("ROS_LOCALHOST_ONLY", None)
+    os.environ[RANGE] = "SUBNET"
+
+
+def is_local() -> bool:
+    """Whether the environment limits nodes to this host."""
+    if "ROS_LOCALHOST_ONLY" in os.environ:
+        return os.environ["ROS_LOCALHOST_ONLY"] == "1"
+    return os.environ.get(RANGE, "").upper() in THIS_HOST and not os.environ.get("ROS_STATIC_PEERS")
+
+
+def sockets_open_to_network(domain: int, pid: int | None = None) -> list[str]:
+    """Addresses at which other hosts reach the DDS participants of a process; empty if its nodes keep to this host.
+
+    Parameters
+    ----------
+    domain : int
+        Their DDS domain, which decides the UDP ports (DDSI-RTPS 2.5, section 9.6.2: 250 ports from 7400 + 250 domain).
+        Ports elsewhere only send. A TCP port that listens counts, too.
+    pid : int, optional
+        The process; by default this one.
+    """
+    import psutil  # only a bridge needs it
+
+    first = PORT_BASE + DOMAIN_GAIN * domain
+    found = []
+    for socket in psutil.Process(pid).net_connections("inet"):
+        host, port = socket.laddr
+        listens = socket.status == psutil.CONN_LISTEN
+        receives = socket.type == SOCK_DGRAM and first <= port < first + DOMAIN_GAIN
+        address = ip_address(host)
+        if (listens or receives) and not (address.is_loopback or address.is_multicast):
+            found.append(f"{host}:{port}")
+    return sorted(found)

@@ -1,0 +1,128 @@
+"""The generator alone: what stays on its latched topic, and that a stop never waits for a start. The test controls."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from amb_core.plant import PlantParameters
+from amb_core.plant.machine import machine_of
+from amb_msgs.msg import Excitation, ExcitationStatus, SimulatorState
+from amb_msgs.srv import StartExcitation, StopExcitation
+from amb_ros.qos import EVERY_STATE, LATCHED
+from tests.graph.bearing import machine_message, machine_publisher
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tests.graph.conftest import Graph
+
+GENERATOR = "amb_controller_node.excitation_generator"
+RUN = 5
+SQUARE = {"kind": "square", "amplitude": 1e-6, "axes": "x", "duration": 0.1, "frequency": 50.0}
+
+
+class Controlled:
+    """A generator, and a controller that answers as the test says."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.heard: list[Excitation] = []
+        self.answers: Callable[[Excitation], bool | None] = lambda _: True
+        node = graph.node
+        self._machines = machine_publisher(node)
+        self._machines.publish(machine_message(machine_of(PlantParameters())))
+        self._states = node.create_publisher(SimulatorState, "/amb/simulator/state", EVERY_STATE)
+        self._states.publish(SimulatorState(run=RUN))
+        self._status = node.create_publisher(ExcitationStatus, "/amb/excitation_status", EVERY_STATE)
+        node.create_subscription(Excitation, "/amb/excitation", self._on_excitation, EVERY_STATE)
+        graph.start(GENERATOR, parameters={"answer_timeout": 60.0})
+        self._start = node.create_client(StartExcitation, "/amb/excitation_generator/start")
+        graph.wait_until(self._status.get_subscription_count, "the generator")
+
+    def _on_excitation(self, message: Excitation) -> None:
+        if any((message.id, message.first_step) == (known.id, known.first_step) for known in self.heard):
+            return
+        again = any(message.id == known.id for known in self.heard)
+        self.heard.append(message)
+        accepted = self.answers(message)
+        if accepted is not None and not again:
+            self._status.publish(ExcitationStatus(run=RUN, id=message.id, accepted=accepted, first_step=7))
+
+    def ask_to_start(self) -> Any:
+        """A request whose answer the test does not wait for."""
+        self.graph.wait_until(self._start.service_is_ready, "the generator")
+        return self._start.call_async(StartExcitation.Request(**SQUARE))
+
+    def stop(self) -> Any:
+        return self.graph.call(StopExcitation, "/amb/excitation_generator/stop")
+
+    def latched(self) -> Excitation:
+        """What a controller gets that starts now."""
+        late: list[Excitation] = []
+        node = self.graph.node
+        subscription = node.create_subscription(Excitation, "/amb/excitation", late.append, LATCHED)
+        self.graph.wait_until(lambda: late, "what is latched")
+        node.destroy_subscription(subscription)
+        return late[-1]
+
+
+@pytest.fixture
+def generator(share: Callable[..., Controlled]) -> Controlled:
+    made: Controlled = share(Controlled)
+    made.answers = lambda _: True
+    assert made.stop().success
+    made.heard.clear()
+    return made
+
+
+def test_a_stop_is_answered_while_starts_wait_and_calls_them_off(generator: Controlled) -> None:
+    generator.answers = lambda message: True if message.kind == "stop" else None
+    starts = [generator.ask_to_start(), generator.ask_to_start()]  # the second one waits behind the first
+    generator.graph.wait_until(lambda: generator.heard, "the first excitation")
+    assert generator.stop().success
+    generator.graph.wait_until(lambda: all(start.done() for start in starts), "the answers of the starts")
+    for start in starts:
+        assert not start.result().success
+        assert start.result().message == "called off by a stop"
+    kinds = [message.kind for message in generator.heard]
+    assert kinds.count("square") == 1
+    assert kinds[-1] == "stop"
+    assert generator.latched().kind == "stop"
+
+
+def test_a_refused_start_leaves_what_plays(generator: Controlled) -> None:
+    first = generator.ask_to_start()
+    generator.graph.wait_until(first.done, "the answer")
+    assert first.result().success
+    generator.answers = lambda message: message.kind == "stop"
+    second = generator.ask_to_start()
+    generator.graph.wait_until(second.done, "the answer")
+    assert not second.result().success
+    latched = generator.latched()
+    assert latched.id == generator.heard[0].id, "the first one, which goes on"
+    assert latched.first_step == 7, "with its step resolved"
+
+
+def test_a_refused_start_is_taken_back_where_nothing_played(generator: Controlled) -> None:
+    generator.answers = lambda message: message.kind == "stop"
+    start = generator.ask_to_start()
+    generator.graph.wait_until(start.done, "the answer")
+    assert not start.result().success
+    assert generator.latched().kind == "stop"
+
+
+def test_no_controller_takes_a_start_that_was_not_answered_in_time(graph: Graph) -> None:
+    answers: list[ExcitationStatus] = []
+    graph.node.create_subscription(ExcitationStatus, "/amb/excitation_status", answers.append, EVERY_STATE)
+    graph.start("amb_sim_node.simulator")
+    graph.start(GENERATOR, parameters={"answer_timeout": 0.1})
+    start: Any = None
+    while start is None or "no message" in start.message:  # of the simulator, which still starts
+        start = graph.call(StartExcitation, "/amb/excitation_generator/start", **SQUARE)
+    assert not start.success
+    assert "no answer within" in start.message
+    graph.start("amb_controller_node.pd_controller")
+    graph.wait_until(lambda: answers, "the controller")
+    assert [answer.kind for answer in answers] == ["stop"]

@@ -1,0 +1,90 @@
+"""Optional parts: the six nodes start without them, and where one is missing one line names its extra."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+EXTRAS = ("amb_core.report", "amb_core.figures", "amb_core.export", "amb_core.tasks.cluster", "amb_core.tasks.pool")
+PACKAGES = (  # of the extras, and of the command line
+    *("control", "dask", "distributed", "foxglove", "h5py", "jinja2", "markupsafe", "matplotlib", "plotly", "pyarrow"),
+    *("rich", "ross", "tornado", "typer"),
+)
+RIG = ("amb_core.rig", "amb_core.target", "amb_core.emulation", "amb_core.commissioning", "amb_core.machine_experiment")
+CERTIFICATE = ("amb_core.robustness",)
+NODES = (
+    "amb_sim_node.simulator",
+    "amb_controller_node.pd_controller",
+    "amb_controller_node.excitation_generator",
+    "amb_ident_node.region_monitor",
+    "amb_ident_node.recorder",
+    "amb_ident_node.identifier",
+)
+OPTIONAL = (*EXTRAS, *PACKAGES, *RIG, *CERTIFICATE, "amb_bringup")
+
+WITHOUT = """
+import sys
+
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name in {names!r}:
+            raise ModuleNotFoundError(f"No module named '{{name}}'", name=name)
+
+
+sys.meta_path.insert(0, Missing())
+"""
+
+
+def run_without(names: tuple[str, ...], code: str) -> str:
+    """What a process prints in which these modules are not installed."""
+    text = WITHOUT.format(names=set(names)) + code
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2_000:]
+    return done.stdout
+
+
+@pytest.mark.parametrize("module", NODES)
+def test_a_node_starts_without_the_optional_parts(module: str) -> None:
+    found = run_without(PACKAGES, f"import {module}\nprint([name for name in {OPTIONAL!r} if name in sys.modules])")
+    assert found.strip() == "[]"
+
+
+NEEDING = {  # an extra: what needs it
+    "'cluster' of amb_core": ("import amb_core.tasks.cluster", "import amb_core.tasks.pool"),
+    "'control' of amb_core": ("from amb_core.plant import *; linearize(Plant(PlantParameters()))",),
+    "'figures' of amb_core": (
+        "import amb_core.figures.chart",
+        "import amb_core.report",
+        "import amb_core.plant.figures",
+    ),
+    "'files' of amb_core": (
+        "import amb_core.export.model_texts",
+        "from amb_core.tables.parquet import *; read_parquet_table('x')",
+        "from amb_core.files.matlab import _load_hdf5; _load_hdf5('x')",
+    ),
+    "'view' of amb_bringup": ("import amb_bringup.view.server",),
+}
+
+
+def test_one_line_names_the_extra_of_a_missing_package() -> None:
+    attempts = """
+from amb_core.errors import AmbError
+
+for code in {codes!r}:
+    try:
+        exec(code)
+    except AmbError as problem:
+        print(problem)
+"""
+    lines = run_without(PACKAGES, attempts.format(codes=[code for codes in NEEDING.values() for code in codes]))
+    named = [extra for extra, codes in NEEDING.items() for _ in codes]
+    for line, extra in zip(lines.splitlines(), named, strict=True):
+        assert f"is not installed; it belongs to the extra {extra}: pip install " in line
+
+
+def test_a_command_without_its_extra_ends_with_that_line() -> None:
+    code = "import amb_bringup.cli\nsys.argv = ['amb', 'plant', 'describe']\nprint(amb_bringup.cli.main())"
+    assert run_without(("control",), code).strip() == "1"
