@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor stress soak validate leaving fuzz fuzz-files bench bench-regions bench-ident bench-view bench-robust docs lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor quick measured stress soak validate leaving fuzz fuzz-files bench bench-regions bench-ident bench-view bench-robust docs lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -26,6 +26,12 @@ test: setup  ## all tests but the slow ones; WORKERS=4 processes, since tests of
 
 test-slow: setup  ## the slow tests
 	@$(RUN) python -m pytest -m slow
+
+quick: setup  ## every program and command at its smallest size, and the keys of its results; leaves results/quick
+	@$(RUN) python -m tests.front_door.run
+
+measured: setup  ## the measured figures of the documentation, with date and commit: which are older than their code
+	@$(RUN) python -m docs.generators.measured
 
 COUNT ?= 10
 test-graph: setup  ## the graph tests COUNT=10 times, with a summary of the failures; leaves results/stress

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import GenericAlias
 from typing import Any
 
-from docs.generators import links, modules
+from docs.generators import links, measured, modules
 from docs.generators.commands import command_reference
 from docs.generators.messages import message_reference
 from docs.generators.tables import excitation_table, parameter_reference
@@ -40,7 +40,7 @@ def write_pages() -> None:
 
 def completed(text: str, page: Path) -> str:
     """A page of `docs` as the site shows it: generated parts in their places, links to other pages of the site."""
-    text = links.for_site(text, page, page)
+    text = links.for_site(measured.with_ages(text), page, page)
     return MARK.sub(lambda match: GENERATED[match[1]](), text)
 
 
@@ -51,7 +51,12 @@ def _complete(app: Any, name: str, content: list[str]) -> None:
 
 
 def _outdated(app: Any, env: Any, added: set[str], changed: set[str], removed: set[str]) -> list[str]:
-    return [name for name in env.found_docs if MARK.search(Path(env.doc2path(name)).read_text())]
+    return [name for name in env.found_docs if _changes(Path(env.doc2path(name)).read_text())]
+
+
+def _changes(text: str) -> bool:
+    """Whether a page has parts that may be other ones than when it was read last."""
+    return bool(MARK.search(text) or measured.MARK.search(text))
 
 
 def _is_alias(app: Any, what: str, name: str, item: object, skip: bool, options: Any) -> bool | None:

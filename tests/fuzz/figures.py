@@ -59,3 +59,14 @@ class TargetFuzz(Figures):
     findings: list[str]
     seed: int
     seconds: float
+
+
+class Security(Figures):
+    """The fuzz of files, in results/security.json."""
+
+    mutants: int
+    crafted: int
+    tracebacks: int
+    crashes: int
+    over_limits: int
+    escaped: int

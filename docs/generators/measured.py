@@ -1,0 +1,201 @@
+"""Measured figures: tables of the pages from the files of `docs/measured`, and how old they are.
+
+A file holds figures, the tables made of them, date, commit, machine and command of the measurement, and the rooms of
+the code on which it depends. `python -m docs.generators.measured` (`make measured`) lists the files and what is stale;
+`... write` writes the tables into the pages; `... take NAME` takes figures of `results`, measured on this code.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+from datetime import date
+from pathlib import Path
+from string import Formatter
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "docs" / "measured"
+MARK = re.compile(r"(<!-- measured: (\w+) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+AGES = {
+    "current": "The code on which they depend has not changed since.",
+    "stale": "**The code on which they depend has changed since.**",
+    "unknown": "Whether the code on which they depend has changed since is not known here.",
+}
+Age = Literal["current", "stale", "unknown"]
+
+
+class Table(BaseModel):
+    """A table of a page, or without columns the lines of a paragraph.
+
+    Cells may name figures, as `{lockstep[ratio]:.2f}`; `!p` makes a share percent.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    columns: list[str]
+    rows: list[list[str]]
+
+
+class Measured(BaseModel):
+    """A file of measured figures.
+
+    Attributes
+    ----------
+    command, machine, date : str
+        How, where (empty where that does not matter) and when it was measured.
+    commit : str
+        The code that was measured.
+    exact : bool
+        Whether it was that commit; otherwise that one or an earlier one.
+    rooms : list of str
+        Folders and files on which the figures depend.
+    results : str
+        File below `results` that the command writes.
+    declared : str
+        MODULE:CLASS of its keys; empty where cells hold the figures themselves.
+    figures : dict
+        What was measured.
+    tables : dict
+        Tables by name.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    command: str
+    machine: str
+    date: str
+    commit: str
+    exact: bool
+    rooms: list[str]
+    results: str
+    declared: str = ""
+    figures: dict[str, Any] = {}
+    tables: dict[str, Table]
+
+    def rendered(self, name: str) -> str:
+        """A table in Markdown, and the line that says when it was measured."""
+        table = self.tables[name]
+        rows = [[self._cell(cell) for cell in row] for row in table.rows]
+        if not table.columns:
+            return "\n".join([*(" ".join(row) for row in rows), "", self.origin, ""])
+        head, *body = ("|" + "".join(f" {cell} |" if cell else " |" for cell in row) for row in [table.columns, *rows])
+        return "\n".join([head, "|" + "---|" * len(table.columns), *body, "", self.origin, ""])
+
+    def _cell(self, text: str) -> str:
+        return _Cells().vformat(text, (), self.figures)
+
+    @property
+    def origin(self) -> str:
+        """When, where and how."""
+        when = f"on {self.date} at commit {self.commit[:7]}" if self.exact else f"at commit {self.commit[:7]} or before"
+        where = f", on {self.machine}" if self.machine else ""
+        return f"Measured {when} by `{self.command}`{where}."
+
+    def age(self) -> Age:
+        """Whether the rooms are those that were measured, as far as git knows."""
+        if _git("cat-file", "-e", f"{self.commit}^{{commit}}") != 0:
+            return "unknown"
+        changed = _git("diff", "--quiet", self.commit, "--", *self.rooms)
+        return "stale" if changed == 1 else "current" if changed == 0 and self.exact else "unknown"
+
+
+class _Cells(Formatter):
+    """`str.format` with a conversion to percent."""
+
+    def convert_field(self, value: Any, conversion: Any) -> Any:
+        """As in the base class; p multiplies by 100."""
+        return 100.0 * value if conversion == "p" else super().convert_field(value, conversion)
+
+
+def load(name: str) -> Measured:
+    """The file of a name."""
+    return Measured.model_validate_json((FOLDER / f"{name}.json").read_text())
+
+
+def names() -> list[str]:
+    """Names of all files."""
+    return sorted(path.stem for path in FOLDER.glob("*.json"))
+
+
+def with_measured_tables(text: str) -> str:
+    """A page with its measured tables made anew."""
+    return MARK.sub(lambda match: match[1] + load(match[2]).rendered(match[3]) + match[4], text)
+
+
+def with_ages(text: str) -> str:
+    """A page of the site, which says below each measured table whether its code has changed."""
+
+    def render(match: re.Match[str]) -> str:
+        measured = load(match[2])
+        return f"{match[1]}{measured.rendered(match[3]).rstrip()} {AGES[measured.age()]}\n\n{match[4]}"
+
+    return MARK.sub(render, text)
+
+
+def pages() -> list[Path]:
+    """README and pages with measured tables."""
+    return [page for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))) if MARK.search(page.read_text())]
+
+
+def _git(*arguments: str) -> int:
+    """Exit code of git in this checkout; 128 where there is none."""
+    try:
+        return subprocess.run(["git", "-C", str(ROOT), *arguments], capture_output=True).returncode
+    except OSError:
+        return 128
+
+
+def _take(name: str) -> None:
+    """Take the figures of `results`, measured on the code as it is committed now."""
+    measured = load(name)
+    if _git("diff", "--quiet", "HEAD", "--", *measured.rooms) != 0:
+        sys.exit(f"{name}: {', '.join(measured.rooms)} have changes that are not committed; commit, measure, then take")
+    head = subprocess.run(["git", "-C", str(ROOT), "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
+    file = ROOT / "results" / measured.results
+    found = json.loads(file.read_text())
+    wrong = declaration_problems(measured.declared, found)
+    if wrong:
+        sys.exit(f"{file}: {'; '.join(wrong)}")
+    processor = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    described = f"{processor[1] if processor else platform.processor()}, {os.cpu_count()} cores"
+    changed = {"figures": found, "date": str(date.fromtimestamp(file.stat().st_mtime)), "machine": described}
+    taken = measured.model_copy(update=changed | {"commit": head.stdout.strip(), "exact": True})
+    (FOLDER / f"{name}.json").write_text(taken.model_dump_json(indent=1) + "\n")
+
+
+def declaration_problems(declared: str, found: Any, partial: bool = False) -> list[str]:
+    """What is wrong with figures by their declaration, MODULE:CLASS."""
+    from tests.front_door.figures import problems
+
+    module, _, kind = declared.partition(":")
+    return problems(getattr(importlib.import_module(module), kind), found, partial)
+
+
+def main() -> None:
+    """List, write or take."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=["list", "write", "take"], default="list")
+    parser.add_argument("name", nargs="*", help="files to take")
+    chosen = parser.parse_args()
+    if chosen.what == "list":
+        for name in names():
+            measured = load(name)
+            print(f"{measured.age():8} {name:16} {measured.origin}")
+        return
+    for name in chosen.name:
+        _take(name)
+    for page in pages():
+        page.write_text(with_measured_tables(page.read_text()))
+
+
+if __name__ == "__main__":
+    main()

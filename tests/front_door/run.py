@@ -1,0 +1,124 @@
+"""`make quick`: runs the programs of the front door at their smallest size, and checks that they write every key.
+
+`python -m tests.front_door.run tests.validation.run` runs one. Results, outputs (.txt) and summary.json are left in
+results/quick. Two programs run at a time, as they wait more than they compute.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from itertools import groupby
+from typing import Any
+
+from domain_coordinator import domain_id
+
+from tests.front_door.entries import PROGRAMS, Program
+from tests.front_door.figures import problems
+from tests.front_door.results import ROOT, results_file
+
+AT_A_TIME = 2
+LINES = 4  # of the output of a program that fails, which are shown
+LONGEST = 900.0  # s, that a program may take on a machine with much other work
+
+
+@dataclass
+class Outcome:
+    """What a program came to; skipped are parts that cannot be measured here, with the reason."""
+
+    seconds: float = 0.0
+    processor_seconds: float = 0.0
+    problems: list[str] = field(default_factory=list)
+    skipped: list[str] = field(default_factory=list)
+
+
+def run_program(program: Program) -> Outcome:
+    """Run one program and look at its exit code."""
+    outcome, log = Outcome(), results_file(f"{program.module}.txt", quick=True)
+    command = [sys.executable, "-m", program.module, "--quick"]
+    began = time.monotonic()
+    with log.open("w") as output, domain_id() as domain:
+        process = subprocess.Popen(
+            command, cwd=ROOT, env=os.environ | {"ROS_DOMAIN_ID": str(domain)}, stdout=output,
+            stderr=subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip
+        stop = threading.Timer(LONGEST, os.killpg, (process.pid, 9))
+        stop.start()
+        _, status, usage = os.wait4(process.pid, 0)
+        stop.cancel()
+    outcome.seconds = round(time.monotonic() - began, 1)
+    outcome.processor_seconds = round(usage.ru_utime + usage.ru_stime, 1)
+    if status:
+        last = [line.strip() for line in log.read_text().splitlines() if line.strip()][-LINES:]
+        outcome.problems.append(f"exit code {os.waitstatus_to_exitcode(status)}: {' / '.join(last)}")
+    return outcome
+
+
+def run_file(programs: list[Program]) -> dict[str, Outcome]:
+    """Run the programs of one file of results, one after the other, and check its keys."""
+    file = results_file(programs[0].results, quick=True)
+    file.unlink(missing_ok=True)
+    outcomes = {program.module: run_program(program) for program in programs}
+    last = outcomes[programs[-1].module]
+    module, _, name = programs[-1].figures.partition(":")
+    try:
+        found = json.loads(file.read_text())
+    except (OSError, ValueError) as problem:
+        last.problems.append(f"{file.name}: {problem}")
+    else:
+        last.problems += [
+            f"{file.name}: {text}" for text in problems(getattr(importlib.import_module(module), name), found)
+        ]
+        last.skipped += [f"{key}: {reason}" for key, reason in _skipped(found)]
+    return outcomes
+
+
+def _skipped(found: Any) -> list[tuple[str, str]]:
+    if not isinstance(found, dict):
+        return []
+    return [
+        (key, part["skipped"]) for key, part in found.items() if isinstance(part, dict) and set(part) == {"skipped"}
+    ]
+
+
+def main() -> int:
+    """Run what is asked for, by default all; 1 if there is a problem."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("programs", nargs="*", help=f"of {', '.join(program.module for program in PROGRAMS)}")
+    chosen = parser.parse_args().programs
+    wanted = [program for program in PROGRAMS if not chosen or program.module in chosen]
+    files = [list(group) for _, group in groupby(wanted, key=lambda program: program.results)]
+    files.sort(key=lambda programs: -sum(program.seconds for program in programs))
+    outcomes: dict[str, Outcome] = {}
+    began = time.monotonic()
+    with ThreadPoolExecutor(AT_A_TIME) as pool:
+        for found in pool.map(run_file, files):
+            outcomes |= found
+            for module, outcome in found.items():
+                verdict = "; ".join(outcome.problems) or "right"
+                print(
+                    f"{module}: {outcome.seconds} s ({outcome.processor_seconds} s of the processor): {verdict}",
+                    flush=True,
+                )
+                for skipped in outcome.skipped:
+                    print(f"  not run here: {skipped}", flush=True)
+    summary = {module: asdict(outcome) for module, outcome in outcomes.items()}
+    results_file("summary.json", quick=True).write_text(json.dumps(summary, indent=1) + "\n")
+    wrong = [module for module, outcome in outcomes.items() if outcome.problems]
+    used = sum(outcome.processor_seconds for outcome in outcomes.values())
+    print(f"{len(outcomes)} programs in {time.monotonic() - began:.0f} s, {used:.0f} s of the processor")
+    for module in wrong:
+        print(f"WRONG: {module}; its output is in {results_file(f'{module}.txt', quick=True).relative_to(ROOT)}")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

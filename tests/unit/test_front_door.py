@@ -1,0 +1,137 @@
+"""The list of what the front door offers is complete: see tests/front_door/entries.py, and `make quick`."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from docs.generators.commands import commands
+from docs.generators.links import PAGES as PAGES_OF_THE_REPOSITORY
+from tests.front_door.commands import name_of, steps
+from tests.front_door.entries import COMMANDS_ELSEWHERE, PAGES, PROGRAMS, TARGETS, Covered, Left
+from tests.front_door.figures import Figures, problems
+
+ROOT = Path(__file__).parents[2]
+MAKEFILE = (ROOT / "Makefile").read_text()
+CODE = re.compile(r"^```(?:bash|python|\{code-cell\} python)$", re.MULTILINE)
+FOLDERS = ("benchmarks", "validation", "soak", "fuzz", "front_door")
+OURS = {"tests.front_door.run", "tests.front_door.faults", "tests.target_rig"}
+"""What runs the list, what proves it, and what writes the data of a test."""
+LISTS = "list it in tests/front_door/entries.py"
+MODULES = {program.module for program in PROGRAMS}
+
+
+def targets() -> set[str]:
+    """Those that `make help` lists, and any other."""
+    return set(re.findall(r"^([a-z][\w-]*):(?!=)", MAKEFILE, re.MULTILINE))
+
+
+def recipe(target: str) -> str:
+    match = re.search(rf"^{re.escape(target)}:.*\n((?:\t.*\n)*)", MAKEFILE, re.MULTILINE)
+    assert match is not None
+    return match[1]
+
+
+# -- what there is
+
+
+def test_every_target_is_listed() -> None:
+    assert targets() == set(TARGETS), LISTS
+
+
+def test_help_lists_every_target() -> None:
+    shown = subprocess.run(["make", "-s", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert {line.split()[0] for line in shown.splitlines()} == set(TARGETS)
+
+
+def test_the_targets_run_the_programs_that_are_listed() -> None:
+    for target, how in TARGETS.items():
+        started = re.findall(r"python -m (tests[\w.]+)", recipe(target))
+        if isinstance(how, tuple) and target != "reproduce":  # a command
+            assert tuple(started) == how, target
+        assert set(started) <= MODULES | {"tests.front_door.run"}, f"{target}: {LISTS}"
+
+
+def test_every_program_and_every_part_of_one_is_listed() -> None:
+    listed = MODULES | {f"{program.module.rpartition('.')[0]}.{part}" for program in PROGRAMS for part in program.parts}
+    assert set(startable()) - OURS == listed, LISTS
+
+
+def startable() -> Iterator[str]:
+    """Modules that can be started, or that have the `measure` or `rows` of a part."""
+    for path in [
+        path for folder in ("", *FOLDERS) for path in (ROOT / "tests" / folder).glob("**/*.py" if folder else "*.py")
+    ]:
+        tree = ast.parse(path.read_text())
+        started = any(isinstance(node, ast.If) and "__main__" in ast.unparse(node.test) for node in tree.body)
+        part = any(isinstance(node, ast.FunctionDef) and node.name in ("measure", "rows") for node in tree.body)
+        if started or (part and path.parent.name != "tests"):
+            yield ".".join(path.relative_to(ROOT).with_suffix("").parts)
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.module)
+def test_a_program_calls_its_parts_and_its_figures_are_declared(program) -> None:
+    folder = ROOT.joinpath(*program.module.split(".")).parent
+    others = {path.stem: path.read_text() for path in folder.glob("*.py")}
+    for part in program.parts:
+        assert any(re.search(rf"\b{part}\b", text) for name, text in others.items() if name != part), part
+    module, _, name = program.figures.partition(":")
+    assert getattr(importlib.import_module(module), name).__doc__
+
+
+def test_every_command_is_listed() -> None:
+    called = {name_of(words) for _, _, words in steps() if words}
+    assert called | set(COMMANDS_ELSEWHERE) == set(dict(commands())), LISTS
+    assert not called & set(COMMANDS_ELSEWHERE)
+
+
+def test_every_page_with_code_is_listed() -> None:
+    generated = set(PAGES_OF_THE_REPOSITORY.values())
+    for page in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("amb_*/*.md"), *ROOT.glob("src/*/*.md")]:
+        if page in generated or not CODE.search(page.read_text()):
+            continue
+        assert any(page in ROOT.glob(pattern) for pattern in PAGES), f"{page.relative_to(ROOT)}: {LISTS}"
+
+
+@pytest.mark.parametrize("name", [*TARGETS, *COMMANDS_ELSEWHERE, *PAGES])
+def test_what_make_quick_does_not_run_is_run_by_a_test_or_has_a_reason(name: str) -> None:
+    how = (TARGETS | COMMANDS_ELSEWHERE | PAGES)[name]
+    if isinstance(how, Left):
+        assert how.reason
+    if isinstance(how, Covered):
+        file, _, test = how.test.partition("::")
+        found = re.search(rf"((?:^@.*\n)*)^def {test}\b", (ROOT / file).read_text(), re.MULTILINE)
+        assert found, f"there is no test {how.test}"
+        assert bool(how.slow_because) == ("mark.slow" in found[1]), f"{how.test}: say why a slow test is enough"
+
+
+# -- the check of keys
+
+
+class Example(Figures):
+    seconds: float
+    counts: dict[str, int]
+
+
+@pytest.mark.parametrize(
+    ("found", "problem"),
+    [
+        ({"seconds": 1.0, "counts": {"a": 1}}, None),
+        ({"seconds": 1.0}, "counts: Field required"),
+        ({"seconds": None, "counts": {}}, "seconds: Input should be a valid number"),
+        ({"seconds": 1.0, "counts": {}, "more": 2}, "more: Extra inputs are not permitted"),
+        (None, "the file: Input should be a valid dictionary or instance of Example"),
+    ],
+)
+def test_results_have_all_keys_that_are_declared_and_no_others(found: object, problem: str | None) -> None:
+    assert problems(Example, found) == ([problem] if problem else [])
+
+
+def test_old_figures_may_lack_keys() -> None:
+    assert problems(Example, {"seconds": 1.0}, partial=True) == []

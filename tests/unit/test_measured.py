@@ -1,0 +1,93 @@
+"""Measured figures of the documentation come from docs/measured, and say when they are older than their code."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from docs.generators import measured
+from docs.generators.measured import MARK, Measured, declaration_problems, load, names, pages, with_measured_tables
+from docs.generators.site import completed
+from tests.front_door.entries import PROGRAMS
+
+ROOT = Path(__file__).parents[2]
+GIT = ("git", "-c", "user.name=nobody", "-c", "user.email=nobody@example.org")
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: str(page.relative_to(ROOT)))
+def test_measured_tables_are_those_of_the_files(page: Path) -> None:
+    text = page.read_text()
+    assert text == with_measured_tables(text), "out of date; run: python -m docs.generators.measured write"
+
+
+def test_every_measured_table_is_shown_once() -> None:
+    shown = [(match[2], match[3]) for page in pages() for match in MARK.finditer(page.read_text())]
+    assert sorted(shown) == sorted((name, table) for name in names() for table in load(name).tables)
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_file_names_rooms_that_exist_and_figures_that_are_declared(name: str) -> None:
+    found = load(name)
+    assert found.rooms and not [room for room in found.rooms if not (ROOT / room).exists()]
+    assert found.results in {"", *(program.results for program in PROGRAMS)}
+    assert re.fullmatch("[0-9a-f]{40}", found.commit)
+    if found.declared:
+        assert declaration_problems(found.declared, found.figures, partial=not found.exact) == []
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Measured:
+    """A checkout with one room, and figures that were measured on its only commit."""
+    (tmp_path / "room").write_text("code")
+    for words in (["init", "-q"], ["add", "room"], ["commit", "-qm", "Start"]):
+        subprocess.run([*GIT, *words], cwd=tmp_path, check=True)
+    head = subprocess.run([*GIT, "rev-parse", "HEAD"], cwd=tmp_path, check=True, capture_output=True, text=True)
+    tables = {"t": {"columns": ["what", ""], "rows": [["a", "{share!p:.0f} %"]]}}
+    found = Measured(
+        command="make bench", machine="", date="2026-01-01", commit=head.stdout.strip(), exact=True, rooms=["room"],
+        results="", figures={"share": 0.25}, tables=tables,
+    )  # fmt: skip
+    folder = tmp_path / "docs" / "measured"
+    folder.mkdir(parents=True)
+    (folder / "example.json").write_text(found.model_dump_json())
+    monkeypatch.setattr(measured, "ROOT", tmp_path)
+    monkeypatch.setattr(measured, "FOLDER", folder)
+    return found
+
+
+def test_figures_are_stale_when_a_room_changes(checkout: Measured) -> None:
+    assert checkout.age() == "current"
+    (measured.ROOT / "elsewhere").write_text("code")
+    assert checkout.age() == "current"
+    (measured.ROOT / "room").write_text("other code")
+    assert checkout.age() == "stale"
+
+
+def test_their_age_is_unknown_without_their_commit_or_git(checkout: Measured, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert checkout.model_copy(update={"exact": False}).age() == "unknown"
+    assert checkout.model_copy(update={"commit": "0" * 40}).age() == "unknown"
+    monkeypatch.setenv("PATH", "")
+    assert checkout.age() == "unknown"
+
+
+def test_make_measured_lists_what_is_stale(
+    checkout: Measured, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["measured"])
+    (measured.ROOT / "room").write_text("other code")
+    measured.main()
+    assert re.match(
+        r"stale +example +Measured on 2026-01-01 at commit [0-9a-f]{7} by `make bench`", capsys.readouterr().out
+    )
+
+
+def test_the_page_of_the_site_says_so(checkout: Measured) -> None:
+    page = measured.ROOT / "docs" / "page.md"
+    text = "<!-- measured: example t -->\n<!-- end -->\n"
+    assert "| a | 25 % |" in completed(text, page)
+    assert "has not changed since" in completed(text, page)
+    (measured.ROOT / "room").write_text("other code")
+    assert "**The code on which they depend has changed since.**" in completed(text, page)
