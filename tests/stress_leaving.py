@@ -38,14 +38,36 @@ from amb_bringup.packages import find_executable
 from amb_core.recording import inspect_bag
 from amb_msgs.srv import RunSteps
 from tests.delayed_discovery import build_delayed_discovery, delays
+from tests.front_door.figures import Figures
+from tests.front_door.results import results_file
 from tests.graph.processes import SHARED_MEMORY
-from tests.stress import BUSY_LOOPS, RESULTS, load
+from tests.stress import BUSY_LOOPS, load
 
 NODES = 6
 HUNG_AFTER = 6.0  # s
 GIVEN_UP_AFTER = 120.0  # s; for the start of a graph, and for its end
 STEPS = 2_000  # that are recorded at least
 MAPPED = re.compile(r"/dev/shm/(\S*fastrtps_\S+)")
+
+
+class Ends(Figures):
+    """What the ends of some graphs have left; the keys are described above."""
+
+    ends: int
+    hung: int
+    slow: int
+    longest_s: float
+    longest_up_s: float
+    exit_codes: dict[str, int]
+    bags_whole: int
+    shm_left: list[str]
+
+
+class Leaving(Ends):
+    """What is written to results/leaving.json."""
+
+    idle: Ends
+    loaded: Ends
 
 
 @dataclass(frozen=True)
@@ -159,8 +181,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ends", type=int, default=1, help="ends of graphs alone on the machine")
     parser.add_argument("--loaded", type=int, default=0, help=f"ends of graphs beside {BUSY_LOOPS} busy loops")
-    parser.add_argument("--out", type=Path, default=RESULTS / "leaving.json", help="file of the results")
+    parser.add_argument("--out", type=Path, help="file of the results; by default results/leaving.json")
+    parser.add_argument("--quick", action="store_true", help="one end, into results/quick")
     settings = parser.parse_args()
+    if settings.quick:
+        settings.ends, settings.loaded = 1, 0
+    out = settings.out or results_file("leaving.json", settings.quick)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # through the ends of the processes that run beside
     ends: dict[str, list[End]] = {"idle": [], "loaded": []}
     with tempfile.TemporaryDirectory() as name:
@@ -177,8 +203,7 @@ def main() -> int:
                 print((folder / "output.txt").read_text(), flush=True)
             ends[kind].append(end)
             result = summary(ends["idle"] + ends["loaded"]) | {name: summary(each) for name, each in ends.items()}
-            settings.out.parent.mkdir(parents=True, exist_ok=True)
-            settings.out.write_text(json.dumps(result, indent=2) + "\n")
+            out.write_text(json.dumps(result, indent=2) + "\n")
     return 0 if all(is_clean(end) for each in ends.values() for end in each) else 1
 
 

@@ -99,6 +99,7 @@ PROGRAMS = (
     Program("tests.fuzz.run", "fuzz.json", "tests.fuzz.figures:Fuzz", seconds=15.0),
     Program("tests.fuzz.target", "target_fuzz.json", "tests.fuzz.figures:TargetFuzz", seconds=5.0),
     Program("tests.fuzz.files", "security.json", "tests.fuzz.figures:Security", seconds=10.0),
+    Program("tests.stress_leaving", "leaving.json", "tests.stress_leaving:Leaving", seconds=15.0),
     Program("tests.stress", "stress.json", "tests.stress:Stress", seconds=25.0),
     Program(
         "tests.front_door.commands", "commands.json", "tests.front_door.commands:CommandSeconds", seconds=60.0
@@ -124,6 +125,9 @@ TARGETS: dict[str, tuple[str, ...] | Covered | Left] = {
     "validate": ("tests.validation.run",),
     "soak": ("tests.soak.run",),
     "fuzz": ("tests.fuzz.run",),
+    "fuzz-files": ("tests.fuzz.files",),
+    "leaving": ("tests.stress_leaving",),
+    "floor": Left("the unit tests again, in an environment of older packages: half an hour, before a release"),
     "bench": ("tests.benchmarks.run",),
     "bench-regions": ("tests.benchmarks.regions.run",),
     "bench-ident": ("tests.benchmarks.ident.run",),
