@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import setuptools  # brings distutils to Python 3.12
+from catkin_pkg.package import parse_package
 from packaging.requirements import Requirement
 from setuptools.dist import Distribution
 
@@ -148,6 +149,12 @@ def test_the_guide_says_for_what_each_package_is_needed_and_from_where_it_comes(
         module = next((module for module, known in DISTRIBUTIONS.items() if known == name), name)
         needed[name] = (" and ".join(sorted(parts)), "apt" if module in FROM_APT else "PyPI")
     assert listed == needed
+
+
+@pytest.mark.parametrize("path", MANIFESTS, ids=lambda path: path.parent.name)
+def test_colcon_takes_the_manifest(path: Path) -> None:
+    """It builds a package with a manifest that it refuses as one of Python only, which ROS does not find."""
+    parse_package(path)
 
 
 @pytest.mark.parametrize("path", MANIFESTS, ids=lambda path: path.parent.name)
