@@ -13,6 +13,7 @@ git ls-files -z --cached --others --exclude-standard | xargs -0 cp --no-derefere
 cd "$copy"
 pins=(scripts/stock-jazzy-apt.txt scripts/stock-jazzy-pip.txt)
 names=$(sed -nE 's/^([A-Za-z0-9_.-]+)==.*/\1/p' "${pins[@]}" | sort -u | paste -sd '|')
+rm requirements.hashes
 { grep -viE "^($names)==" "$root/requirements.txt"; cat "${pins[@]}"; } > requirements.txt
 # PIP_NO_DEPS: every package is pinned, and ctrlsys declares NumPy 2.
 AMB_PYTHON=${AMB_PYTHON:-/usr/bin/python3.12 python3.12 /usr/bin/python3.11 python3.11} \

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # Sets the workspace up: .venv with ROS 2 Jazzy and everything that requirements.txt pins, then `colcon build`.
+# A package whose file has another hash than requirements.hashes names is not installed.
 # Does only what is out of date; a set-up that was interrupted is repaired by the next call.
 # EXTRAS="NAME ..." adds what requirements-NAME.txt pins; it stays, and stays up to date, as long as .venv exists.
 set -euo pipefail
@@ -48,7 +49,7 @@ PY
 
 checksum() { sha256sum | cut -d ' ' -f 1; }
 
-venv_state() { printf '%s\n%s\n' "$root" "$(checksum < requirements.txt)"; }
+venv_state() { printf '%s\n%s\n' "$root" "$(cat requirements.txt requirements.hashes 2>/dev/null | checksum)"; }
 
 extras() { find . -maxdepth 1 -name 'requirements-*.txt' | sed -E 's|^./requirements-(.*)\.txt$|\1|' | LC_ALL=C sort | xargs; }
 
@@ -81,7 +82,10 @@ make_venv() {
     fi
     rm -f "$venv_stamp"
     say "installing the packages that requirements.txt pins (a few minutes the first time)"
-    "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check -r requirements.txt
+    # The hashes of the same pins; floor.sh has none for its own.
+    local pins=(-r requirements.txt)
+    [ ! -f requirements.hashes ] || pins=(--require-hashes -r requirements.hashes)
+    "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check "${pins[@]}"
     mend_cmake_files
     venv_state > "$venv_stamp"
 }

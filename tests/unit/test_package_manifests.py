@@ -129,6 +129,16 @@ def test_the_versions_that_pip_may_take_begin_at_those_of_a_stock_jazzy_and_allo
         assert oldest[name].split(".")[: floor.count(".") + 1] == floor.split(".")
 
 
+def test_every_pin_has_the_hashes_of_its_files() -> None:
+    text = (ROOT / "requirements.hashes").read_text().replace(" \\\n", "")
+    hashed = [line.split(" --hash=") for line in text.splitlines() if not line.startswith("#")]
+    pins = [line.split("#")[0].strip() for line in (ROOT / "requirements.txt").read_text().splitlines()]
+    assert [pin.strip() for pin, *_ in hashed] == [pin for pin in pins if pin], "run scripts/hash_requirements.py"
+    assert all(
+        digests and all(re.fullmatch("sha256:[0-9a-f]{64}", one.strip()) for one in digests) for _, *digests in hashed
+    )
+
+
 def test_all_extras_together_have_a_name() -> None:
     extras = built(ROOT / "src" / "amb_core").extras_require
     assert set(extras["all"]) == {text for name in extras.keys() - NOT_OF_THE_PACKAGES for text in extras[name]}

@@ -1,0 +1,56 @@
+"""Writes requirements.hashes: the pins of requirements.txt with the hashes of the files that pip installs for them.
+
+Run it after a change of requirements.txt; it asks the index for the files of every Python that the workspace runs on.
+`scripts/setup.sh` installs nothing whose hash is another.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PYTHONS = ("3.11", "3.12")
+HEADER = "# Made by scripts/hash_requirements.py from requirements.txt, which is the file to change.\n"
+
+
+def normal(name: str) -> str:
+    """A name as the index spells it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def hashes(python: str) -> dict[str, str]:
+    """SHA-256 of the file of each package for a version of Python, by normal name."""
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder, "report.json")
+        command = [sys.executable, "-m", "pip", "install", "-qq", "--dry-run", "--ignore-installed", "--no-deps"]
+        command += ["--python-version", python, "--target", folder, "--report", str(report)]
+        subprocess.run([*command, "-r", str(ROOT / "requirements.txt")], check=True)
+        items = json.loads(report.read_text())["install"]
+    return {
+        normal(item["metadata"]["name"]): item["download_info"]["archive_info"]["hashes"]["sha256"] for item in items
+    }
+
+
+def main() -> None:
+    """Write the file."""
+    found: defaultdict[str, set[str]] = defaultdict(set)
+    for python in PYTHONS:
+        for name, digest in hashes(python).items():
+            found[name].add(digest)
+    lines = [HEADER]
+    for line in (ROOT / "requirements.txt").read_text().splitlines():
+        pin = line.split("#")[0].strip()
+        if pin:
+            digests = sorted(found[normal(re.split(r"[\[=]", pin)[0])])
+            lines.append(" \\\n    ".join([pin, *(f"--hash=sha256:{digest}" for digest in digests)]) + "\n")
+    (ROOT / "requirements.hashes").write_text("".join(lines))
+
+
+if __name__ == "__main__":
+    main()
