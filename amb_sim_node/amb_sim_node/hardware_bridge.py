@@ -245,7 +245,7 @@ class HardwareBridgeNode(ManagedNode):
         """Wait until telemetry of the levitated rotor arrives: the run has begun."""
         late = self._deadline(PATIENCE)
         while (runs := self._watch.runs) is None or not runs.levitated:
-            if late(self._connected().status()):
+            if self._watch.status is None or late(self._watch.status):
                 raise TargetError(f"the rotor is levitated, but no telemetry arrives within {PATIENCE:g} s")
             time.sleep(0.002)
 
@@ -268,7 +268,8 @@ class HardwareBridgeNode(ManagedNode):
     def _deadline(self, duration: float) -> Callable[[TargetStatus], bool]:
         """Whether a time (s) has passed by the clock of the target, which is slow on a busy host if it is emulated."""
         assert self._watch.machine is not None  # since it is configured
-        steps, first = duration * self._watch.machine.sample_rate, self._connected().status().step
+        status = self._watch.status or self._connected().status()
+        steps, first = duration * self._watch.machine.sample_rate, status.step
 
         def passed(status: TargetStatus) -> bool:
             return not first <= status.step <= first + steps  # a reboot begins anew

@@ -93,21 +93,24 @@ class Graph:
     ) -> NodeProcess:
         """Start the node of a module, such as `amb_ident_node.recorder`, as a process.
 
-        `arguments` follow `--ros-args`. A node that is started `anew`, or with options of Popen, is a new interpreter
-        that has the imports before it; others are forks of a process that has imported them.
+        `arguments` follow `--ros-args`. A node that is started `anew`, with options of Popen, or with libraries to
+        preload, is a new interpreter that has the imports before it; others are forks of a process that has imported
+        them. A second process of a module beside one that runs is a rival, which `process_of` does not return.
         """
         args = [module, "--ros-args", *arguments]
         if parameters:
             file = self.folder / f"parameters_{len(self._processes)}.yaml"
             file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
             args += ["--params-file", str(file)]
-        if anew or options:
+        if anew or options or "LD_PRELOAD" in self.environment:
             process: NodeProcess = self.start_command([sys.executable, "-m", *args], **options)
         else:
             forking = zygote(self.environment[CHECK_FIELDS])
             process = ForkedNode(forking, args, self._next_errors(), self.environment, self.folder)
             self._processes.append(process)
-        self._modules[module] = process
+        running = self._modules.get(module)
+        if running is None or running.poll() is not None:
+            self._modules[module] = process
         return process
 
     def start_command(self, command: list[str], **options: Any) -> Program:

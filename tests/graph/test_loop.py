@@ -361,8 +361,11 @@ def test_nodes_end_cleanly_when_told_to(graph, by):
         process.send_signal(by)
     for process in processes.values():
         process.wait_for_end(TIMEOUT)
-    ends = {module: (process.returncode, process.said) for module, process in processes.items()}
-    assert ends == dict.fromkeys(processes, (0, ""))
+    for process in processes.values():  # two of a name may have met before
+        lines = [
+            line for line in process.said.splitlines() if "2 nodes publish" not in line and "are named" not in line
+        ]
+        assert (process.returncode, lines) == (0, [])
 
 
 WRONG_PARAMETERS = [

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -44,8 +46,15 @@ sys.meta_path.insert(0, Missing())
 
 def run_without(names: tuple[str, ...], code: str) -> str:
     """What a process prints in which these modules are not installed."""
-    text = WITHOUT.format(names=set(names)) + code
-    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
+    with tempfile.TemporaryDirectory() as folder:  # for the processes that it starts, too
+        Path(folder, "sitecustomize.py").write_text(WITHOUT.format(names=set(names)))
+        path = os.pathsep.join(filter(None, (folder, os.environ.get("PYTHONPATH"))))
+        done = subprocess.run(
+            [sys.executable, "-c", f"import sys\n{code}"],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PYTHONPATH": path},
+        )
     assert done.returncode == 0, done.stderr[-2_000:]
     return done.stdout
 

@@ -52,7 +52,7 @@ def test_a_model_of_drifting_data_is_as_good_as_one_without_drift(bearing, shape
 
 def test_a_search_that_stalls_above_the_minimum_is_made_again_from_another_start() -> None:
     """From `ssarx` alone, a mode of the predictor goes to the limit of stability: 1.6 times the error without drift."""
-    import drift_cases
+    from tests.benchmarks.regions import drift_cases
 
     case = drift_cases.Case("flexible", "squares", "random_walk", 0)
     known, told = drift_cases.bearing(case.bearing), list[IdentificationProgress]()

@@ -68,7 +68,7 @@ def refuse_replacement(path: Path) -> None:
     if is_folder(path):
         if not (path / MARK).exists() and any(path.iterdir()):
             raise ResultError(f"folder {shown(path)}: has files of others; give a new folder, or --overwrite")
-    elif path.exists():
+    elif path.exists() and path.suffix:  # a name without an ending is that of a folder, which cannot be made here
         raise ResultError(f"{shown(path)}: exists already; give another name, or --overwrite")
 
 

@@ -54,6 +54,7 @@ class Apart:
             {
                 "target": target,
                 "arguments": [os.fspath(path), *arguments],
+                "folder": str(Path.cwd()),
                 "modules": list(modules),
                 "limits": asdict(self._limits),
             }

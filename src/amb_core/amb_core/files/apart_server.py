@@ -61,6 +61,8 @@ def _serve(channel: socket.socket, request: dict[str, Any]) -> None:
     try:
         _inside = True
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        with suppress(OSError):  # relative paths are those of the process that asks
+            os.chdir(request["folder"])
         limits = Limits(**request["limits"])
         _confine(limits)
         made: list[Any] = []
