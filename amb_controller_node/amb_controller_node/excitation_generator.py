@@ -15,6 +15,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, TypeVar
 
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 
 from amb_controller_node.parameters import GeneratorParameters
@@ -44,6 +45,7 @@ P = TypeVar("P", bound=Parameters)
 
 CONTROLLER_SLOWNESS = 5.0  # longest time of a controller for the samples, relative to the time of the generator
 
+DELIVERY = Duration(seconds=1)  # longest wait until an excitation has arrived everywhere
 CALLED_OFF = "called off by a stop"
 REQUEST_FIELDS = [
     name for name in StartExcitation.Request.get_fields_and_field_types() if name not in ("kind", "run", "first_step")
@@ -265,6 +267,7 @@ class ExcitationGeneratorNode(Node):
 
     def _replace(self, failed: Excitation, former: Excitation) -> None:
         """Take back an excitation: publish a stop, or the one before it, which a controller then plays already."""
+        self._publisher.wait_for_all_acked(DELIVERY)  # the topic keeps one message only
         with self._publishing:
             if failed.id == self._id:
                 if former.id == 0:

@@ -27,6 +27,7 @@ from amb_msgs.msg import RegionState, SimulatorState
 from amb_ros import topics
 
 KEPT_CLOCKS = 10_000
+KEPT_EXCITATIONS = 1000
 COUNTED = {
     topics.REGION: "sequence",
     topics.SIMULATOR_STATE: "sequence",
@@ -60,6 +61,7 @@ class Ledger:
             topics.EXCITATION_STATUS: lambda message: self._answers.note_answer(message.run, message.id),
         }
         self.state: Any = None
+        self._excitations: dict[tuple[int, int, int], None] = {}  # number and stamp of those that have arrived
         self._monitor = (0, 0, 0)  # run, next step and messages of the region monitor, as it reports them
         self._learned = Mark(0, 0)  # place of a state whose message is still on its way
         self._reported = Mark(0, 0)  # place of the last state whose message has arrived
@@ -100,11 +102,23 @@ class Ledger:
     def note(self, topic: str, message: Any) -> None:
         """A message has arrived on a topic."""
         with self._changed:
-            if topic in self._counted:
+            if topic in self._counted and not self._is_restored(topic, message):
                 self._counted[topic].note(getattr(message, COUNTED[topic]))
             if topic in self._notes:
                 self._notes[topic](message)
             self._changed.notify_all()
+
+    def _is_restored(self, topic: str, message: Any) -> bool:
+        """Whether an excitation has arrived before: it is published again in place of one that was refused."""
+        if topic != topics.EXCITATION:
+            return False
+        stamp = message.header.stamp
+        key = message.id, stamp.sec, stamp.nanosec
+        if key in self._excitations:
+            return True
+        self._excitations[key] = None
+        forget_oldest(self._excitations, KEPT_EXCITATIONS)
+        return False
 
     def note_dropped(self, topic: str, message: Any) -> None:
         """A message has arrived on a topic, and is not in the recording."""

@@ -103,12 +103,12 @@ def measure_four_axes(rounds: int = ROUNDS, block: int = BLOCK) -> dict[str, flo
 def _measure(arguments: list[str], rounds: int, block: int, domain: int) -> dict[str, float | bool]:
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
     pong = [sys.executable, str(Path(__file__).with_name("pong.py"))]
+    middleware.configure()
+    rclpy.init(args=arguments, domain_id=domain)
     children = [
         subprocess.Popen(command, env=environment)
         for command in ([sys.executable, "-m", "amb_controller_node.pd_controller"], pong)
     ]
-    middleware.configure()
-    rclpy.init(args=arguments, domain_id=domain)
     executor = EventsExecutor()
     simulator = SimulatorNode()
     ping = Ping(len(simulator._plant.machine.axes))
@@ -133,6 +133,7 @@ def _measure(arguments: list[str], rounds: int, block: int, domain: int) -> dict
         for child in children:
             child.wait(TIMEOUT)
         leave_graph(get_default_context(), executor, [simulator, ping])
+        rclpy.try_shutdown()  # forgets the context: the next measurement has one of its own
     step_us, plant_us, floor_us = (1e6 * statistics.median(times) for times in (steps, plant, round_trips))
     return {
         "ratio": (step_us - plant_us) / floor_us,

@@ -12,7 +12,7 @@ from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, StepCoverage
 from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount, TelemetryAccount
 from amb_ident_node.ledger import Ledger
-from amb_msgs.msg import RegionState, SimulatorState
+from amb_msgs.msg import Excitation, RegionState, SimulatorState
 from amb_ros.namesakes import Namesakes
 
 TOPICS = {"telemetry", "plant_state", "region", "simulator/state", "clock"}
@@ -242,6 +242,16 @@ def test_an_excitation_that_is_published_again_with_its_step_is_no_loss():
     for number in (1, 2, 2, 3):
         account.note(number)
     assert account.lacks() == []
+
+
+def test_an_excitation_that_is_published_again_in_place_of_a_refused_one_is_no_loss(ledger: Ledger) -> None:
+    for number, second in ((1, 10), (2, 20), (1, 10), (3, 30)):
+        message = Excitation(run=1, id=number)
+        message.header.stamp.sec = second
+        ledger.note("excitation", message)
+    assert not [text for text in ledger.lacks() if text.startswith("excitation lacks")]
+    ledger.note("excitation", Excitation(run=1, id=2))  # of a generator that was started again, and had published one
+    assert any(text.startswith("excitation lacks messages 1") for text in ledger.lacks()), ledger.lacks()
 
 
 def test_messages_at_other_steps_than_those_due_fill_no_gap():

@@ -39,11 +39,31 @@ class DataSet(Figures):
     bound: Bound
 
 
+class RealMethod(Figures):
+    """Fits of one method on data of a real plant; percent."""
+
+    fit_simulation: float
+    fit_prediction: float
+    seconds: float
+    peak_mb: float
+    runs: int
+    failures: int
+
+
+class RealData(Figures):
+    """Our methods on the CD player."""
+
+    ours: RealMethod
+    ours_ssarx: RealMethod
+    ours_pbsid: RealMethod
+
+
 class BenchIdent(Figures):
-    """All that is measured without other packages and without data from elsewhere."""
+    """All that is measured without other packages; the CD player only where its file is."""
 
     squares: DataSet
     multisine: DataSet
     squares_noise10: DataSet
     rotor4: DataSet
     siso: DataSet
+    cd_player: RealData | None = None
