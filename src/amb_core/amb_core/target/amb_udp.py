@@ -53,6 +53,7 @@ RECEIVE_TIMEOUT = 0.002  # s; also the precision of heartbeats
 FIRST_REPEAT, LONGEST_REPEAT = 0.02, 0.1  # s after which a command without a reply is sent again
 HELLO_PERIOD = 0.05  # s
 HEARTBEAT_PERIOD, EXCITED_HEARTBEAT_PERIOD = 0.1, 0.005  # s; the target waits 20 ms while it is excited
+UNREAD = 10.0  # times longer that silence must last while frames of anybody wait to be read
 SILENCE = 0.4  # s without a frame after which the target is taken for gone; its status comes every 100 ms
 STREAM_TIMEOUT = 0.25  # s without samples after which telemetry is asked for again
 CLOCK_PERIOD = 2.0  # s
@@ -311,7 +312,7 @@ class AmbUdpLink(HostLoopLink):
                 now = time.monotonic()
                 if datagram is not None:
                     self._take(decode(datagram, self._session), now)
-                self._keep_up(now)
+                self._keep_up(now, datagram is None)
         finally:
             self._silent = True  # also after an error of the listener: commands end at once
 
@@ -349,9 +350,10 @@ class AmbUdpLink(HostLoopLink):
             self._reached = block.first_step + block.steps
             self._listener.on_samples(block)
 
-    def _keep_up(self, now: float) -> None:
-        """What is due by the clock."""
-        if self._silent or now - self._heard > SILENCE:  # until it has described itself
+    def _keep_up(self, now: float, all_read: bool) -> None:
+        """What is due by the clock; frames that wait to be read, after a pause of this thread, are no silence."""
+        limit = SILENCE if all_read else UNREAD * SILENCE
+        if self._silent or now - self._heard > limit:  # until it has described itself
             if not self._silent:
                 self._silent, self._pages = True, Pages()
                 self._deliver(self._order.flush())
