@@ -31,7 +31,6 @@ from amb_core.target import (
 )
 from amb_ros import diagnostics, network, topics
 from amb_ros.alarms import RecentProblem
-from amb_ros.callers import callers
 from amb_ros.managed_node import ManagedNode
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -314,7 +313,7 @@ class HardwareBridgeNode(ManagedNode):
 
     def _on_reset_faults(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         link = self._connected()
-        self.get_logger().info(f"reset_faults: asked for by {callers(self, '~/reset_faults')}")
+        self.get_logger().info("reset_faults: asked for")
         link.reset_faults()
         self._watch.forget_own_trips()
         self.problem = self.refusal = ""
@@ -347,8 +346,7 @@ class HardwareBridgeNode(ManagedNode):
     def _on_parameters(self, parameters: BridgeParameters) -> None:
         before, after = flatten(self._settings.model_dump()), flatten(parameters.model_dump())
         changed = ", ".join(f"{name} = {value}" for name, value in after.items() if value != before[name])
-        senders = [callers(self, f"~/set_parameters{kind}") for kind in ("", "_atomically")]
-        self.get_logger().info(f"parameters {changed or 'as before'}: set by {' or '.join(senders)}")
+        self.get_logger().info(f"parameters set: {changed or 'as before'}")
         self._settings = parameters
         self.worker.submit(self._send_settings)
 

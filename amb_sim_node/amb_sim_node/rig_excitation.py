@@ -24,7 +24,6 @@ from amb_core.rig import ExcitationProtection, Runs
 from amb_core.target import ExcitationPhase, TargetLink, TargetState, TooLateError
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
-from amb_ros.callers import publishers
 from amb_ros.excitation_messages import STOP, Checked, check, read, require_samples, resolve
 from amb_ros.qos import EVERY_STATE
 from amb_ros.subscriptions import create_subscription
@@ -118,8 +117,7 @@ class RigExcitation:
             self._node.get_logger().error(traceback.format_exc())
             self._refuse(status, f"internal error: {problem!r}; see the log of the bridge")
             return
-        senders = publishers(self._node, topics.EXCITATION)
-        self._node.get_logger().info(f"excitation {status.kind} from step {status.first_step} of {senders}")
+        self._node.get_logger().info(f"excitation {status.kind} from step {status.first_step}")
         status.accepted = True
         self._applied = _identity(message, status.first_step)
         if self._node.context.ok():

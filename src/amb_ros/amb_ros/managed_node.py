@@ -18,7 +18,6 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from amb_core.errors import AmbError, bounded, one_line
-from amb_ros.callers import callers
 from amb_ros.deferred_answers import answer_by
 
 SHUTDOWN = "shutdown"
@@ -122,7 +121,7 @@ class ManagedNode(LifecycleNode):
             self.refusal = f"{name} is not allowed while {self.state_label}; allowed: {possible}"
             self.get_logger().error(self.refusal)
             return False
-        self.get_logger().info(f"{label}: asked for by {callers(self, '~/change_state')}")
+        self.get_logger().info(f"{label}: asked for")
         self.refusal = ""
         return bool(triggers[label]() == TransitionCallbackReturn.SUCCESS)
 
