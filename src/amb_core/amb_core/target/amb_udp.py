@@ -361,14 +361,15 @@ class AmbUdpLink(HostLoopLink):
             self._say_hello(now)
         elif now >= self._next_heartbeat and self._exchange.acquire(blocking=False):
             try:  # not answered by anybody who waits: the status in the reply is what it is for
-                self._send(self._writer.write(self._due(now)))
+                self._send(self._writer.write(self._due(now, all_read)))
             finally:
                 self._exchange.release()
             self._next_heartbeat = now + (EXCITED_HEARTBEAT_PERIOD if self._excited else HEARTBEAT_PERIOD)
 
-    def _due(self, now: float) -> Command:
+    def _due(self, now: float, all_read: bool) -> Command:
         """What shows the target that the host is there: telemetry if it stopped, its clock at times, else nothing."""
-        if self._heard - self._sampled > STREAM_TIMEOUT:  # it is there, but without samples: a new stream has a gap
+        # It is there, but without samples; a new stream has a gap.
+        if all_read and self._heard - self._sampled > STREAM_TIMEOUT:
             self._sampled = now
             return self._stream()
         if now >= self._next_clock:
