@@ -96,7 +96,7 @@ docs: setup .venv-docs/.complete  ## the documentation site, without network onc
 	  echo "results/docs/index.html"
 
 lint: setup  ## ruff, mypy and the direction of imports
-	@$(RUN) ruff check . && ruff format --check . && mypy && lint-imports
+	@$(RUN) ruff check --no-cache . && ruff format --no-cache --check . && mypy && lint-imports
 
 clean:  ## remove everything that the targets above made
 	rm -rf .venv .venv-peers .venv-docs .floor build install log results docs/repository docs/reference/api .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -27,9 +27,8 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 
 if TYPE_CHECKING:
-    from conftest import LinearBearing
-
     from amb_core.identification import IdentificationProgress
+    from conftest import LinearBearing
 
 PAPER = ControllerParameters()
 NOISE = {"noise": 5e-8, "force": 0.3}  # m, N
