@@ -11,7 +11,7 @@ from amb_core.errors import ParameterError, PlantError
 from amb_core.figures import stability_figure
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import load_parameters, validate
-from amb_core.plant import Plant, PlantParameters, linearize
+from amb_core.plant import Plant, PlantParameters, describe, linearize
 from amb_core.plant.averaged import coil_references
 from amb_core.plant.operating_point import static_force
 from amb_core.tuning import (
@@ -26,8 +26,9 @@ from amb_core.tuning import (
     tune,
 )
 from amb_core.tuning.loop_family import LoopFamily, gain_margins
+from amb_core.tuning.sizing import sizing_of
 from amb_core.tuning.stability_chart import stability_chart
-from tests.benchmarks.first_hour import new
+from tests.benchmarks.first_hour import new, wishes
 
 SMALL = Bearing(gap=0.4e-3, turns=60, mass=4.0, bias_current=2.5, voltage=150.0, delay=1.0, sensor_bandwidth=5e3)
 
@@ -91,6 +92,38 @@ def test_the_file_gives_the_nodes_what_was_designed_with_a_comment_on_every_valu
 def test_a_bearing_that_no_pd_gains_hold_is_refused_with_the_reason(change: dict[str, float], problem: str) -> None:
     with pytest.raises(PlantError, match=problem):
         design_bearing(SMALL.model_copy(update=change))
+
+
+def test_a_bias_that_saturates_the_iron_is_refused_with_what_would_do() -> None:
+    wish = {"gap": 0.35e-3, "turns": 180, "mass": 4.0, "bias_current": 3.0, "voltage": 48.0, "sample_rate": 20_000.0}
+    with pytest.raises(PlantError, match=r"flux density of 1\.94 T.*allowed: up to 1 T, .* of 1\.55 A, 92 turns or"):
+        design_bearing(Bearing(**wish))
+    assert design_bearing(Bearing(**wish | {"turns": 92, "voltage": 150.0})).lift_off.levitated
+
+
+def test_closed_forms_are_those_of_the_plant(design: BearingDesign) -> None:
+    sizing, described = design.sizing, describe(design.plant, design.tuned.controller)
+    assert sizing.bias_flux_density == pytest.approx(described.bias_flux_density, rel=0.05)  # without the iron
+    assert sizing.unstable_pole == pytest.approx(described.unstable_pole, rel=0.1)
+    assert sizing.remarks == []
+
+
+@pytest.mark.parametrize(
+    ("change", "remark"),
+    [
+        ({"switching_frequency": 10e3, "voltage": 300.0}, "current ripple of"),
+        ({"sample_rate": 1e3, "switching_frequency": 100e3}, "samples to respond"),
+        ({"switching_frequency": 10e3, "mass": 0.01}, "is hardly faster than the unstable pole"),
+    ],
+)
+def test_what_is_little_or_much_is_named(change: dict[str, float], remark: str) -> None:
+    assert any(remark in text for text in sizing_of(plant_of(SMALL.model_copy(update=change))).remarks)
+
+
+def test_no_wish_gets_a_text_of_the_simulator() -> None:
+    found = wishes.measure(8)
+    assert found["texts"] == []
+    assert found["levitated"] + found["explained"] == 8
 
 
 def test_slow_amplifiers_are_named_as_the_reason() -> None:

@@ -50,6 +50,16 @@ class New(Figures):
     worst_peak_sensitivity: float
 
 
+class Wishes(Figures):
+    """Wishes drawn over all that `amb new` allows; internal texts must be none."""
+
+    drawn: int
+    levitated: int
+    explained: int
+    internal: int
+    texts: list[str]
+
+
 class FirstHour(Figures):
     """All of it."""
 
@@ -57,3 +67,4 @@ class FirstHour(Figures):
     pages: Pages | Skipped
     files: Files
     new: New
+    wishes: Wishes

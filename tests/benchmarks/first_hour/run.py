@@ -5,6 +5,7 @@ publication of a sample until it is drawn, 95 of 100 frames (latency_median_ms: 
 are drawn. core_share: of the server. lost: samples that the page did not get. load_average: of the machine meanwhile,
 and its cores. hostile_executed: scripts run, orders carried out and answers given to clients without the token or of
 other origins. bit_identical: whether a loop with the page open has the samples of the loop without ROS.
+wishes: drawn over all that `amb new` allows; internal are texts of the simulator, and must be none.
 pages: seconds until a report, and the page of the paper's figures, are drawn; null where there is no such page.
 """
 
@@ -24,6 +25,7 @@ PARTS: dict[str, tuple[str, dict[str, Any]]] = {
     "pages": ("pages", {"folder": results_file("pages", quick=True)}),
     "files": ("files", {"cases": 2}),
     "new": ("new", {"bearings": 1}),
+    "wishes": ("wishes", {"wishes": 4}),
 }
 """The module of each key, whose `measure()` returns the figures, and its smallest size, which `--quick` takes.
 

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.console import Console
 
@@ -87,11 +88,25 @@ def _ask(item: Declaration) -> float | int:
 
 def _show(console: Console, design: BearingDesign, out: Path) -> None:
     table = gains_table(design.tuned, f"{out}: a bearing that levitates")
-    limit = design.tuned.controller.current_limit
+    limit, sizing = design.tuned.controller.current_limit, design.sizing
+    table.add_row(
+        "flux density, bias and at the current limit",
+        f"{sizing.bias_flux_density:.3g}, {sizing.largest_flux_density:.3g} T, linear iron",
+    )
+    if np.isfinite(sizing.load_ratio):
+        table.add_row("force at the current limit, over the weight", f"{sizing.load_ratio:.3g}")
+    table.add_row(
+        "unstable pole, samples in its time constant", f"{sizing.unstable_pole:.3g} 1/s, {sizing.samples:.3g}"
+    )
+    table.add_row("slew rate of the force", f"{1e-3 * sizing.force_slew:.3g} N/ms")
+    table.add_row("bandwidth of the current loop", f"{sizing.current_bandwidth:.3g} Hz")
+    table.add_row("ripple of a coil current", f"{sizing.current_ripple:.3g} A of {sizing.bias_current:.3g} A bias")
     table.add_row("control current that lifts the rotor off", f"{design.lift_off_current:.3g} A of {limit:.3g} A")
     table.add_row("largest control current while it rises", f"{design.lift_off.largest_current:.3g} A of {limit:.3g} A")
     table.add_row("simulated lift-off", f"at rest in the centre after {1e3 * design.lift_off.time:.0f} ms")
     console.print(table)
+    for remark in sizing.remarks:
+        console.print(f"note: {remark}", highlight=False)
     console.print(f"written to {out}; next:", highlight=False)
     for command, does in (
         (f"amb plant describe --params {out}", "its constants"),

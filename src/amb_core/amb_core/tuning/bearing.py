@@ -26,9 +26,10 @@ _LOOP_SHARE = (
     / (inductance(_PAPER) * _PAPER_AMPLIFIER.switching_frequency)
 )
 """Crossover of the paper's current loop 2 V K_P / L (rad/s) over its switching frequency (Hz)."""
-STEPS_PER_PERIOD = (20, 40, 80, 160)
+STEPS_PER_PERIOD = tuple(20 * 2**power for power in range(10))
 """Internal steps in a switching period; more where eddy currents are fast, or the period is long."""
 LONGEST_STEP = 5e-6  # s
+SMALLEST_CLEARANCE = 1e-6  # m
 HIGHEST_GAIN = 1e3  # 1/A, of a current loop
 
 
@@ -41,11 +42,11 @@ class Bearing(Parameters):
     bias_current: float = required("A", "bias current of every electromagnet", 1e-3, 100.0)
     voltage: float = required("V", "supply voltage of the amplifiers: a coil sees plus or minus this", 1.0, 5000.0)
     sample_rate: float = quantity(10_000.0, "Hz", "sample rate of the controller", 1e3, 1e5)
-    journal_diameter: float = quantity(69.9e-3, "m", "outer diameter of the journal", 2e-3, 1.0)
+    journal_diameter: float = quantity(69.9e-3, "m", "outer diameter of the journal", 5e-3, 0.9)
     length: float = quantity(49.15e-3, "m", "axial length of the magnets", 1e-3, 1.0)
     pole_width: float = quantity(0.0, "m", "width of a pole; 0: as in the paper's bearing, in proportion", 0.0, 1.0)
     resistance: float = quantity(0.2, "ohm", "resistance of the two coils of an electromagnet", 0.0, 100.0)
-    current_limit: float = quantity(0.0, "A", "largest coil current; 0: twice the bias current", 0.0, 1000.0)
+    current_limit: float = quantity(0.0, "A", "largest coil current; 0: twice the bias current", 0.0, 100.0)
     clearance: float = quantity(0.0, "m", "distance from the centre to the backup bearing; 0: half the gap", 0.0, 5e-3)
     sensor_bandwidth: float = quantity(0.0, "Hz", "first-order low-pass of the position sensors; 0: none", 0.0, 1e6)
     delay: float = quantity(0.0, "-", "computing time as a part of a controller sample", 0.0, 1.0)
@@ -56,6 +57,10 @@ class Bearing(Parameters):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Bearing:
+        if 0.0 < self.clearance < SMALLEST_CLEARANCE:
+            raise ValueError(
+                f"clearance = {self.clearance:g} m is not allowed; allowed: 0, or {SMALLEST_CLEARANCE:g} m and more"
+            )
         if self.clearance >= self.gap:
             raise ValueError(f"clearance = {self.clearance:g} m must be smaller than gap = {self.gap:g} m")
         if 0.0 < self.current_limit <= self.bias_current:

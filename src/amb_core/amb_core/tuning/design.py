@@ -17,6 +17,7 @@ from amb_core.tuning.gains import HIGHEST_PEAK, Tuned, candidates, centred, resu
 from amb_core.tuning.levitation import LiftOff, lift_off
 from amb_core.tuning.loop_family import LoopFamily
 from amb_core.tuning.reasons import reason, require_lift_off
+from amb_core.tuning.sizing import Sizing, require_flux
 
 TRIED = 8
 """Gains of the wide grid that are simulated if the first do not lift the rotor off."""
@@ -38,6 +39,8 @@ class BearingDesign:
         How the rotor rose in the nonlinear simulation.
     lift_off_current : float
         Control current that just lifts the rotor off the backup bearing (A).
+    sizing : Sizing
+        What it can do by closed forms.
     """
 
     bearing: Bearing
@@ -45,6 +48,7 @@ class BearingDesign:
     tuned: Tuned
     lift_off: LiftOff
     lift_off_current: float
+    sizing: Sizing
 
 
 def design_bearing(bearing: Bearing, highest_peak: float = HIGHEST_PEAK) -> BearingDesign:
@@ -63,6 +67,7 @@ def design_bearing(bearing: Bearing, highest_peak: float = HIGHEST_PEAK) -> Bear
         If no PD gains do, with the part of the bearing that is the reason.
     """
     parameters = plant_of(bearing)
+    sizing = require_flux(parameters)
     values = {"sample_rate": bearing.sample_rate, "current_limit": bearing.control_current_limit}
     controller = validate(ControllerParameters, values)
     lifting = require_lift_off(parameters, controller)
@@ -76,8 +81,8 @@ def design_bearing(bearing: Bearing, highest_peak: float = HIGHEST_PEAK) -> Bear
         )
     for trial in chain([tuned], _others(parameters, tuned, highest_peak)):
         risen = lift_off(parameters, trial.controller)
-        if risen.levitated:
-            return BearingDesign(bearing, parameters, trial, risen, lifting)
+        if risen is not None and risen.levitated:
+            return BearingDesign(bearing, parameters, trial, risen, lifting, sizing)
     raise PlantError(_why_it_stays_down(bearing, parameters, tuned, highest_peak))
 
 
@@ -101,6 +106,7 @@ def _why_it_stays_down(bearing: Bearing, parameters: PlantParameters, tuned: Tun
     faster = plant_of(bearing.model_copy(update={"voltage": min(10.0 * bearing.voltage, 5000.0)}))
     text = "small motions in the loop are stable, but the rotor does not rise from the backup bearing: "
     for trial in chain([tuned], _others(parameters, tuned, highest_peak)):
-        if lift_off(faster, trial.controller).levitated:
+        risen = lift_off(faster, trial.controller)
+        if risen is not None and risen.levitated:
             return f"{text}amplifier too slow: {bearing.voltage:g} V do not change the coil currents fast enough"
     return f"{text}the control current is limited to {tuned.controller.current_limit:.3g} A"

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.errors import PlantError
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.parameters import flatten, validate
@@ -50,13 +51,14 @@ class LiftOff:
     record: LoopRecord
 
 
-def lift_off(parameters: PlantParameters, controller: ControllerParameters) -> LiftOff:
-    """Simulate the lift-off of a machine, from where its weight leaves it."""
-    record = simulate(
-        Plant(_lying(parameters)),
-        PdController(controller, len(Plant(parameters).machine.axes)),
-        round(DURATION * parameters.integration.sample_rate),
-    )
+def lift_off(parameters: PlantParameters, controller: ControllerParameters) -> LiftOff | None:
+    """Simulate the lift-off of a machine, from where its weight leaves it; None if it is thrown onto the poles."""
+    plant = Plant(_lying(parameters))
+    law, steps = PdController(controller, len(plant.machine.axes)), round(DURATION * parameters.integration.sample_rate)
+    try:
+        record = simulate(plant, law, steps)
+    except PlantError:  # through the backup bearing, so hard that nothing can be computed any more
+        return None
     clearance = parameters.rotor.backup_bearing_radius
     rest = AT_REST * clearance + _largest_noise(parameters)
     radius = _radius(record.position)

@@ -56,7 +56,7 @@ def _better(
     """Machines with one part nearly ideal, and what the part is called when it is not."""
     sampling, amplifier, sensor = parameters.integration, parameters.amplifier, parameters.sensor
     rate = min(FASTER * sampling.sample_rate, 1e5)
-    factor = round(rate / sampling.sample_rate)
+    factor = max(int(rate / sampling.sample_rate), 1)
     step = min(sampling.internal_step, 0.5 / (factor * sampling.sample_rate))
     changes: list[tuple[str, dict[str, object]]] = [
         (
