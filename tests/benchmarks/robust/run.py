@@ -27,7 +27,6 @@ from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
 from amb_core.robustness import Block, Feedback, RobustnessSettings, assess, feedback_of, mu_peak, peak_gain
 from amb_core.robustness.assessment import assess_loop
-from amb_core.robustness.feedback import plant_of
 from amb_core.robustness.margins import disk_margin_of_axis
 from amb_core.robustness.replay import distance_from_circle
 from amb_core.robustness.structure import uncertain_loop
@@ -150,7 +149,7 @@ def _order_16(steps: int):
     record = loop.run(multisine(4, steps, np.random.default_rng(0)), np.random.default_rng(1))
 
     def feedback(model: StateSpaceModel) -> Feedback:
-        return Feedback(plant_of(model), rotor_controller())
+        return Feedback(model, rotor_controller())
 
     return loop.true_model, feedback, record
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,11 +15,13 @@ if TYPE_CHECKING:
     import control
 
 
-@dataclass(frozen=True, eq=False)
 class LinearSystem:
     """x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k]; in continuous time dx/dt = A x + B u.
 
-    Attributes
+    A parent too, for systems that have more than that, such as noise and offsets: they have these attributes, and
+    whatever makes another system of them makes a `LinearSystem`.
+
+    Parameters
     ----------
     a, b, c, d : ndarray, shapes (n, n), (n, m), (p, n), (p, m)
         Matrices.
@@ -37,11 +38,30 @@ class LinearSystem:
     c: Arrays
     d: Arrays
     sample_time: float
-    input_names: tuple[str, ...] = ()
-    output_names: tuple[str, ...] = ()
-    input_units: tuple[str, ...] = ()
-    output_units: tuple[str, ...] = ()
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_units: tuple[str, ...]
     state_names: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        a: Arrays,
+        b: Arrays,
+        c: Arrays,
+        d: Arrays,
+        sample_time: float,
+        input_names: Sequence[str] = (),
+        output_names: Sequence[str] = (),
+        input_units: Sequence[str] = (),
+        output_units: Sequence[str] = (),
+        state_names: Sequence[str] = (),
+    ) -> None:
+        self.a, self.b, self.c, self.d = a, b, c, d
+        self.sample_time = sample_time
+        self.input_names, self.output_names = tuple(input_names), tuple(output_names)
+        self.input_units, self.output_units = tuple(input_units), tuple(output_units)
+        self.state_names = tuple(state_names)
 
     @property
     def order(self) -> int:

@@ -153,12 +153,7 @@ class Feedback:
 
     def with_plant(self, model: StateSpaceModel) -> Feedback:
         """The same controller with another model."""
-        return replace(self, plant=plant_of(model))
-
-
-def plant_of(model: StateSpaceModel) -> LinearSystem:
-    """The deterministic part of a model."""
-    return LinearSystem(model.a, model.b, model.c, model.d, model.sample_time)
+        return replace(self, plant=model)
 
 
 def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay: int = 0) -> Feedback:
@@ -179,7 +174,7 @@ def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay
         If model and controller do not fit together.
     """
     law = law_as_lti(controller, loop_axes(model, controller), extra_delay)
-    return Feedback(plant_of(model), law, tuple(model.output_names))
+    return Feedback(model, law, tuple(model.output_names))
 
 
 def law_as_lti(controller: KnownController, axes: int, extra_delay: int = 0) -> LinearSystem:
