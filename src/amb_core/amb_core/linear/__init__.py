@@ -1,4 +1,4 @@
-"""Linear systems: the one state-space type, its frequency response and peak gain.
+"""Linear systems: the one state-space type, its response, peak gain, connections, sampling and simulation.
 
 >>> import numpy as np
 >>> from amb_core.linear import LinearSystem

@@ -77,6 +77,11 @@ def peak_gain(system: LinearSystem) -> Peak:
     return found
 
 
+def h_infinity_norm(system: LinearSystem) -> float:
+    """Largest singular value of a system over all frequencies; infinite if it is not stable."""
+    return peak_gain(system).value if system.radius < 1.0 else math.inf
+
+
 def _refined(system: LinearSystem, frequency: float, value: float) -> Peak:
     """The top of the peak at a frequency: AB13DD stops within its tolerance below it."""
     half = 0.5 / system.sample_time

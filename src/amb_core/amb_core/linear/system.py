@@ -133,6 +133,15 @@ class LinearSystem:
             self.input_names, self.output_names, self.input_units, self.output_units, names,
         )  # fmt: skip
 
+    def named(
+        self, inputs: Sequence[str] = (), outputs: Sequence[str] = (), states: Sequence[str] = ()
+    ) -> LinearSystem:
+        """The system with other names; what is not given keeps its own."""
+        return LinearSystem(
+            self.a, self.b, self.c, self.d, self.sample_time, inputs or self.input_names, outputs or self.output_names,
+            self.input_units, self.output_units, states or self.state_names,
+        )  # fmt: skip
+
     def part(self, outputs: list[int] | slice, inputs: list[int] | slice) -> LinearSystem:
         """The system with some of its outputs and inputs."""
         return LinearSystem(

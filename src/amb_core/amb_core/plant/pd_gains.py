@@ -23,11 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
+from amb_core.linear.peak import h_infinity_norm
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import flatten, part_of, validate
 from amb_core.plant.averaged import AveragedPlant
 from amb_core.plant.closed_forms import current_gain, negative_stiffness
-from amb_core.plant.linearise import Linearization, close_loop, linearize
+from amb_core.plant.linearise import close_loop, linearize
 from amb_core.plant.plant import Plant
 from amb_core.plant.rotor import rotor_mass
 
@@ -36,7 +37,6 @@ STIFF, SOFT = (3.0, 4.0, 5.0, 6.0), (1.6, 2.0, 2.5)
 ZETAS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.4, 2.0)
 ENOUGH = 1.5
 """Peak sensitivity (-) that is low enough; if no gains of the grid reach it, those with the lowest are chosen."""
-_FREQUENCIES = 1000
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def choose_gains(plant: Plant, controller: ControllerParameters | None = None) -
     found: list[tuple[float, ControllerParameters]] = []
     for ratios in (STIFF, SOFT):
         trials = [_changed(given, _gains(plant, ratio, zeta)) for ratio, zeta in product(ratios, ZETAS)]
-        peaks = [(_peak_sensitivity(model, trial), trial) for trial in trials]
+        peaks = [(h_infinity_norm(close_loop(model.discrete, trial)[1]), trial) for trial in trials]
         found += [(peak, trial) for peak, trial in peaks if np.isfinite(peak)]
         if any(peak <= ENOUGH for peak, _ in found):
             break
@@ -106,16 +106,3 @@ def _gains(plant: Plant, ratio: float, zeta: float) -> dict[str, float]:
 
 def _changed(controller: ControllerParameters, values: dict[str, Any]) -> ControllerParameters:
     return validate(ControllerParameters, {**flatten(controller.model_dump()), **values})
-
-
-def _peak_sensitivity(model: Linearization, controller: ControllerParameters) -> float:
-    """Largest singular value of the sensitivity with another controller; infinite if the loop is unstable."""
-    sensitivity = close_loop(model.discrete, controller)[1]
-    poles, vectors = np.linalg.eig(sensitivity.A)
-    if np.abs(poles).max() >= 1.0:
-        return np.inf
-    at = np.exp(1j * np.geomspace(2.0 * np.pi * sensitivity.dt, np.pi, _FREQUENCIES))
-    # C (z - A)^-1 B by the eigenvectors: one division a frequency
-    left, right = sensitivity.C @ vectors, np.linalg.solve(vectors, sensitivity.B)
-    response = np.einsum("pn,fn,nm->fpm", left, 1.0 / (at[:, np.newaxis] - poles), right) + sensitivity.D
-    return float(np.linalg.norm(response, ord=2, axis=(1, 2)).max())

@@ -20,10 +20,9 @@ import numpy as np
 
 from amb_core.errors import RobustnessError
 from amb_core.identification.closed_loop import loop_axes
-from amb_core.identification.control_law import LinearLaw, law_of
-from amb_core.linear import Arrays, LinearSystem
-from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_core.loop.linear_control import LinearControllerParameters, pd_as_linear
+from amb_core.linear import Arrays, LinearSystem, connections
+from amb_core.loop.known_controller import KnownController
+from amb_core.loop.linear_control import linear_law
 from amb_core.model import StateSpaceModel
 
 MARGIN = 1e-9
@@ -97,19 +96,15 @@ class Feedback:
         LinearSystem
             From (w_u, w_y, w_x) to (u, y, z_x).
         """
-        (a, b, c), k = (self.plant.a, self.plant.b, self.plant.c), self.controller
-        n, m, p, e = len(a), self.inputs, self.outputs, into_states.shape[1]
-        seen = np.hstack([c, np.zeros((p, k.order))])  # y without w_y
-        current = np.hstack([-k.d @ c, -k.c])  # u without w_u and w_y
-        whole_a = np.block([[a, np.zeros((n, k.order))], [k.b @ c, k.a]])
-        whole_a[:n] += b @ current
-        by_u, by_y = np.eye(m, m + p + e), np.eye(p, m + p + e, m)
-        into_u = by_u - k.d @ by_y
-        into_a = np.vstack([b @ into_u, k.b @ by_y])
-        into_a[:n, m + p :] += into_states
-        out = np.vstack([current, seen, np.hstack([from_states, np.zeros((len(from_states), k.order))])])
-        direct = np.vstack([into_u, by_y, np.zeros((len(from_states), m + p + e))])
-        return LinearSystem(whole_a, into_a, out, direct, self.plant.sample_time)
+        plant = self.plant
+        extended = LinearSystem(
+            plant.a,
+            np.hstack([plant.b, into_states]),
+            np.vstack([plant.c, from_states]),
+            np.zeros((self.outputs + len(from_states), self.inputs + into_states.shape[1])),
+            plant.sample_time,
+        )
+        return connections.feedback(extended, self.controller.scaled(-1.0, 1.0))
 
     @property
     def stable(self) -> bool:
@@ -173,18 +168,13 @@ def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay
     IdentificationError, ParameterError
         If model and controller do not fit together.
     """
-    law = law_as_lti(controller, loop_axes(model, controller), extra_delay)
+    law = law_from_positions(controller, loop_axes(model, controller), extra_delay)
     return Feedback(model, law, tuple(model.output_names))
 
 
-def law_as_lti(controller: KnownController, axes: int, extra_delay: int = 0) -> LinearSystem:
+def law_from_positions(controller: KnownController, axes: int, extra_delay: int = 0) -> LinearSystem:
     """C of u = -C y of a controller for a number of axes; errors as for `feedback_of`."""
-    if not isinstance(controller, LinearControl):
-        controller = LinearControl(pd_as_linear(controller, axes), LinearControllerParameters())
-    law = law_of(controller, axes)
-    assert isinstance(law, LinearLaw)
-    from_output, direct = law.from_output
-    control = LinearSystem(law.a, from_output, -law.c, -direct, 1.0 / controller.sample_rate)
+    control = linear_law(controller, axes).part(slice(None), slice(axes, None)).scaled(-1.0, 1.0)
     for _ in range(extra_delay):
         control = control.delayed()
     return control
@@ -192,7 +182,7 @@ def law_as_lti(controller: KnownController, axes: int, extra_delay: int = 0) -> 
 
 def is_same_law(first: KnownController, second: KnownController, axes: int) -> bool:
     """Whether two controllers answer positions alike, whatever their limits."""
-    laws = [law_as_lti(one, axes) for one in (first, second)]
+    laws = [law_from_positions(one, axes) for one in (first, second)]
     return laws[0].sample_time == laws[1].sample_time and all(
         np.array_equal(getattr(laws[0], name), getattr(laws[1], name)) for name in "abcd"
     )

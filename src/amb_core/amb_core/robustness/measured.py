@@ -22,7 +22,7 @@ from amb_core.identification.data import IdentificationData
 from amb_core.identification.nonparametric import estimate_response, find_period
 from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_core.robustness.feedback import Feedback, law_as_lti
+from amb_core.robustness.feedback import Feedback, law_from_positions
 from amb_core.robustness.local_response import local_response
 
 FREQUENCIES = 400  # of the curve of a reference without period
@@ -110,7 +110,7 @@ def measured_sensitivity(data: IdentificationData, controller: KnownController) 
         raise RobustnessError("the sensitivity needs data with the reference; record them with an excitation")
     by_errors = _of_errors(controller)
     periodic = find_period(references) is not None
-    law = law_as_lti(controller.at_rate(data.sample_rate), len(data.output_names))
+    law = law_from_positions(controller.at_rate(data.sample_rate), len(data.output_names))
     found = (_over_periods if periodic else _over_bands)(data, law, by_errors)
     known = np.all(found.deviation <= LARGEST_ERROR * np.abs(found.own), axis=1)
     if not known.any():

@@ -25,7 +25,7 @@ from amb_core.plant.closed_forms import current_gain, negative_stiffness
 from amb_core.plant.linearise import Linearization
 from amb_core.plant.pd_gains import choose_gains
 from amb_core.plant.rotor import rotor_mass
-from amb_core.tuning.loop_family import LoopFamily, gain_margins, peak_sensitivity
+from amb_core.tuning.loop_family import LoopFamily, gain_margins
 
 HIGHEST_PEAK = 3.0
 """Peak sensitivity (-) up to which ISO 14839-3 puts a machine in its zone A, as cited; to be checked against it."""
@@ -118,7 +118,7 @@ def result_of(plant: Plant, family: LoopFamily, gains: tuple[float, float]) -> T
     return Tuned(
         controller,
         model,
-        peak_sensitivity(model, controller),
+        model.peak_sensitivity,
         k_i * gains[0] - k_s,
         k_i * gains[1],
         gain_margins(family, *gains),

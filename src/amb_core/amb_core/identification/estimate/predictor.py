@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.errors import IdentificationError
-from amb_core.identification.estimate.small_matrices import add_product, set_matrix_product, set_product
+from amb_core.linear.small_matrices import add_product, set_matrix_product, set_product
 
 _BLOCK = 10_000  # samples whose regressors are held at once, fewer if these are many
 _ENTRIES = 2_420_000  # of the regressors held at once: 20 MB

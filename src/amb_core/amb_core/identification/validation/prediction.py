@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.estimate.small_matrices import add_product, set_product
 from amb_core.identification.validation.fit import nrmse_fit
+from amb_core.linear.small_matrices import add_product, set_product
 from amb_core.model.state_space import StateSpaceModel
 
 _CURVE_POINTS = 20  # horizons between the first and the last requested one, for the curve of fit over horizon
