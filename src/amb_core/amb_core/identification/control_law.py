@@ -32,6 +32,8 @@ class PdLaw(NamedTuple):
 class LinearLaw(NamedTuple):
     """A linear law, as `linear_update` takes it, with the map from its first inputs to its state at rest.
 
+    The form of a `LinearControl` for compiled loops: numba takes named tuples of arrays, not objects.
+
     State: x, a place to work in of the same size, the inputs u, and 1 once it has begun.
     """
 

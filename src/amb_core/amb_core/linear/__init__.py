@@ -8,6 +8,6 @@
 (1.0, 0.0)
 """
 
-from amb_core.linear.system import Arrays, Complexes, LinearSystem
+from amb_core.linear.system import Arrays, Complexes, LinearSystem, rates_of
 
-__all__ = ["Arrays", "Complexes", "LinearSystem"]
+__all__ = ["Arrays", "Complexes", "LinearSystem", "rates_of"]

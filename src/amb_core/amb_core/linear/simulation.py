@@ -22,15 +22,22 @@ def simulate(system: LinearSystem, signals: Arrays, state: Arrays | None = None)
         State at the first sample, by default zero.
     """
     a, b, c, d, signals = (np.ascontiguousarray(one) for one in (system.a, system.b, system.c, system.d, signals))
-    start = np.zeros(system.order) if state is None else np.array(state, dtype=np.float64)
+    state = np.zeros(system.order) if state is None else np.array(state, dtype=np.float64)
     outputs = np.empty((len(signals), system.outputs))
-    _simulate(a, b, c, d, start, np.empty(system.order), signals, outputs)
+    _simulate(a, b, c, d, state, np.empty(system.order), signals, outputs)
     return outputs
 
 
+def state_sequence(a: Arrays, b: Arrays, signals: Arrays, state: Arrays) -> Arrays:
+    """States of x[k+1] = A x[k] + B u[k], shape (steps, n), from the one at the first sample."""
+    states = np.empty((len(signals), len(a)))
+    a, b, state, signals = (np.ascontiguousarray(one) for one in (a, b, state, signals))
+    _advance(a, b, state, signals, states)
+    return states
+
+
 @numba.njit(cache=True)
-def state_sequence(a: Arrays, b: Arrays, state: Arrays, signals: Arrays, states: Arrays) -> None:
-    """Fill in the states of x[k+1] = A x[k] + B u[k], shape (steps, n), from the one at the first sample."""
+def _advance(a: Arrays, b: Arrays, state: Arrays, signals: Arrays, states: Arrays) -> None:
     for index in range(len(state)):
         states[0, index] = state[index]
     for step in range(1, len(signals)):

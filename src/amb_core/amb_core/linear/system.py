@@ -15,6 +15,12 @@ if TYPE_CHECKING:
     import control
 
 
+def rates_of(poles: Complexes, sample_time: float) -> Complexes:
+    """Poles z of a discrete system as rates s = ln(z) / T (1/s), with -inf for z = 0."""
+    with np.errstate(divide="ignore"):
+        return np.log(np.abs(poles)) / sample_time + 1j * np.angle(poles) / sample_time
+
+
 class LinearSystem:
     """x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k]; in continuous time dx/dt = A x + B u.
 

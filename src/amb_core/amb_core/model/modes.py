@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.linear import LinearSystem
+from amb_core.linear import LinearSystem, rates_of
 from amb_core.model.mode_kinds import with_kinds
 from amb_core.model.whirl import Whirl, ellipticity, sensor_planes, whirl_of
 
@@ -151,8 +151,7 @@ def modes_of(system: LinearSystem) -> Modes:
     poles, left, right = linalg.eig(system.a, left=True, right=True)
     names = system.output_names
     planes = sensor_planes(names)
-    with np.errstate(divide="ignore"):
-        rates = np.log(np.abs(poles)) / system.sample_time + 1j * np.angle(poles) / system.sample_time
+    rates = rates_of(poles, system.sample_time)
     slow = np.flatnonzero((np.abs(rates) < math.pi / system.sample_time) & (rates.imag >= 0.0))
     modes = []
     for group in _groups(rates, slow):

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.linear import LinearSystem
+from amb_core.linear import LinearSystem, rates_of
 from amb_core.linear.connections import beside, feedback
 from amb_core.linear.peak import h_infinity_norm
 from amb_core.linear.sampling import discretised
@@ -33,7 +33,7 @@ from amb_core.plant.differences import linear_plant
 from amb_core.plant.linear_axial import AxialPoint, averaged_axial, axial_point, sampled_axial
 from amb_core.plant.operating_point import OperatingPoint, point_at, point_held_by
 from amb_core.plant.plant import Plant
-from amb_core.plant.rigid_mode import rates_of, rigid_pair
+from amb_core.plant.rigid_mode import rigid_pair
 from amb_core.plant.sampled_amplifiers import modulation_is_regular, sampled_plant
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.linear import LinearSystem
+from amb_core.linear import LinearSystem, rates_of
 
 _NOT_OF_THE_ROTOR = ("flux", "circulating", "memory", "integral", "charge", "voltage", "held", "sensed", "derivative")
 _LEAST_PARTICIPATION = 0.1
@@ -21,12 +21,6 @@ _LEAST_SHARE = 0.9  # of the motion of an output, relative to the mode that move
 _SAME_RATE = 1e-4
 _LEAST_SHAPE = 1e-3
 _LEAST_ALIKE = 0.5  # modal assurance criterion of two shapes: 1 for the same, 0 for orthogonal ones
-
-
-def rates_of(poles: NDArray[np.complex128], sample_time: float) -> NDArray[np.complex128]:
-    """ln(z) / T, with -inf for z = 0."""
-    with np.errstate(divide="ignore"):
-        return np.log(np.abs(poles)) / sample_time + 1j * np.angle(poles) / sample_time
 
 
 def rigid_pair(loop: LinearSystem, axis: str) -> NDArray[np.complex128] | None:

@@ -206,7 +206,11 @@ def _predict(
     outputs: NDArray[np.float64],
     predictions: NDArray[np.float64],
 ) -> None:
-    """Fill in yhat, shape (steps, p), from the state at the first step; `advanced` is work space of its shape."""
+    """Fill in yhat, shape (steps, p), from the state at the first step; `advanced` is work space of its shape.
+
+    As `amb_core.linear.simulation`, without a copy of inputs and outputs side by side: estimates run it thousands of
+    times.
+    """
     for step in range(len(inputs)):
         set_product(c, state, predictions[step])
         set_product(f, state, advanced)
