@@ -21,8 +21,8 @@ from amb_core.plant.linearise import Linearization, close_loop
 
 FREQUENCIES = 400
 """On the grid: 66 in a decade, the last at half the sample rate; at the first, 1e-6 of that, a soft loop is at rest."""
-
-_WITHOUT_LISTS: dict[str, tuple[float, ...]] = {"proportional_gains": (), "derivative_gains": ()}
+WITHOUT_LISTS: dict[str, tuple[float, ...]] = {"proportional_gains": (), "derivative_gains": ()}
+"""No gains of single axes."""
 
 
 class LoopFamily:
@@ -32,14 +32,17 @@ class LoopFamily:
     ----------
     model : Linearization
         Its discrete plant and its controller are used.
+    every_axis : bool, optional
+        The same gains on the axial axis, too.
     """
 
-    def __init__(self, model: Linearization) -> None:
+    def __init__(self, model: Linearization, every_axis: bool = False) -> None:
         self.model = model
         given = part_of(ControllerParameters, model.controller.model_dump())
         self._axes = model.discrete.inputs
         packed = pack_gains(given, self._axes)
-        radial = np.array([not label.startswith("z") for label in model.discrete.output_names], dtype=float)
+        labels = model.discrete.output_names
+        radial = np.array([every_axis or not label.startswith("z") for label in labels], dtype=float)
         self._fixed = (1.0 - radial) * packed[:, 0], (1.0 - radial) * packed[:, 1]
         self._radial, self._given = radial, given
         loops = [
@@ -49,12 +52,12 @@ class LoopFamily:
         self._by_gain = loops[1].a - loops[0].a, loops[2].a - loops[0].a
         frequency = np.geomspace(0.5e-6, 0.5, FREQUENCIES) / model.discrete.sample_time
         self._plant = model.discrete.response(frequency)
-        unit = given.model_copy(update={"proportional_gain": 0.0, "derivative_gain": 1.0} | _WITHOUT_LISTS)
+        unit = given.model_copy(update={"proportional_gain": 0.0, "derivative_gain": 1.0} | WITHOUT_LISTS)
         self._derivative = -linear_law(unit, 1).response(frequency)[:, 0, 1]  # of the measured position
 
     def controller(self, proportional: float, derivative: float) -> ControllerParameters:
         """The given controller with these gains on the radial axes (A/m, A s/m)."""
-        values = {**flatten(self._given.model_dump()), **_WITHOUT_LISTS}
+        values = {**flatten(self._given.model_dump()), **WITHOUT_LISTS}
         if self._radial.all():
             values |= {"proportional_gain": proportional, "derivative_gain": derivative}
         else:
