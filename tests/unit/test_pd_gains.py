@@ -47,9 +47,7 @@ def test_the_operating_point_of_a_soft_shaft_between_its_bearings_is_found(tmp_p
 
 def test_a_rotor_too_heavy_for_the_current_limit_is_refused():
     plant = Plant(PlantParameters(rotor=RotorParameters(mass=30.0)))
-    with pytest.raises(
-        PlantError, match=r"in the centre needs a control current of 4\.\d+ A; allowed: less than"
-    ):
+    with pytest.raises(PlantError, match=r"in the centre needs a control current of 4\.\d+ A; allowed: less than"):
         choose_gains(plant)
 
 
