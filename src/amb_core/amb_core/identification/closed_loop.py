@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.control_law import Law, Start, advance_law, law_of, recall, state_of
+from amb_core.linear import LinearSystem
 from amb_core.linear.connections import feedback
 from amb_core.linear.small_matrices import add_product, set_product
 from amb_core.loop.known_controller import KnownController
@@ -86,9 +87,20 @@ def closed_loop_poles(model: StateSpaceModel, controller: KnownController) -> ND
     IdentificationError, ParameterError
         If model and controller do not fit together.
     """
+    return loop_of(model, controller).poles()
+
+
+def loop_of(model: StateSpaceModel, controller: KnownController) -> LinearSystem:
+    """The model in the loop of the control law without its limit: from (r, w_u, w_y) to (u, y), see `feedback`.
+
+    Raises
+    ------
+    IdentificationError, ParameterError
+        If model and controller do not fit together.
+    """
     axes = loop_axes(model, controller)
     controller.require_axes(axes)
-    return feedback(model, linear_law(controller, axes), references=axes).poles()
+    return feedback(model, linear_law(controller, axes), references=axes)
 
 
 def loop_axes(model: StateSpaceModel, controller: KnownController) -> int:
