@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-import control
 import numpy as np
 import pytest
 
@@ -31,6 +30,7 @@ from amb_core.commissioning import (
 from amb_core.errors import IdentificationError
 from amb_core.excitation import Square, generate
 from amb_core.excitation.axes import parts_of
+from amb_core.linear.simulation import simulate as respond
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.model import StateSpaceModel
@@ -95,7 +95,7 @@ def test_the_resonance_is_that_of_the_loop_that_was_swept(expected: Expected) ->
     signal = sweep(SETTINGS)
     samples = generate(signal, RATE, MACHINE).samples[: round(5.0 * RATE)]
     reference = np.vstack([samples, np.zeros((3_000, 2))])
-    position = control.forced_response(expected.loop, None, reference.T).outputs.T
+    position = respond(expected.loop, reference)
     found = closed_loop(record_of(position, reference), 0, (5.0, 200.0))
     truth = fit_second_order(found.frequency, expected.response(found.frequency, 0))
     assert found.resonance.natural_hz == pytest.approx(truth.natural_hz, rel=0.005)

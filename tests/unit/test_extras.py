@@ -67,7 +67,7 @@ def test_a_node_starts_without_the_optional_parts(module: str) -> None:
 
 NEEDING = {  # an extra: what needs it
     "'cluster' of amb_core": ("import amb_core.tasks.cluster", "import amb_core.tasks.pool"),
-    "'control' of amb_core": ("from amb_core.plant import *; linearize(Plant(PlantParameters()))",),
+    "'control' of amb_core": ("from amb_core.linear import *; LinearSystem(*4 * [[[0.0]]], 1e-4).to_control()",),
     "'figures' of amb_core": (
         "import amb_core.figures.chart",
         "import amb_core.report",
@@ -99,8 +99,8 @@ for code in {codes!r}:
 
 
 def test_a_command_without_its_extra_ends_with_that_line() -> None:
-    code = "import amb_bringup.cli\nsys.argv = ['amb', 'plant', 'describe']\nprint(amb_bringup.cli.main())"
-    assert run_without(("control",), code).strip() == "1"
+    code = "import amb_bringup.cli\nsys.argv = ['amb', 'view']\nprint(amb_bringup.cli.main())"
+    assert run_without(("tornado",), code).strip() == "1"
 
 
 @pytest.mark.slow

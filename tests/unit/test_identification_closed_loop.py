@@ -55,7 +55,7 @@ def test_closed_loop_poles_are_the_modes_of_the_loop(bearing: LinearBearing, con
     unlimited = controller.model_copy(update={"current_limit": 100.0})
     model = replace(bearing.model, input_offset=np.zeros(2), initial_state=np.array([1e-6, 0.0, -2e-6, 1e-4, 0.0, 0.1]))
     poles = closed_loop_poles(model, unlimited)
-    assert len(poles) == model.order + 4
+    assert len(poles) == model.order + 2  # of the controller: one state per axis
     free = simulate_closed_loop(model, unlimited, np.zeros((200, 2))).position
     characteristic = np.poly(poles).real
     for axis in range(2):

@@ -45,13 +45,13 @@ def averaged() -> Linearization:
 def static_gains(model: Linearization) -> tuple[float, float]:
     """Stiffness (N/m) and current gain (N/A) along x: what is left of the force when all but the rotor is at rest."""
     system = model.continuous
-    position, velocity = system.find_state("x"), system.find_state("v_x")
-    inner = [n for n, name in enumerate(system.state_labels) if name.startswith(("flux", "integral"))]
+    position, velocity = (system.state_names.index(name) for name in ("x", "v_x"))
+    inner = [n for n, name in enumerate(system.state_names) if name.startswith(("flux", "integral"))]
     settled = np.linalg.solve(
-        system.A[np.ix_(inner, inner)], np.column_stack([system.A[inner, position], system.B[inner, 0]])
+        system.a[np.ix_(inner, inner)], np.column_stack([system.a[inner, position], system.b[inner, 0]])
     )
-    direct = np.array([system.A[velocity, position], system.B[velocity, 0]])
-    stiffness, gain = MASS * (direct - system.A[velocity, inner] @ settled)
+    direct = np.array([system.a[velocity, position], system.b[velocity, 0]])
+    stiffness, gain = MASS * (direct - system.a[velocity, inner] @ settled)
     return stiffness, gain
 
 
@@ -82,16 +82,16 @@ def test_right_hand_side_vanishes_at_the_operating_point(paper):
 
 
 def test_states_inputs_and_outputs_are_named(paper):
-    assert paper.continuous.input_labels == paper.discrete.input_labels == ["i_x", "i_y"]
-    assert paper.continuous.output_labels == paper.discrete.output_labels == ["x", "y"]
-    assert {"flux_0", "x", "y", "v_x", "v_y", "integral_+x"} <= set(paper.continuous.state_labels)
-    assert {"x", "v_y", "charge_+x", "integral_-y"} <= set(paper.discrete.state_labels)
+    assert paper.continuous.input_names == paper.discrete.input_names == ("i_x", "i_y")
+    assert paper.continuous.output_names == paper.discrete.output_names == ("x", "y")
+    assert {"flux_0", "x", "y", "v_x", "v_y", "integral_+x"} <= set(paper.continuous.state_names)
+    assert {"x", "v_y", "charge_+x", "integral_-y"} <= set(paper.discrete.state_names)
 
 
 def test_axes_are_alike_and_decoupled_without_gravity():
     model = linearize(Plant(PlantParameters(rotor=WITHOUT_GRAVITY)))
     for frequency in (0.0, 2 * np.pi * 60.0, 2 * np.pi * 2000.0):
-        response = model.continuous(1j * frequency)
+        response = model.continuous.at(1j * frequency)[0]
         assert response[0, 0] == pytest.approx(response[1, 1], rel=1e-6)
         assert np.abs([response[0, 1], response[1, 0]]).max() < 1e-6 * np.abs(response[0, 0])
 
@@ -99,7 +99,7 @@ def test_axes_are_alike_and_decoupled_without_gravity():
 def test_discrete_poles_without_modulation_are_those_of_the_held_continuous_plant(averaged):
     expected = np.exp(averaged.continuous.poles() * 1e-4)
     np.testing.assert_allclose(np.sort(np.abs(averaged.discrete.poles())), np.sort(np.abs(expected)), atol=1e-12)
-    assert averaged.discrete.state_labels == averaged.continuous.state_labels
+    assert averaged.discrete.state_names == averaged.continuous.state_names
 
 
 def test_sag_is_where_the_running_loop_settles(paper):
@@ -118,11 +118,11 @@ def small_signal_error(parameters: PlantParameters, axis: int, samples: int = 40
     # The loop is open from here; the drift without the step of 1 mA is subtracted.
     other, step = copy.deepcopy(plant), 1e-3 * np.eye(2)[axis]
     model = linearize(plant).discrete
-    row, state, ratios = model.output_labels.index("xy"[axis]), np.zeros(model.nstates), []
+    row, state, ratios = model.output_names.index("xy"[axis]), np.zeros(model.order), []
     for _ in range(samples):
         change = np.subtract(other.advance(held + step), plant.advance(held))
-        state = model.A @ state + model.B[:, row] * 1e-3
-        ratios.append(change[axis] / (model.C @ state)[row] - 1.0)
+        state = model.a @ state + model.b[:, row] * 1e-3
+        ratios.append(change[axis] / (model.c @ state)[row] - 1.0)
     return np.array(ratios)
 
 
@@ -163,7 +163,7 @@ def test_discrete_plant_has_the_sampling_of_the_modulation(name):
 def test_modulation_that_does_not_fit_the_samples_is_averaged():
     amplifier = AmplifierParameters(switching_frequency=12.5e3, proportional_gain=0.1)
     model = linearize(Plant(PlantParameters(amplifier=amplifier)))
-    assert model.discrete.state_labels == model.continuous.state_labels
+    assert model.discrete.state_names == model.continuous.state_names
 
 
 @pytest.mark.parametrize("settings", [{}, {"derivative_filter": 2e-4}, {"derivative_on": "measurement"}])
@@ -176,10 +176,10 @@ def test_closed_loop_is_the_running_loop_for_small_references(settings):
         for signal in (None, excitation)
     )
     loop = linearize(plant, parameters).closed_loop
-    state = np.zeros(loop.nstates)
+    state = np.zeros(loop.order)
     for sample in moved - still:
-        np.testing.assert_allclose(sample, loop.C @ state, atol=3e-3 * 0.15e-6)
-        state = loop.A @ state + loop.B @ excitation[0]
+        np.testing.assert_allclose(sample, loop.c @ state, atol=3e-3 * 0.15e-6)
+        state = loop.a @ state + loop.b @ excitation[0]
 
 
 def test_modes_of_the_loop_are_those_fitted_to_its_step_response(paper):
@@ -201,8 +201,8 @@ def test_sensitivity_is_that_of_plant_and_controller_in_series(paper):
     for frequency in np.geomspace(20.0, 2_000.0, 200):
         z = np.exp(2j * np.pi * frequency * 1e-4)
         law = controller.proportional_gain + controller.derivative_gain * (1.0 - 1.0 / z) / 1e-4
-        expected = np.linalg.inv(np.eye(2) + paper.discrete(z) * law)
-        np.testing.assert_allclose(paper.sensitivity(z), expected, rtol=1e-6, atol=1e-9)
+        expected = np.linalg.inv(np.eye(2) + paper.discrete.at(z)[0] * law)
+        np.testing.assert_allclose(paper.sensitivity.at(z)[0], expected, rtol=1e-6, atol=1e-9)
         peaks.append(np.linalg.norm(expected, 2))
     assert paper.peak_sensitivity == pytest.approx(max(peaks), rel=1e-3)
 
@@ -217,7 +217,7 @@ def test_loop_with_too_little_gain_is_unstable():
 def test_amplifier_without_integral_part_has_no_such_states():
     plant = Plant(PlantParameters(amplifier=AmplifierParameters(integral_gain=0.0)))
     model = linearize(plant)
-    assert not [name for name in model.continuous.state_labels if name.startswith("integral")]
+    assert not [name for name in model.continuous.state_names if name.startswith("integral")]
     assert np.abs(AveragedPlant(plant).derivative(model.point.state, model.point.current_reference)).max() < 1e-8
 
 

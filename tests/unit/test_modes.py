@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
-import control
 import numpy as np
 import pytest
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.modes import closed_loop_modes
+from amb_core.linear import LinearSystem
+from amb_core.linear.sampling import discretised
 from amb_core.loop.control import ControllerParameters
 from amb_core.model.mode_pairs import pair_modes
 from amb_core.model.modes import Modes, modes_of
@@ -39,11 +40,9 @@ def on_springs(rotor: RotorModel, stiffness=STIFFNESS, damping=DAMPING, rotation
     a = np.vstack([np.eye(n, 2 * n, k=n), rates[:, : 2 * n]])
     b = np.vstack([np.zeros((n, 4)), rates[:, 2 * n :]])
     c = np.hstack([rotor.sensors, np.zeros((4, n))])
-    held = control.StateSpace(a, b, c, 0, outputs=AXES).sample(SAMPLE_TIME)
+    held = discretised(LinearSystem(a, b, c, np.zeros((4, 4)), 0.0, output_names=AXES), SAMPLE_TIME)
     if rotation is not None:  # other coordinates of the state
-        held = control.StateSpace(
-            rotation @ held.A @ rotation.T, rotation @ held.B, held.C @ rotation.T, 0, SAMPLE_TIME, outputs=AXES
-        )
+        held = held.with_matrices(rotation @ held.a @ rotation.T, rotation @ held.b, held.c @ rotation.T, held.d)
     return modes_of(held)
 
 
@@ -204,20 +203,20 @@ def test_a_table_in_json_has_a_row_per_mode():
 # -- pairs
 
 
-def identified(system: control.StateSpace, seed: int = 0, noise: float = 0.0) -> StateSpaceModel:
+def identified(system: LinearSystem, seed: int = 0, noise: float = 0.0) -> StateSpaceModel:
     """The system in other coordinates, as an identified model with small errors in every element."""
     rng = np.random.default_rng(seed)
-    n, p = system.nstates, system.noutputs
+    n, p = system.order, system.outputs
     rotation = np.linalg.qr(rng.normal(size=(n, n)))[0]
 
     def bent(matrix: np.ndarray) -> np.ndarray:
         return matrix * (1.0 + noise * rng.normal(size=matrix.shape))
 
     return StateSpaceModel(
-        a=rotation @ bent(system.A) @ rotation.T, b=rotation @ bent(system.B), c=bent(system.C) @ rotation.T,
-        d=np.zeros((p, system.ninputs)), k=np.zeros((n, p)), innovation_covariance=np.eye(p),
-        input_offset=np.zeros(system.ninputs), output_offset=np.zeros(p), initial_state=np.zeros(n),
-        sample_time=system.dt, input_names=tuple(system.input_labels), output_names=tuple(system.output_labels),
+        a=rotation @ bent(system.a) @ rotation.T, b=rotation @ bent(system.b), c=bent(system.c) @ rotation.T,
+        d=np.zeros((p, system.inputs)), k=np.zeros((n, p)), innovation_covariance=np.eye(p),
+        input_offset=np.zeros(system.inputs), output_offset=np.zeros(p), initial_state=np.zeros(n),
+        sample_time=system.sample_time, input_names=system.input_names, output_names=system.output_names,
     )  # fmt: skip
 
 

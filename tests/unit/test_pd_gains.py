@@ -15,7 +15,7 @@ from amb_core.plant import (
     linearize,
     uniform_shaft,
 )
-from amb_core.plant.pd_gains import ENOUGH, choose_gains
+from amb_core.tuning.pd_gains import ENOUGH, choose_gains
 
 
 def flexible(folder: Path, length: float, diameter: float, bearings: float) -> PlantParameters:
@@ -47,7 +47,7 @@ def test_the_operating_point_of_a_soft_shaft_between_its_bearings_is_found(tmp_p
 
 def test_a_rotor_too_heavy_for_the_current_limit_is_refused():
     plant = Plant(PlantParameters(rotor=RotorParameters(mass=30.0)))
-    with pytest.raises(PlantError, match=r"carrying the rotor needs a control current of 4\.\d+ A; allowed: less than"):
+    with pytest.raises(PlantError, match=r"in the centre needs a control current of 4\.\d+ A; allowed: less than"):
         choose_gains(plant)
 
 
@@ -61,3 +61,10 @@ def test_a_loop_that_no_gains_make_stable_is_refused():
     """A filter of 0.1 s leaves the derivative no effect on a rotor that falls within 5 ms."""
     with pytest.raises(PlantError, match="no PD gains of the grid make a stable loop"):
         choose_gains(Plant(), ControllerParameters(derivative_filter=0.1))
+
+
+def test_the_controller_of_a_machine_with_a_thrust_bearing_has_a_reference_for_every_axis():
+    plant = Plant(PlantParameters(rotor=RotorParameters(model="rigid", axial=True)))
+    references = choose_gains(plant).controller.references(len(plant.machine.axes))
+    assert len(references) == 5
+    assert references[4] == 0.0

@@ -287,9 +287,9 @@ def test_unbalance_whirls_with_the_amplitude_of_the_linear_loop():
     measured_x, measured_y = (2.0 * np.mean(signal * np.exp(-1j * turn)) for signal in (x, y))
 
     system, s, step = linearize(plant).continuous, 2j * np.pi * speed, plant.sample_time
-    resolvent = np.linalg.inv(s * np.eye(system.nstates) - system.A)
-    along_x = resolvent[system.find_state("x")]
-    by_force, by_current = along_x[system.find_state("v_x")] / MASS, along_x @ system.B[:, 0]
+    resolvent = np.linalg.inv(s * np.eye(system.order) - system.a)
+    along_x = resolvent[system.state_names.index("x")]
+    by_force, by_current = along_x[system.state_names.index("v_x")] / MASS, along_x @ system.b[:, 0]
     hold = -np.expm1(-s * step) / (s * step)
     controller = 20_000.0 + 38.0 * -np.expm1(-s * step) / step
     expected = unbalance * (TWO_PI * speed) ** 2 * by_force / (1.0 + by_current * hold * controller)

@@ -13,12 +13,12 @@ from scipy.signal import cont2discrete
 from amb_core.errors import RobustnessError
 from amb_core.identification import closed_loop_poles, estimate_uncertainty
 from amb_core.identification.data import IdentificationData
+from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
 from amb_core.robustness import (
     Block,
-    Lti,
     RobustnessSettings,
     assess,
     certificate_values,
@@ -39,10 +39,10 @@ from tests.lqg_loop import linear_law, rotor
 SETTINGS = RobustnessSettings(frequencies=100)
 
 
-def from_continuous(a, b, c, d, sample_time: float = 1e-3) -> Lti:
+def from_continuous(a, b, c, d, sample_time: float = 1e-3) -> LinearSystem:
     """By the bilinear transform, which keeps every value of the frequency response, at other frequencies."""
     a, b, c, d, _ = cont2discrete((np.array(a), np.array(b), np.array(c), np.array(d)), sample_time, "bilinear")
-    return Lti(a, b, c, d, sample_time)
+    return LinearSystem(a, b, c, d, sample_time)
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,7 @@ def test_the_spinning_satellite_bears_any_change_on_one_axis_and_a_tenth_on_both
     a = 10.0
     coupling = np.array([[1.0, a], [-a, 1.0]])
     sensitivity = from_continuous(-np.eye(2), np.eye(2), -coupling, np.eye(2))
-    complementary = Lti(sensitivity.a, sensitivity.b, -sensitivity.c, np.eye(2) - sensitivity.d, 1e-3)
+    complementary = LinearSystem(sensitivity.a, sensitivity.b, -sensitivity.c, np.eye(2) - sensitivity.d, 1e-3)
     grid = np.geomspace(1e-4, 499.0, 200)
     one, both = disk_peak(sensitivity.part([0], [0]), grid), disk_peak(sensitivity, grid)
     assert peak_gain(complementary).value == pytest.approx(math.sqrt(101.0), rel=1e-6)
@@ -182,7 +182,7 @@ def test_bounds_of_mu_enclose_it_on_random_matrices(real: int) -> None:
         upper = upper_bound(matrix, kinds)
         assert upper <= np.linalg.norm(matrix, 2) * (1.0 + 1e-9)
         if real < 4:
-            system = Lti(np.zeros((0, 0)), np.zeros((0, 4)), np.zeros((4, 0)), matrix, 1e-4)
+            system = LinearSystem(np.zeros((0, 0)), np.zeros((0, 4)), np.zeros((4, 0)), matrix, 1e-4)
             lower, _, delta = lower_bound(system, kinds, 100.0)
             assert lower <= upper * (1.0 + 1e-9)
             assert np.abs(np.linalg.det(np.eye(4) - matrix * delta)) < 1e-9
@@ -225,7 +225,7 @@ def test_a_perturbed_negative_stiffness_is_a_spring_at_the_magnets(loop) -> None
 def test_a_bending_mode_moves_by_the_change_that_is_asked() -> None:
     angle, size = 0.4, 0.995
     a = size * np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    plant = Lti(a, np.array([[0.3], [1.0]]), np.array([[1.0, 0.2]]), np.zeros((1, 1)), 1e-4)
+    plant = LinearSystem(a, np.array([[0.3], [1.0]]), np.array([[1.0, 0.2]]), np.zeros((1, 1)), 1e-4)
     (mode,) = bending_modes(plant)
     step = 1e-6 * 1j * mode.pole
     moved = np.linalg.eigvals(a + mode.into_states @ mode.row(step))

@@ -12,12 +12,12 @@ import pytest
 from amb_core.errors import IdentificationError, RobustnessError
 from amb_core.identification import estimate_uncertainty
 from amb_core.identification.data import IdentificationData
+from amb_core.linear import LinearSystem
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
 from amb_core.robustness import (
     Block,
     Feedback,
-    Lti,
     RobustnessSettings,
     assess,
     assess_loop,
@@ -58,13 +58,13 @@ def uncertainty(loop):
 def first_order(pole: float, gains: list[float], feedback: list[float], delay: int = 0) -> Feedback:
     """Axes that do not see each other: g/(z - pole) under a constant gain and a delay."""
     axes = len(gains)
-    plant = Lti(pole * np.eye(axes), np.diag(gains), np.eye(axes), np.zeros((axes, axes)), STEP)
+    plant = LinearSystem(pole * np.eye(axes), np.diag(gains), np.eye(axes), np.zeros((axes, axes)), STEP)
     if not delay:
         none = np.zeros((0, 0))
-        return Feedback(plant, Lti(none, np.zeros((0, axes)), np.zeros((axes, 0)), np.diag(feedback), STEP))
+        return Feedback(plant, LinearSystem(none, np.zeros((0, axes)), np.zeros((axes, 0)), np.diag(feedback), STEP))
     shift = np.kron(np.eye(delay, k=-1), np.eye(axes))
     b, c = np.eye(delay * axes, axes), np.eye(axes, delay * axes, (delay - 1) * axes)
-    return Feedback(plant, Lti(shift, b, np.diag(feedback) @ c, np.zeros((axes, axes)), STEP))
+    return Feedback(plant, LinearSystem(shift, b, np.diag(feedback) @ c, np.zeros((axes, axes)), STEP))
 
 
 def same_axes(found, expected) -> None:
@@ -99,8 +99,7 @@ def test_axes_in_different_units_have_the_same_numbers(loop, nominal) -> None:
     """A second axis in um: all numbers of one axis and all structured ones stay; only norms over axes change."""
     feedback = feedback_of(*loop)
     unit = np.array([1.0, 1e6])
-    plant = replace(feedback.plant, c=feedback.plant.c * unit[:, np.newaxis])
-    law = replace(feedback.controller, b=feedback.controller.b / unit, d=feedback.controller.d / unit)
+    plant, law = feedback.plant.scaled(unit, 1.0), feedback.controller.scaled(1.0, 1.0 / unit)
     found = assess_loop(Feedback(plant, law, feedback.axes), SETTINGS)
     same_axes(found, nominal)
     assert found.mu.upper == pytest.approx(nominal.mu.upper, rel=1e-3)
@@ -110,7 +109,9 @@ def test_axes_in_different_units_have_the_same_numbers(loop, nominal) -> None:
 def test_a_peak_agrees_with_the_response_whatever_the_states(loop) -> None:
     s = feedback_of(*loop).output_sensitivity
     scale = np.geomspace(1.0, 1e12, s.order)
-    moved = Lti(s.a * scale[:, np.newaxis] / scale, s.b * scale[:, np.newaxis], s.c / scale, s.d, s.sample_time)
+    moved = LinearSystem(
+        s.a * scale[:, np.newaxis] / scale, s.b * scale[:, np.newaxis], s.c / scale, s.d, s.sample_time
+    )
     peak = peak_gain(moved)
     assert peak.value == pytest.approx(peak_gain(s).value, rel=1e-9)
     assert peak.value == pytest.approx(s.gain(peak.frequency), rel=1e-9)
@@ -120,7 +121,8 @@ def test_a_peak_agrees_with_the_response_whatever_the_states(loop) -> None:
 def test_one_sample_time_is_demanded(loop, change: str) -> None:
     feedback = feedback_of(*loop)
     with pytest.raises(RobustnessError, match=r"one sample time: 0.000\d s and 0.000\d s"):
-        replace(feedback, **{change: replace(getattr(feedback, change), sample_time=3e-4)})
+        system = getattr(feedback, change)
+        replace(feedback, **{change: LinearSystem(system.a, system.b, system.c, system.d, 3e-4)})
     with pytest.raises(IdentificationError, match="one sample time"):
         assess(replace(loop[0], sample_time=2e-4), loop[1])
 
@@ -162,7 +164,7 @@ def test_a_controller_with_an_integrator_is_assessed(loop, nominal) -> None:
     law = feedback.controller
     n = law.order
     a = np.block([[law.a, np.zeros((n, 2))], [slow * law.c, np.eye(2)]])
-    with_integral = Lti(a, np.vstack([law.b, slow * law.d]), np.hstack([law.c, np.eye(2)]), law.d, STEP)
+    with_integral = LinearSystem(a, np.vstack([law.b, slow * law.d]), np.hstack([law.c, np.eye(2)]), law.d, STEP)
     found = assess_loop(Feedback(feedback.plant, with_integral, feedback.axes), SETTINGS)
     static = found.feedback.output_sensitivity.response(np.array([0.0]))[0]
     assert np.abs(static).max() < 1e-9
@@ -203,7 +205,7 @@ def test_bounds_of_mixed_perturbations_meet(seed: int) -> None:
     """Random matrices with as many real as complex perturbations; the upper bound is nearly exact for most."""
     random, kinds = np.random.default_rng(seed), np.arange(6) < 3
     matrix = random.normal(size=(6, 6)) + 1j * random.normal(size=(6, 6))
-    system = Lti(np.zeros((0, 0)), np.zeros((0, 6)), np.zeros((6, 0)), matrix, STEP)
+    system = LinearSystem(np.zeros((0, 0)), np.zeros((0, 6)), np.zeros((6, 0)), matrix, STEP)
     upper = upper_bound(matrix, kinds)
     lower, _, delta = lower_bound(system, kinds, 100.0, upper)
     assert 0.9 * upper < lower <= upper * (1.0 + 1e-9)
@@ -218,14 +220,14 @@ def test_a_bound_is_found_where_a_library_does_not_return() -> None:
 
 
 def test_the_peak_of_one_complex_perturbation_is_its_largest_gain() -> None:
-    system = Lti(np.array([[0.5]]), np.array([[1.0]]), np.array([[0.5]]), np.zeros((1, 1)), STEP)
+    system = LinearSystem(np.array([[0.5]]), np.array([[1.0]]), np.array([[0.5]]), np.zeros((1, 1)), STEP)
     peak = mu_peak(system, [Block("gain")], np.geomspace(1.0, 4_000.0, 50))
     assert peak.upper == pytest.approx(system.gain(1.0))
 
 
 def test_real_perturbations_alone_are_bounded_at_rest_too() -> None:
     """1 - 0.5 delta/(z - 0.5): the pole reaches z = 1 at delta = 1, and no other frequency has a real response."""
-    system = Lti(np.array([[0.5]]), np.array([[1.0]]), np.array([[0.5]]), np.zeros((1, 1)), STEP)
+    system = LinearSystem(np.array([[0.5]]), np.array([[1.0]]), np.array([[0.5]]), np.zeros((1, 1)), STEP)
     peak = mu_peak(system, [Block("stiffness", True)], np.geomspace(1.0, 4_000.0, 50))
     assert peak.upper == pytest.approx(1.0)
     assert peak.lower == pytest.approx(1.0)

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-import control
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.excitation import excitation_from_request, generate
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.data.checks.dead_time import dead_times
+from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters, linearize, uniform_shaft
@@ -124,16 +124,16 @@ def _drawn(model: str, random: np.random.Generator) -> PlantParameters:
     return PlantParameters.model_validate(values)
 
 
-def _delayed(plant: control.StateSpace, samples: int) -> control.StateSpace:
+def _delayed(plant: LinearSystem, samples: int) -> LinearSystem:
     """The plant whose inputs of bearing A come later."""
-    a, b, c = plant.A, plant.B, plant.C
-    own = np.diag((np.arange(plant.ninputs) < 2).astype(float))
+    a, b, c = plant.a, plant.b, plant.c
+    own = np.diag((np.arange(plant.inputs) < 2).astype(float))
     for _ in range(samples):
         zero = np.zeros((len(own), len(a)))
         a = np.block([[a, b @ own], [zero, np.zeros_like(own)]])
         b = np.vstack([b @ (np.eye(len(own)) - own), own])
         c = np.hstack([c, np.zeros_like(own)])
-    return control.StateSpace(a, b, c, plant.D, plant.dt, inputs=plant.input_labels, outputs=plant.output_labels)
+    return plant.with_matrices(a, b, c, plant.d)
 
 
 def _excitation(kind: str, steps: int, seed: int) -> NDArray[np.float64]:

@@ -7,11 +7,11 @@ import numpy as np
 from amb_core.errors import IdentificationError
 from amb_core.identification import IdentificationData, identify
 from amb_core.identification.uncertainty import ModelUncertainty
+from amb_core.linear import LinearSystem
 from amb_core.model import StateSpaceModel
-from amb_core.robustness import Feedback, Lti, RobustnessSettings, feedback_of, peak_gain
+from amb_core.robustness import Feedback, RobustnessSettings, feedback_of, peak_gain
 from amb_core.robustness.assessment import WorstCases
 from amb_core.robustness.ellipsoid import PlantSet, gap_objective
-from amb_core.robustness.feedback import plant_of
 from tests.benchmarks.ident import plant
 from tests.benchmarks.ident.linear_loop import multisine
 from tests.benchmarks.ident.rotors import rotor4
@@ -47,15 +47,15 @@ class Rotor:
         return rotor4().run(reference, np.random.default_rng([seed, 1]))
 
     def feedback(self, model) -> Feedback:
-        return Feedback(plant_of(model), rotor_controller(), tuple(model.output_names))
+        return Feedback(model, rotor_controller(), tuple(model.output_names))
 
 
-def rotor_controller() -> Lti:
+def rotor_controller() -> LinearSystem:
     """The PD law of `LinearLoop`, from positions to -currents."""
     loop = rotor4()
     weight, eye, none = (1.0 - loop.keep) / 1e-4, np.eye(4), np.zeros((4, 4))
     proportional, derivative = np.diag(loop.proportional), np.diag(loop.derivative)
-    return Lti(
+    return LinearSystem(
         np.block([[loop.keep * eye, -weight * eye], [none, none]]),
         np.vstack([weight * eye, eye]),
         np.hstack([loop.keep * derivative, -weight * derivative]),
@@ -142,5 +142,5 @@ def axis_peak(feedback: Feedback, axis: int) -> float:
 def gap(feedback: Feedback, scale: float, other) -> float:
     """nu-gap of a model to the plant of a loop."""
     nominal = feedback.plant.response(GRID)
-    change = plant_of(other).response(GRID) - nominal
+    change = other.response(GRID) - nominal
     return float(gap_objective(nominal, scale)(change, np.arange(len(GRID)))[0].max())

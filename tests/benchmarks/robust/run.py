@@ -22,11 +22,11 @@ from scipy.linalg import block_diag
 
 from amb_core.errors import RobustnessError
 from amb_core.identification import IdentificationData, estimate_uncertainty
+from amb_core.linear import LinearSystem
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
-from amb_core.robustness import Block, Feedback, Lti, RobustnessSettings, assess, feedback_of, mu_peak, peak_gain
+from amb_core.robustness import Block, Feedback, RobustnessSettings, assess, feedback_of, mu_peak, peak_gain
 from amb_core.robustness.assessment import assess_loop
-from amb_core.robustness.feedback import plant_of
 from amb_core.robustness.margins import disk_margin_of_axis
 from amb_core.robustness.replay import distance_from_circle
 from amb_core.robustness.structure import uncertain_loop
@@ -61,7 +61,7 @@ def mu(size: Size) -> dict[str, float]:
     """Bounds of mu for complex perturbations of all inputs and outputs, and for the mixed ones of a certificate."""
     settings = RobustnessSettings()
 
-    def bounded(system: Lti, blocks: Sequence[Block]) -> dict[str, float]:
+    def bounded(system: LinearSystem, blocks: Sequence[Block]) -> dict[str, float]:
         peak = mu_peak(system, blocks, GRID)
         found = len(peak.perturbation) > 0
         apart = distance_from_circle(system, peak.perturbation, peak.lower_frequency) if found else math.inf
@@ -103,7 +103,7 @@ def peaks(size: Size) -> dict[str, float]:
     return {"loops": loops, "error": max(item["error"] for item in records("peak", size, loops, one))}
 
 
-def _fine_search(system: Lti) -> float:
+def _fine_search(system: LinearSystem) -> float:
     grid = np.unique(np.concatenate([np.linspace(0.0, 5_000.0, 20_001), np.geomspace(0.01, 5_000.0, 20_000)]))
     for _ in range(4):
         sizes = np.linalg.norm(system.response(grid), 2, axis=(1, 2))
@@ -149,7 +149,7 @@ def _order_16(steps: int):
     record = loop.run(multisine(4, steps, np.random.default_rng(0)), np.random.default_rng(1))
 
     def feedback(model: StateSpaceModel) -> Feedback:
-        return Feedback(plant_of(model), rotor_controller())
+        return Feedback(model, rotor_controller())
 
     return loop.true_model, feedback, record
 

@@ -49,8 +49,8 @@ def _worst(change: dict[str, float], size: Size) -> dict[str, float]:
     measured = measured_sensitivity(_run(plant, controller, sweep.kind, sweep.model_dump()), controller)
     kept = measured.comparable()
     frequency = measured.frequency[kept]
-    true = linearize(Plant(plant), controller).sensitivity(np.exp(2j * np.pi * frequency / RATE))
-    of_linearised = 20.0 * np.log10(np.abs(measured.own[kept].T / np.diagonal(true).T))
+    true = linearize(Plant(plant), controller).sensitivity.response(frequency)
+    of_linearised = 20.0 * np.log10(np.abs(measured.own[kept].T / np.diagonal(true, axis1=1, axis2=2).T))
     return compared(measured.difference_db(feedback), frequency) | {
         "worst_db_of_linearised_plant": float(np.abs(of_linearised).max())
     }

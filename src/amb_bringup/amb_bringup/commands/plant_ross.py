@@ -20,8 +20,8 @@ from amb_core.parameters import load_parameters, nest, part_of, validate
 from amb_core.plant import Plant, modal_data_from_ross
 from amb_core.plant.closed_forms import current_gain
 from amb_core.plant.modal_data import ModalData
-from amb_core.plant.pd_gains import choose_gains
 from amb_core.plant.ross_source import ross_rotor
+from amb_core.tuning.pd_gains import choose_gains
 from amb_sim_node.parameters import SimulatorParameters
 
 CHOSEN = ("proportional_gain", "derivative_gain", "nominal_reference")

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters, linearize
-
-if TYPE_CHECKING:
-    import control
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +29,11 @@ class Expected:
     gain: NDArray[np.float64]
     current: NDArray[np.float64]
     unstable_poles: int
-    loop: control.StateSpace
+    loop: LinearSystem
 
     def response(self, frequency: NDArray[np.float64], axis: int) -> NDArray[np.complex128]:
         """From reference to position of an axis at some frequencies (Hz), shape (frequencies,)."""
-        at = np.exp(2j * np.pi * frequency * self.loop.dt)
-        return np.asarray(self.loop(at, squeeze=False)[axis, axis], dtype=np.complex128)
+        return self.loop.response(frequency)[:, axis, axis]
 
 
 def expected_of(plant: PlantParameters, controller: ControllerParameters) -> Expected:
@@ -54,4 +50,4 @@ def expected_of(plant: PlantParameters, controller: ControllerParameters) -> Exp
         current = np.append(current, found.axial_point.current_reference)
     loop = found.closed_loop
     unstable = int(np.sum(np.abs(found.discrete.poles()) > 1.0))
-    return Expected(np.real(loop(1.0, squeeze=False)), current, unstable, loop)
+    return Expected(np.real(loop.response([0.0])[0]), current, unstable, loop)

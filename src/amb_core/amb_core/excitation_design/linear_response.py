@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.linear.simulation import simulate
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.closed_forms import inductance
@@ -58,13 +58,10 @@ class LinearLoop:
 
     def __init__(self, plant: Plant, controller: ControllerParameters) -> None:
         linearization = linearize(plant, controller)
-        loop = linearization.closed_loop
         self._controller = controller
         self._axes = [0, 1] if "x" in plant.axes else [1]
         used = len(self._axes)
-        self._a, self._b, self._c = (
-            np.ascontiguousarray(matrix) for matrix in (loop.A, loop.B[:, :used], loop.C[:used])
-        )
+        self._loop = linearization.closed_loop.part(slice(used), slice(used))
         self.static_current: NDArray[np.float64] = linearization.point.current_reference[:2].copy()
 
     def respond(self, reference: NDArray[np.float64]) -> LinearResponse:
@@ -76,8 +73,7 @@ class LinearLoop:
             Deviation of the reference positions x, y (m).
         """
         position = np.zeros(reference.shape)
-        driven = np.ascontiguousarray(reference[:, self._axes], dtype=np.float64)
-        position[:, self._axes] = _respond(self._a, self._b, self._c, driven)
+        position[:, self._axes] = simulate(self._loop, np.asarray(reference[:, self._axes], dtype=np.float64))
         return LinearResponse(position, self._law(reference, position))
 
     def _law(self, reference: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -110,26 +106,3 @@ def slew_rate(plant: PlantParameters) -> float | None:
     if not amplifier.limits:
         return None
     return amplifier.supply_voltage * (2.0 * amplifier.maximum_duty - 1.0) / inductance(plant.magnetic_circuit)
-
-
-@numba.njit(cache=True)
-def _respond(
-    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], reference: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """x[k+1] = A x[k] + B r[k], y[k] = C x[k], from zero."""
-    order, inputs = b.shape
-    state, advanced = np.zeros(order), np.zeros(order)
-    position = np.zeros(reference.shape)
-    for step in range(len(reference)):
-        for row in range(inputs):
-            for column in range(order):
-                position[step, row] += c[row, column] * state[column]
-        for row in range(order):
-            total = 0.0
-            for column in range(order):
-                total += a[row, column] * state[column]
-            for column in range(inputs):
-                total += b[row, column] * reference[step, column]
-            advanced[row] = total
-        state, advanced = advanced, state
-    return position

@@ -11,9 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
-from amb_core.identification.control_law import Law, LinearLaw, Start, advance_law, law_of, recall, state_of
-from amb_core.identification.estimate.small_matrices import add_product, set_product
+from amb_core.identification.control_law import Law, Start, advance_law, law_of, recall, state_of
+from amb_core.linear import LinearSystem
+from amb_core.linear.connections import feedback
+from amb_core.linear.small_matrices import add_product, set_product
 from amb_core.loop.known_controller import KnownController
+from amb_core.loop.linear_control import linear_law
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
@@ -77,36 +80,27 @@ def simulate_closed_loop(
 def closed_loop_poles(model: StateSpaceModel, controller: KnownController) -> NDArray[np.complex128]:
     """Poles in the z plane of the model under the control law without its limit, largest first.
 
-    Shape (n + c,): the states are those of the model and of the controller. Those of the PD law are, per axis, the
-    filtered derivative and the previous position of the backward difference.
+    Shape (n + c,): the states are those of the model and of the controller; the PD law has one per axis.
 
     Raises
     ------
     IdentificationError, ParameterError
         If model and controller do not fit together.
     """
-    law = law_of(controller, loop_axes(model, controller))
-    loop = _linear_loop(model, law) if isinstance(law, LinearLaw) else _pd_loop(model, law.gains)
-    poles = np.linalg.eigvals(loop).astype(np.complex128)
-    return poles[np.argsort(-np.abs(poles), kind="stable")]
+    return loop_of(model, controller).poles()
 
 
-def _linear_loop(model: StateSpaceModel, law: LinearLaw) -> NDArray[np.float64]:
-    """Matrix of the loop with a linear law: x+ = (A + B D_y C) x + B C_c w, w+ = B_y C x + A_c w."""
-    from_output, direct = law.from_output
-    plant = np.hstack([model.a + model.b @ direct @ model.c, model.b @ law.c])
-    return np.vstack([plant, np.hstack([from_output @ model.c, law.a])])
+def loop_of(model: StateSpaceModel, controller: KnownController) -> LinearSystem:
+    """The model in the loop of the control law without its limit: from (r, w_u, w_y) to (u, y), see `feedback`.
 
-
-def _pd_loop(model: StateSpaceModel, gains: NDArray[np.float64]) -> NDArray[np.float64]:
-    proportional, derivative, keep, weight = (np.diag(gain) for gain in gains[:, :4].T)
-    n, axes = model.order, len(gains)
-    # Controller: d+ = keep d + weight (h - y), h+ = y, u = -proportional y + derivative d+, with h the previous y.
-    derived = np.hstack([-weight @ model.c, keep, weight])
-    output = np.hstack([model.c, np.zeros((axes, 2 * axes))])
-    feedback = derivative @ derived - proportional @ output
-    plant = np.hstack([model.a, np.zeros((n, 2 * axes))]) + model.b @ feedback
-    return np.vstack([plant, derived, output])
+    Raises
+    ------
+    IdentificationError, ParameterError
+        If model and controller do not fit together.
+    """
+    axes = loop_axes(model, controller)
+    controller.require_axes(axes)
+    return feedback(model, linear_law(controller, axes), references=axes)
 
 
 def loop_axes(model: StateSpaceModel, controller: KnownController) -> int:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from amb_core.loop.control import initial_state, pack_gains, pd_update
 from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_core.loop.linear_control import linear_update
+from amb_core.loop.linear_control import linear_update, state_at_rest
 
 Arrays = NDArray[np.float64]
 
@@ -31,6 +31,8 @@ class PdLaw(NamedTuple):
 
 class LinearLaw(NamedTuple):
     """A linear law, as `linear_update` takes it, with the map from its first inputs to its state at rest.
+
+    The form of a `LinearControl` for compiled loops: numba takes named tuples of arrays, not objects.
 
     State: x, a place to work in of the same size, the inputs u, and 1 once it has begun.
     """
@@ -49,14 +51,6 @@ class LinearLaw(NamedTuple):
     def order(self) -> int:
         """Number of states."""
         return len(self.a)
-
-    @property
-    def from_output(self) -> tuple[Arrays, Arrays]:
-        """B and D for the measured positions."""
-        axes = len(self.c)
-        if self.b.shape[1] == axes:
-            return -self.b, -self.d
-        return self.b[:, axes:], self.d[:, axes:]
 
     def inputs(self, reference: Arrays, output: Arrays) -> Arrays:
         """The inputs u (m), shape (..., m)."""
@@ -100,9 +94,8 @@ def law_of(controller: KnownController, axes: int) -> Law:
         return PdLaw(gains, np.ascontiguousarray(gains[:, 5]))
     model = controller.model
     a, b, c, d, k = (np.ascontiguousarray(getattr(model, name)) for name in ("a", "b", "c", "d", "k"))
-    at_rest = np.linalg.pinv(np.eye(model.order) - a) @ b
     limit = np.full(axes, controller.current_limit)
-    return LinearLaw(a, b, c, d, k, at_rest, model.input_offset, model.output_offset, limit)
+    return LinearLaw(a, b, c, d, k, state_at_rest(model), model.input_offset, model.output_offset, limit)
 
 
 def change_of(law: Law) -> Law:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.errors import IdentificationError
-from amb_core.extras import extra
+from amb_core.linear import LinearSystem
 from amb_core.model.state_space import StateSpaceModel
 
 if TYPE_CHECKING:
@@ -32,19 +32,16 @@ def to_predictor(model: StateSpaceModel) -> control.StateSpace:
 
     which is stable even if the model is not. Predictions are named `x_predicted` for an output `x`.
     """
-    with extra("control"):
-        import control  # the import takes a second; programs that do not need it should not wait for it
-
     outputs = model.output_names
-    return control.StateSpace(
+    return LinearSystem(
         model.a - model.k @ model.c,
         np.hstack([model.b - model.k @ model.d, model.k]),
         model.c,
         np.hstack([model.d, np.zeros((len(outputs), len(outputs)))]),
         model.sample_time,
-        inputs=[*model.input_names, *outputs],
-        outputs=[f"{name}_predicted" for name in outputs],
-    )
+        (*model.input_names, *outputs),
+        [f"{name}_predicted" for name in outputs],
+    ).to_control()
 
 
 def to_scipy(model: StateSpaceModel) -> Any:
@@ -71,13 +68,8 @@ def to_continuous(model: StateSpaceModel) -> control.StateSpace:
     N. J. Higham, Functions of Matrices, 2008, chapters 1 and 11; G. F. Franklin, J. D. Powell and M. L. Workman,
     Digital Control of Dynamic Systems, 3rd edition, 1998, section 4.3.
     """
-    with extra("control"):
-        import control
-
     a, b = _held_inverse(model.a, model.b, model.sample_time)
-    return control.StateSpace(
-        a, b, model.c, model.d, 0, inputs=list(model.input_names), outputs=list(model.output_names)
-    )
+    return LinearSystem(a, b, model.c, model.d, 0.0, model.input_names, model.output_names).to_control()
 
 
 def _held_inverse(

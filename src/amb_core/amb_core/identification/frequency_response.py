@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from amb_core.errors import IdentificationError
+from amb_core.linear.resolvent import outputs_by_state, parts_of, states_by_input
 from amb_core.model.state_space import StateSpaceModel
 
 LEVEL = 0.99
 """Default confidence of bands."""
 
-_ENTRIES_AT_ONCE = 100_000  # of the matrices zI - A held at once
+_POLE = "the model has a pole at {} Hz, where its response is infinite; choose other frequencies"
 _AT_NYQUIST = 1.0 + 1e-9  # tolerance for rounding of a frequency at the Nyquist frequency
 
 
@@ -131,9 +132,10 @@ def response_of(model: StateSpaceModel, frequencies: ArrayLike, label: str = "")
         If a frequency is not allowed, or the model has a pole at it.
     """
     frequency = checked_frequencies(frequencies, model.sample_time)
-    response = np.empty((len(frequency), *model.d.shape), dtype=np.complex128)
-    for part, by_state, _ in transfers(model, frequency, model.b):
-        response[part] = by_state @ model.b + model.d
+    response = model.response(frequency)
+    at_pole = ~np.isfinite(response).all(axis=(1, 2))
+    if at_pole.any():
+        raise IdentificationError(_POLE.format(", ".join(f"{at:g}" for at in frequency[at_pole])))
     return FrequencyResponse(
         frequency,
         response,
@@ -157,22 +159,16 @@ def transfers(
     IdentificationError
         If the model has a pole at a frequency.
     """
-    at_once = max(1, _ENTRIES_AT_ONCE // model.order**2)
-    for start in range(0, len(frequency), at_once):
-        part = slice(start, min(start + at_once, len(frequency)))
-        z = np.exp(2j * np.pi * frequency[part] * model.sample_time)
-        resolvent = z[:, np.newaxis, np.newaxis] * np.eye(model.order) - model.a
+    points = np.exp(2j * np.pi * frequency * model.sample_time)
+    for part in parts_of(points, model.order):
         try:
-            by_input = np.linalg.solve(resolvent, np.broadcast_to(b, (len(z), *b.shape)))
-            transposed = np.linalg.solve(
-                resolvent.transpose(0, 2, 1), np.broadcast_to(model.c.T, (len(z), *model.c.T.shape))
-            )
+            by_input = states_by_input(model.a, b, points[part])
+            by_state = outputs_by_state(model.a, model.c, points[part])
         except np.linalg.LinAlgError:
             raise IdentificationError(
-                f"the model has a pole at a frequency between {frequency[part][0]:g} and {frequency[part][-1]:g} Hz, "
-                "where its response is infinite; choose other frequencies"
+                _POLE.format(f"a frequency between {frequency[part][0]:g} and {frequency[part][-1]:g}")
             ) from None
-        yield part, transposed.transpose(0, 2, 1), by_input
+        yield part, by_state, by_input
 
 
 def checked_frequencies(frequencies: ArrayLike, sample_time: float = 0.0) -> NDArray[np.float64]:

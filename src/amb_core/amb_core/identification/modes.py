@@ -15,7 +15,7 @@ def closed_loop_modes(model: StateSpaceModel, controller: KnownController) -> Mo
     Parameters
     ----------
     model : StateSpaceModel
-        Without direct feedthrough, as many inputs as outputs. `modes_of(model.to_control())` gives those without loop.
+        Without direct feedthrough, as many inputs as outputs. `modes_of(model)` gives those without loop.
     controller : KnownController
         Of the experiment, or any other with its sample rate.
 
@@ -25,4 +25,4 @@ def closed_loop_modes(model: StateSpaceModel, controller: KnownController) -> Mo
         If model and controller do not fit together.
     """
     controller.require_axes(loop_axes(model, controller))
-    return modes_of(close_loop(model.to_control(), controller)[0])
+    return modes_of(close_loop(model, controller)[0])

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.frequency_response import checked_frequencies, response_of
+from amb_core.linear import LinearSystem
 from amb_core.model.state_space import StateSpaceModel
-
-if TYPE_CHECKING:
-    import control
 
 BAND = (5.0, 1000.0)
 """Hz."""
@@ -65,7 +62,7 @@ class ResponseError:
 
 def response_error(
     model: StateSpaceModel,
-    computed: control.StateSpace,
+    computed: LinearSystem,
     band: tuple[float, float] = BAND,
     floor: float = FLOOR,
     points: int = POINTS,
@@ -79,7 +76,7 @@ def response_error(
     ----------
     model : StateSpaceModel
         Identified, m inputs and p outputs.
-    computed : control.StateSpace
+    computed : LinearSystem
         Discrete, with as many: `linearize(plant, controller).discrete`.
     band : tuple of float, optional
         Lowest and highest frequency (Hz), up to half the sample rate.
@@ -94,12 +91,12 @@ def response_error(
         If the two have different numbers or names of inputs and outputs, a frequency is not allowed, or a pole lies at
         one of them.
     """
-    _check_names("inputs", model.input_names, tuple(computed.input_labels))
-    _check_names("outputs", model.output_names, tuple(computed.output_labels))
+    _check_names("inputs", model.input_names, computed.input_names)
+    _check_names("outputs", model.output_names, computed.output_names)
     if not 0.0 <= floor < 1.0:
         raise IdentificationError(f"floor = {floor:g} is not allowed; allowed: 0 to less than 1")
-    frequency = checked_frequencies(np.geomspace(*band, points), max(model.sample_time, computed.dt))
-    truth = np.moveaxis(computed(np.exp(2j * np.pi * frequency * computed.dt), squeeze=False), -1, 0)
+    frequency = checked_frequencies(np.geomspace(*band, points), max(model.sample_time, computed.sample_time))
+    truth = computed.response(frequency)
     found = response_of(model, frequency).response
     magnitude = np.abs(truth)
     compared = magnitude > floor * magnitude.max(axis=(1, 2), keepdims=True)

@@ -18,6 +18,8 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from amb_core.linear import LinearSystem
+from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_parameters import LinearControllerParameters, require_fit, state_at_rest, with_anti_windup
 from amb_core.loop.pd_parameters import ControllerParameters, one_each, pack_gains
 from amb_core.model import StateSpaceModel
@@ -25,6 +27,7 @@ from amb_core.model import StateSpaceModel
 __all__ = [
     "LinearController",
     "LinearControllerParameters",
+    "linear_law",
     "linear_start",
     "linear_update",
     "pd_as_linear",
@@ -186,6 +189,22 @@ class LinearController:
             self.parameters.current_limit, self._current,
         )  # fmt: skip
         return self._current.copy()
+
+
+def linear_law(controller: KnownController, axes: int) -> LinearSystem:
+    """A controller without limits and offsets as a linear system, from references and positions (m) to currents (A).
+
+    Raises
+    ------
+    ParameterError
+        If it is made for another number of axes.
+    """
+    if isinstance(controller, LinearControl):
+        controller.require_axes(axes)
+    model = controller.model if isinstance(controller, LinearControl) else pd_as_linear(controller, axes)
+    of_errors = model.inputs == axes
+    b, d = (np.hstack([one, -one]) if of_errors else one for one in (model.b, model.d))
+    return LinearSystem(model.a, b, model.c, d, 1.0 / controller.sample_rate)
 
 
 def pd_as_linear(parameters: ControllerParameters, axes: int = 2) -> StateSpaceModel:

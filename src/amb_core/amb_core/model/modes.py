@@ -17,12 +17,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from amb_core.linear import LinearSystem, rates_of
 from amb_core.model.mode_kinds import with_kinds
 from amb_core.model.whirl import Whirl, ellipticity, sensor_planes, whirl_of
 
@@ -32,16 +33,6 @@ OSCILLATING = 0.98
 """Damping ratio above which a complex pair counts as not oscillating: its orbit fades before it can turn."""
 _SAME_RATE = 1e-4
 _TWO_PI = 2.0 * math.pi
-
-
-class DiscreteSystem(Protocol):
-    """A discrete-time model as `control.StateSpace` has it."""
-
-    A: NDArray[np.float64]
-    B: NDArray[np.float64]
-    C: NDArray[np.float64]
-    dt: float
-    output_labels: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,24 +139,23 @@ class Modes:
         }
 
 
-def modes_of(system: DiscreteSystem) -> Modes:
+def modes_of(system: LinearSystem) -> Modes:
     """All modes of a discrete-time model.
 
     Parameters
     ----------
-    system : control.StateSpace
+    system : LinearSystem
         Discrete, from currents or references to positions: `linearize(plant, controller).discrete` or `.closed_loop`,
-        `model.to_control()` of an identified one, or its `close_loop`.
+        an identified model, or its `close_loop`.
     """
-    poles, left, right = linalg.eig(system.A, left=True, right=True)
-    names = tuple(system.output_labels)
+    poles, left, right = linalg.eig(system.a, left=True, right=True)
+    names = system.output_names
     planes = sensor_planes(names)
-    with np.errstate(divide="ignore"):
-        rates = np.log(np.abs(poles)) / system.dt + 1j * np.angle(poles) / system.dt
-    slow = np.flatnonzero((np.abs(rates) < math.pi / system.dt) & (rates.imag >= 0.0))
+    rates = rates_of(poles, system.sample_time)
+    slow = np.flatnonzero((np.abs(rates) < math.pi / system.sample_time) & (rates.imag >= 0.0))
     modes = []
     for group in _groups(rates, slow):
-        shapes, drives = _separated(system.C @ right[:, group], _dual(left[:, group], right[:, group]) @ system.B)
+        shapes, drives = _separated(system.c @ right[:, group], _dual(left[:, group], right[:, group]) @ system.b)
         for number, shape, drive in zip(group, shapes.T, drives, strict=True):
             largest = shape[np.argmax(np.abs(shape))]
             gain = np.linalg.norm(shape) * np.linalg.norm(drive) / max(abs(1.0 - abs(poles[number])), 1e-300)

@@ -1,4 +1,4 @@
-"""The identified model: discrete-time, in innovations form, about an operating point.
+"""The identified model: a linear system with its noise (innovations form) and its operating point.
 
     x[k+1] = A x[k] + B (u[k] - input_offset) + K e[k]
     y[k]   = C x[k] + D (u[k] - input_offset) + output_offset + e[k]
@@ -13,21 +13,18 @@ import json
 import math
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
-from amb_core.extras import extra
 from amb_core.files.arrays import load_arrays
 from amb_core.files.file_errors import reading
 from amb_core.files.matlab import load_variables, save_variables
 from amb_core.files.regular_files import MIB, read_text
+from amb_core.linear import LinearSystem
 from amb_core.model.mat_fields import fields_of, variables_of
-
-if TYPE_CHECKING:
-    import control
 
 _UNITS = {"input_units": "A", "output_units": "m"}  # if a model or an old file names none
 LARGEST = 64 * MIB
@@ -38,8 +35,10 @@ _ARRAYS = (
 
 
 @dataclass(frozen=True, eq=False)
-class StateSpaceModel:
+class StateSpaceModel(LinearSystem):
     """State-space model in innovations form, n states, m inputs, p outputs; arrays are read-only.
+
+    As a `LinearSystem` it is its deterministic part, from u - input_offset to y - output_offset.
 
     Attributes
     ----------
@@ -103,35 +102,10 @@ class StateSpaceModel:
             object.__setattr__(self, f"{kind}_units", units or (_UNITS[f"{kind}_units"],) * len(names))
         self._check()
 
-    @property
-    def order(self) -> int:
-        """Number of states n."""
-        return len(self.a)
-
-    def poles(self) -> NDArray[np.complex128]:
-        """Poles in the z plane, largest magnitude first, shape (n,)."""
-        poles = np.linalg.eigvals(self.a).astype(np.complex128)
-        return poles[np.argsort(-np.abs(poles), kind="stable")]
-
     def unstable_poles(self) -> NDArray[np.complex128]:
         """Poles outside the unit circle, largest magnitude first."""
         poles = self.poles()
         return poles[np.abs(poles) > 1.0]
-
-    def to_control(self) -> control.StateSpace:
-        """The deterministic part (from u - input_offset to y - output_offset) for python-control."""
-        with extra("control"):
-            import control  # the import takes a second; programs that do not need it should not wait for it
-
-        return control.StateSpace(
-            self.a,
-            self.b,
-            self.c,
-            self.d,
-            self.sample_time,
-            inputs=list(self.input_names),
-            outputs=list(self.output_names),
-        )
 
     def to_json(self) -> dict[str, Any]:
         """The fields of the model as JSON values, without loss."""

@@ -7,19 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.extras import extra
+from amb_core.linear import LinearSystem
 from amb_core.plant.averaged import AveragedPlant, flux_embedding
 from amb_core.plant.network import COILS, POLES, active_coils
 from amb_core.plant.operating_point import OperatingPoint
 from amb_core.plant.plant import Plant
-
-if TYPE_CHECKING:
-    import control
 
 _RELATIVE_STEP = 1e-4
 """Step of the differences over air gap, 1 m/s, 1 A and the flux that 1 A makes; rounding then takes 1e-11."""
@@ -49,11 +45,8 @@ class OpenPlant:
     coils: list[str]
 
 
-def linear_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
+def linear_plant(plant: Plant, point: OperatingPoint) -> LinearSystem:
     """The averaged plant from control currents (A) to measured positions (m) about an operating point, continuous."""
-    with extra("control"):
-        import control  # takes a second to import: only on use
-
     averaged = AveragedPlant(plant)
     kept, embedding = _independent_states(averaged)
     axes = plant_axes(plant)
@@ -69,10 +62,7 @@ def linear_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
     labels = axis_labels(plant)
     names = [averaged.names[n] for n in kept]
     a, b, c, states = with_low_pass(a, b, c, names, plant.parameters.sensor.bandwidth, labels)
-    return control.StateSpace(
-        a, b, c, np.zeros((len(axes), len(axes))),
-        states=states, inputs=[f"i_{label}" for label in labels], outputs=labels, name="plant",
-    )  # fmt: skip
+    return plant_system(a, b, c, 0.0, labels, states)
 
 
 def open_plant(plant: Plant, point: OperatingPoint) -> OpenPlant:
@@ -116,6 +106,21 @@ def open_plant(plant: Plant, point: OperatingPoint) -> OpenPlant:
     suffixes = ("",) if plant.bearings == 1 else ("_a", "_b")
     names = [f"{_COIL_NAMES[coil % COILS]}{suffixes[coil // COILS]}" for coil in coils]
     return OpenPlant(a, b, c, d, sensors, states, names)
+
+
+def plant_system(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    c: NDArray[np.float64],
+    sample_time: float,
+    labels: list[str],
+    states: list[str],
+) -> LinearSystem:
+    """A linear system from control currents (A) to measured positions (m) of some axes, without direct feedthrough."""
+    axes = len(labels)
+    currents = [f"i_{label}" for label in labels]
+    d = np.zeros((axes, axes))
+    return LinearSystem(a, b, c, d, sample_time, currents, labels, ["A"] * axes, ["m"] * axes, states)
 
 
 def plant_axes(plant: Plant) -> list[int]:

@@ -14,22 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
-from amb_core.extras import extra
+from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant.axial import Axial
-from amb_core.plant.differences import OpenPlant, with_low_pass
+from amb_core.plant.differences import OpenPlant, plant_system, with_low_pass
 from amb_core.plant.plant import Plant
 from amb_core.plant.sampled_amplifiers import sample_modulated
 from amb_core.plant.thrust_bearing import SIDES, half_order_terms, holding_duty, thrust_amplifier
-
-if TYPE_CHECKING:
-    import control
 
 _NAMES = ("+z", "-z")
 _REFERENCES = np.array(SIDES)[:, np.newaxis]  # coil current references by the control current
@@ -152,14 +148,11 @@ def open_axial(plant: Plant, axial: Axial, point: AxialPoint) -> OpenPlant:
     return OpenPlant(a, b, np.hstack([c, np.zeros((2, len(a) - size))]), d, sensors, states, list(_NAMES))
 
 
-def averaged_axial(plant: Plant, axial: Axial, point: AxialPoint) -> control.StateSpace:
+def averaged_axial(plant: Plant, axial: Axial, point: AxialPoint) -> LinearSystem:
     """From the control current i_z (A) to the measured position z (m) with averaged amplifiers, continuous.
 
     With e = r - i and V = 2 U (K_P e + I), V follows from V = 2 U (K_P (r - C x - D V) + I).
     """
-    with extra("control"):
-        import control
-
     opened, amplifier = open_axial(plant, axial, point), thrust_amplifier(plant.parameters)
     gain, size = 2.0 * amplifier.supply_voltage, len(opened.a)
     integrating = amplifier.integral_gain > 0.0
@@ -172,12 +165,10 @@ def averaged_axial(plant: Plant, axial: Axial, point: AxialPoint) -> control.Sta
     kept = size + 2 if integrating else size
     states = [*opened.states, *(f"integral_{side}" for side in _NAMES)][:kept]
     c = np.hstack([opened.sensors, np.zeros((1, 2))])[:, :kept]
-    return control.StateSpace(
-        a[:kept, :kept], b[:kept], c, 0.0, states=states, inputs=["i_z"], outputs=["z"], name="thrust_bearing"
-    )
+    return plant_system(a[:kept, :kept], b[:kept], c, 0.0, ["z"], states)
 
 
-def sampled_axial(plant: Plant, axial: Axial, point: AxialPoint) -> control.StateSpace:
+def sampled_axial(plant: Plant, axial: Axial, point: AxialPoint) -> LinearSystem:
     """The same from sample to sample with the sampling of the modulation."""
     parameters = plant.parameters.model_copy(update={"amplifier": thrust_amplifier(plant.parameters)})
     return sample_modulated(open_axial(plant, axial, point), parameters, _REFERENCES, ["z"])

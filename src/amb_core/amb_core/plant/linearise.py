@@ -21,24 +21,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
-from amb_core.extras import extra
-from amb_core.loop.control import ControllerParameters, pack_gains, require_one_rate
+from amb_core.linear import LinearSystem, rates_of
+from amb_core.linear.connections import beside, feedback
+from amb_core.linear.peak import h_infinity_norm
+from amb_core.linear.sampling import discretised
+from amb_core.loop.control import ControllerParameters, require_one_rate
 from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.loop.linear_control import linear_law
 from amb_core.plant.differences import linear_plant
 from amb_core.plant.linear_axial import AxialPoint, averaged_axial, axial_point, sampled_axial
 from amb_core.plant.operating_point import OperatingPoint, point_at, point_held_by
 from amb_core.plant.plant import Plant
-from amb_core.plant.rigid_mode import rates_of, rigid_pair
+from amb_core.plant.rigid_mode import rigid_pair
 from amb_core.plant.sampled_amplifiers import modulation_is_regular, sampled_plant
 
 if TYPE_CHECKING:
-    import control
-
     from amb_core.step_response import SecondOrder
-
-_FREQUENCIES = 2000
 
 
 @dataclass(frozen=True)
@@ -53,43 +52,39 @@ class Linearization:
         That along the rotor's axis; None without a thrust bearing.
     controller : ControllerParameters
         The controller of the loop.
-    continuous : control.StateSpace
+    continuous : LinearSystem
         The averaged plant from i_x, i_y (A) to x, y (m), without the computation delay.
-    discrete : control.StateSpace
+    discrete : LinearSystem
         The plant at the sample rate, the inputs held over each sample, with the sampling of the modulation.
-    closed_loop : control.StateSpace
+    closed_loop : LinearSystem
         From the reference positions r_x, r_y to the positions x, y (m), discrete.
-    sensitivity : control.StateSpace
+    sensitivity : LinearSystem
         From a disturbance of the measured positions to the measured positions (m), discrete.
     """
 
     point: OperatingPoint
     axial_point: AxialPoint | None
     controller: ControllerParameters
-    continuous: control.StateSpace
-    discrete: control.StateSpace
-    closed_loop: control.StateSpace
-    sensitivity: control.StateSpace
+    continuous: LinearSystem
+    discrete: LinearSystem
+    closed_loop: LinearSystem
+    sensitivity: LinearSystem
 
     @cached_property
     def closed_loop_rates(self) -> NDArray[np.complex128]:
         """Poles of the closed loop as rates s = ln(z) / T (1/s), slowest first; a pole at z = 0 has the rate -inf."""
-        rates = rates_of(self.closed_loop.poles(), self.closed_loop.dt)
+        rates = rates_of(self.closed_loop.poles(), self.closed_loop.sample_time)
         return rates[np.argsort(np.abs(rates), kind="stable")]
 
     @property
     def stable(self) -> bool:
         """Whether all poles of the closed loop are inside the unit circle."""
-        return bool(np.abs(self.closed_loop.poles()).max() < 1.0)
+        return bool(self.closed_loop.radius < 1.0)
 
     @cached_property
     def peak_sensitivity(self) -> float:
-        """Largest singular value of the sensitivity (-), 1 Hz to half the sample rate; meaningless if not `stable`."""
-        nyquist = np.pi / self.sensitivity.dt
-        frequencies = np.geomspace(2.0 * np.pi, nyquist, _FREQUENCIES)
-        at = np.exp(1j * frequencies * self.sensitivity.dt)
-        response = np.moveaxis(self.sensitivity(at, squeeze=False), -1, 0)
-        return float(np.linalg.norm(response, ord=2, axis=(1, 2)).max())
+        """Largest singular value of the sensitivity (-) over all frequencies; infinite if not `stable`."""
+        return h_infinity_norm(self.sensitivity)
 
     def rigid_mode(self, axis: str) -> SecondOrder | None:
         """Natural frequency and damping ratio of the rigid rotor in the loop along `x` or `y`.
@@ -99,7 +94,7 @@ class Linearization:
         """
         from amb_core.step_response import SecondOrder
 
-        if axis not in self.closed_loop.output_labels:
+        if axis not in self.closed_loop.output_names:
             return None
         pair = rigid_pair(self.closed_loop, axis)
         if pair is None:
@@ -138,128 +133,40 @@ def linearize(
     along_axis = axial_point(controller, plant)
     continuous = linear_plant(plant, point)
     regular = modulation_is_regular(plant.parameters)
-    discrete = sampled_plant(plant, point) if regular else _discretise(continuous, plant)
+    delay = plant.parameters.converters.computation_delay * plant.sample_time
+    discrete = sampled_plant(plant, point) if regular else discretised(continuous, plant.sample_time, delay)
     if plant.axial is not None and along_axis is not None:
         axial = averaged_axial(plant, plant.axial, along_axis)
-        sampled = sampled_axial(plant, plant.axial, along_axis) if regular else _discretise(axial, plant)
-        continuous, discrete = _beside(continuous, axial), _beside(discrete, sampled)
+        sampled = (
+            sampled_axial(plant, plant.axial, along_axis) if regular else discretised(axial, plant.sample_time, delay)
+        )
+        continuous, discrete = beside(continuous, axial), beside(discrete, sampled)
     return Linearization(point, along_axis, controller, continuous, discrete, *close_loop(discrete, controller))
 
 
-def _beside(first: control.StateSpace, second: control.StateSpace) -> control.StateSpace:
-    """Two models that do not act on each other as one, inputs and outputs of the first first."""
-    with extra("control"):
-        import control
-
-    return control.StateSpace(
-        *(linalg.block_diag(getattr(first, name), getattr(second, name)) for name in "ABCD"), first.dt,
-        states=[*first.state_labels, *second.state_labels], inputs=[*first.input_labels, *second.input_labels],
-        outputs=[*first.output_labels, *second.output_labels], name=first.name,
-    )  # fmt: skip
-
-
-def _discretise(continuous: control.StateSpace, plant: Plant) -> control.StateSpace:
-    """Inputs held over each sample, starting after the computation delay; with a delay, earlier inputs are states."""
-    with extra("control"):
-        import control
-
-    delay = plant.parameters.converters.computation_delay * plant.sample_time
-    if delay == 0.0:
-        return continuous.sample(plant.sample_time, method="zoh", name="plant")
-    order, inputs = continuous.nstates, continuous.ninputs
-    late = continuous.sample(delay, method="zoh")
-    if delay < plant.sample_time:
-        rest = continuous.sample(plant.sample_time - delay, method="zoh")
-        rest_a, rest_b = rest.A, rest.B
-    else:
-        rest_a, rest_b = np.eye(order), np.zeros((order, inputs))
-    a = np.zeros((order + inputs, order + inputs))
-    a[:order, :order], a[:order, order:] = rest_a @ late.A, rest_a @ late.B
-    b = np.vstack([rest_b, np.eye(inputs)])
-    return control.StateSpace(
-        a, b, np.hstack([continuous.C, np.zeros((inputs, inputs))]), continuous.D, plant.sample_time,
-        states=[*continuous.state_labels, *(f"held_{label}" for label in continuous.input_labels)],
-        inputs=continuous.input_labels, outputs=continuous.output_labels, name="plant",
-    )  # fmt: skip
-
-
-def close_loop(plant: control.StateSpace, controller: KnownController) -> tuple[control.StateSpace, control.StateSpace]:
+def close_loop(plant: LinearSystem, controller: KnownController) -> tuple[LinearSystem, LinearSystem]:
     """Loop of a discrete plant and a controller without its limits.
 
-    A linear controller adds its states to those of the plant. The PD law has one per axis: with a and w the pole and
-    the weight of the derivative filter, the derivative d of u is d[k] = w (a - 1) s[k] + w u[k], with s[k+1] = a s[k] +
-    u[k].
+    Its states are those of the plant and of the controller; the PD law has one per axis, see `pd_as_linear`.
 
     Parameters
     ----------
-    plant : control.StateSpace
+    plant : LinearSystem
         From control currents (A) to positions (m), without direct feed-through.
     controller : KnownController
-        The PD law, whose `derivative_on` decides whether u is r - y or -y, or a linear one.
+        The PD law or a linear one.
 
     Returns
     -------
-    closed_loop : control.StateSpace
+    closed_loop : LinearSystem
         From reference positions r_x, r_y to x, y (m).
-    sensitivity : control.StateSpace
+    sensitivity : LinearSystem
         From a disturbance w_x, w_y of the measurement to the measured x, y (m).
     """
-    with extra("control"):
-        import control
-
-    if isinstance(controller, LinearControl):
-        return _close_linear_loop(plant, controller)
-    axes = plant.ninputs
-    gains = pack_gains(controller, axes)
-    proportional, derivative, pole, weight, on_error = (np.diag(column) for column in gains[:, :5].T)
-    order = plant.nstates
-    direct = proportional + derivative @ weight  # from -y to i
-    a = np.zeros((order + axes, order + axes))
-    a[:order, :order] = plant.A - plant.B @ direct @ plant.C
-    a[:order, order:] = plant.B @ derivative @ weight @ (pole - np.eye(axes))
-    a[order:, :order] = -plant.C
-    a[order:, order:] = pole
-    output = np.hstack([plant.C, np.zeros((axes, axes))])
-    labels = plant.output_labels
-    states = [*plant.state_labels, *(f"derivative_{label}" for label in labels)]
-    from_reference = np.vstack([plant.B @ (proportional + on_error @ derivative @ weight), on_error])
-    from_measurement = np.vstack([-plant.B @ direct, -np.eye(axes)])
-    closed_loop = control.StateSpace(
-        a, from_reference, output, np.zeros((axes, axes)), plant.dt,
-        states=states, inputs=[f"r_{label}" for label in labels], outputs=labels, name="closed_loop",
-    )  # fmt: skip
-    sensitivity = control.StateSpace(
-        a, from_measurement, output, np.eye(axes), plant.dt,
-        states=states, inputs=[f"w_{label}" for label in labels], outputs=labels, name="sensitivity",
-    )  # fmt: skip
-    return closed_loop, sensitivity
-
-
-def _close_linear_loop(
-    plant: control.StateSpace, controller: LinearControl
-) -> tuple[control.StateSpace, control.StateSpace]:
-    """As `close_loop`: x+ = (A + B D_y C) x + B C_c w + B D_r r, w+ = B_y C x + A_c w + B_r r, with w of the law."""
-    with extra("control"):
-        import control
-
-    axes, law = plant.ninputs, controller.model
-    controller.require_axes(axes)
-    of_errors = law.b.shape[1] == axes
-    (b_reference, d_reference), (b_position, d_position) = (
-        ((law.b, law.d), (-law.b, -law.d))
-        if of_errors
-        else ((law.b[:, :axes], law.d[:, :axes]), (law.b[:, axes:], law.d[:, axes:]))
-    )
-    a = np.block([[plant.A + plant.B @ d_position @ plant.C, plant.B @ law.c], [b_position @ plant.C, law.a]])
-    output = np.hstack([plant.C, np.zeros((axes, law.order))])
-    labels = plant.output_labels
-    states = [*plant.state_labels, *(f"controller_{number}" for number in range(law.order))]
-    closed_loop = control.StateSpace(
-        a, np.vstack([plant.B @ d_reference, b_reference]), output, np.zeros((axes, axes)), plant.dt,
-        states=states, inputs=[f"r_{label}" for label in labels], outputs=labels, name="closed_loop",
-    )  # fmt: skip
-    sensitivity = control.StateSpace(
-        a, np.vstack([plant.B @ d_position, b_position]), output, np.eye(axes), plant.dt,
-        states=states, inputs=[f"w_{label}" for label in labels], outputs=labels, name="sensitivity",
-    )  # fmt: skip
-    return closed_loop, sensitivity
+    axes, labels = plant.inputs, plant.output_names
+    law = linear_law(controller, axes)
+    is_pd = not isinstance(controller, LinearControl)
+    states = [f"derivative_{label}" for label in labels] if is_pd else [f"controller_{n}" for n in range(law.order)]
+    loop = feedback(plant, law.named([f"r_{label}" for label in labels], states=states), references=axes)
+    positions = slice(axes, None)
+    return loop.part(positions, slice(axes)), loop.part(positions, slice(2 * axes, None))

@@ -9,14 +9,11 @@ Systems 101 (1982).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-if TYPE_CHECKING:
-    import control
+from amb_core.linear import LinearSystem, rates_of
 
 _NOT_OF_THE_ROTOR = ("flux", "circulating", "memory", "integral", "charge", "voltage", "held", "sensed", "derivative")
 _LEAST_PARTICIPATION = 0.1
@@ -26,27 +23,21 @@ _LEAST_SHAPE = 1e-3
 _LEAST_ALIKE = 0.5  # modal assurance criterion of two shapes: 1 for the same, 0 for orthogonal ones
 
 
-def rates_of(poles: NDArray[np.complex128], sample_time: float) -> NDArray[np.complex128]:
-    """ln(z) / T, with -inf for z = 0."""
-    with np.errstate(divide="ignore"):
-        return np.log(np.abs(poles)) / sample_time + 1j * np.angle(poles) / sample_time
-
-
-def rigid_pair(loop: control.StateSpace, axis: str) -> NDArray[np.complex128] | None:
+def rigid_pair(loop: LinearSystem, axis: str) -> NDArray[np.complex128] | None:
     """Rates of the two poles of the rigid rotor along an axis (1/s), None if there are no such two.
 
     Of the modes in which the rotor takes part and that move the output of this axis most, the rigid one is the slowest:
     bending modes and amplifiers are faster. Its pole is one of a complex pair, or real; then its partner is the next
     real pole of the same shape, unless a complex pair of this shape comes first: the partner is part of that.
     """
-    poles, vectors = linalg.eig(loop.A)
-    rates = rates_of(poles, loop.dt)
+    poles, vectors = linalg.eig(loop.a)
+    rates = rates_of(poles, loop.sample_time)
     modes = np.flatnonzero((_participation(loop, vectors) > _LEAST_PARTICIPATION) & (rates.imag >= 0.0))
     modes = modes[np.argsort(np.abs(rates[modes]), kind="stable")]
     if not len(modes):
         return None
-    spans = _spans(loop.C @ vectors[:, modes], rates[modes])
-    along = np.eye(loop.noutputs)[loop.output_labels.index(axis)]
+    spans = _spans(loop.c @ vectors[:, modes], rates[modes])
+    along = np.eye(loop.outputs)[loop.output_names.index(axis)]
     share = np.array([np.linalg.norm(span.conj().T @ along) for span in spans])
     first = int(np.argmax(share > _LEAST_SHARE * share.max()))
     pair = rates[modes[first : first + 1]]
@@ -74,8 +65,8 @@ def _same(rates: NDArray[np.complex128] | complex, rate: complex) -> NDArray[np.
     return np.asarray(np.abs(rates - rate) <= _SAME_RATE * np.abs(rate))
 
 
-def _participation(loop: control.StateSpace, vectors: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _participation(loop: LinearSystem, vectors: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Of all states of the rotor in each mode."""
-    own = [n for n, name in enumerate(loop.state_labels) if not name.startswith(_NOT_OF_THE_ROTOR)]
+    own = [n for n, name in enumerate(loop.state_names) if not name.startswith(_NOT_OF_THE_ROTOR)]
     left = np.linalg.pinv(vectors)  # poles at z = 0 share eigenvectors
     return np.asarray(np.abs(vectors[own] * left[:, own].T).sum(axis=0))

@@ -16,21 +16,16 @@ IEEE PESC 2004 (held duty cycles as sample and hold).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.extras import extra
-from amb_core.plant.differences import OpenPlant, axis_labels, open_plant, plant_axes
+from amb_core.linear import LinearSystem
+from amb_core.plant.differences import OpenPlant, axis_labels, open_plant, plant_axes, plant_system
 from amb_core.plant.network import COIL_AXES, COILS, active_coils
 from amb_core.plant.operating_point import OperatingPoint
 from amb_core.plant.parameters import PlantParameters
 from amb_core.plant.plant import Plant
-
-if TYPE_CHECKING:
-    import control
 
 
 def modulation_is_regular(parameters: PlantParameters) -> bool:
@@ -38,7 +33,7 @@ def modulation_is_regular(parameters: PlantParameters) -> bool:
     return parameters.amplifier.switching and parameters.steps_per_sample % parameters.steps_per_period == 0
 
 
-def sampled_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
+def sampled_plant(plant: Plant, point: OperatingPoint) -> LinearSystem:
     """The plant from control currents (A) to measured positions (m) of the radial axes, from sample to sample.
 
     Parameters
@@ -54,7 +49,7 @@ def sampled_plant(plant: Plant, point: OperatingPoint) -> control.StateSpace:
 
 def sample_modulated(
     opened: OpenPlant, parameters: PlantParameters, by_axis: NDArray[np.float64], labels: list[str]
-) -> control.StateSpace:
+) -> LinearSystem:
     """A plant with modulated amplifiers from control currents (A) to measured positions (m), from sample to sample.
 
     Its states are those of the open plant, then for each electromagnet the integral of its current over the switching
@@ -71,18 +66,13 @@ def sample_modulated(
     labels : list of str
         Names of the axes.
     """
-    with extra("control"):
-        import control
-
     a, b, names = _sample(opened, parameters, by_axis)
     axes = len(labels)
     names += [f"held_i_{label}" for label in labels]
     kept = _moving(a, len(opened.a))
     c = np.hstack([opened.sensors, np.zeros((axes, len(a) - len(opened.a)))])[:, kept]
-    return control.StateSpace(
-        a[np.ix_(kept, kept)], b[kept], c, np.zeros((axes, axes)), 1.0 / parameters.integration.sample_rate,
-        states=[names[n] for n in kept], inputs=[f"i_{label}" for label in labels], outputs=labels, name="plant",
-    )  # fmt: skip
+    sample_time = 1.0 / parameters.integration.sample_rate
+    return plant_system(a[np.ix_(kept, kept)], b[kept], c, sample_time, labels, [names[n] for n in kept])
 
 
 def _sample(

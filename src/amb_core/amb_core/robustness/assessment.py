@@ -11,6 +11,8 @@ from scipy.optimize import minimize_scalar
 
 from amb_core.identification.numerics import one_blas_thread
 from amb_core.identification.uncertainty import ModelUncertainty
+from amb_core.linear import Arrays, Complexes
+from amb_core.linear.peak import Peak, peak_gain
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
 from amb_core.robustness.ellipsoid import (
@@ -22,7 +24,6 @@ from amb_core.robustness.ellipsoid import (
     radius_of_one,
 )
 from amb_core.robustness.feedback import Feedback, feedback_of
-from amb_core.robustness.lti import Arrays, Complexes, Lti, Peak, peak_gain
 from amb_core.robustness.margins import (
     ClassicalMargins,
     DiskMargin,
@@ -377,9 +378,4 @@ def stability_margin(feedback: Feedback, frequency: Arrays) -> tuple[float, floa
     typical = math.log(np.linalg.norm(feedback.controller.response(frequency), 2, axis=(1, 2)).mean() + 1e-300)
     found = minimize_scalar(size, bounds=(typical - 8.0, typical + 8.0), method="bounded")
     weight = weights(float(found.x))
-    system = four_block
-    scaled = Lti(
-        system.a, system.b / weight, weight[:, np.newaxis] * system.c, weight[:, np.newaxis] * system.d / weight,
-        system.sample_time,
-    )  # fmt: skip
-    return 1.0 / peak_gain(scaled).value, math.exp(float(found.x))
+    return 1.0 / peak_gain(four_block.scaled(weight, 1.0 / weight)).value, math.exp(float(found.x))

@@ -32,8 +32,8 @@ from scipy.special import gammaincinv
 from amb_core.identification.frequency_response import normal_quantile, transfers
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.uncertainty.directions import response_changes
+from amb_core.linear import Arrays, Complexes
 from amb_core.robustness.feedback import Feedback
-from amb_core.robustness.lti import Arrays, Complexes
 
 Places = NDArray[np.intp]
 _STEPS = 15

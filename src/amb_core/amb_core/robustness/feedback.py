@@ -20,11 +20,10 @@ import numpy as np
 
 from amb_core.errors import RobustnessError
 from amb_core.identification.closed_loop import loop_axes
-from amb_core.identification.control_law import LinearLaw, law_of
-from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_core.loop.linear_control import LinearControllerParameters, pd_as_linear
+from amb_core.linear import Arrays, LinearSystem, connections
+from amb_core.loop.known_controller import KnownController
+from amb_core.loop.linear_control import linear_law
 from amb_core.model import StateSpaceModel
-from amb_core.robustness.lti import Arrays, Lti
 
 MARGIN = 1e-9
 """A loop whose largest pole has a magnitude of 1 - this or more is not taken as stable: rounding could hide it."""
@@ -36,9 +35,9 @@ class Feedback:
 
     Attributes
     ----------
-    plant : Lti
+    plant : LinearSystem
         From control currents (A) to positions (m), strictly proper.
-    controller : Lti
+    controller : LinearSystem
         C of u = -C y, from positions (m) to control currents (A).
     axes : tuple of str
         Names of the outputs.
@@ -49,8 +48,8 @@ class Feedback:
         If the two do not fit together.
     """
 
-    plant: Lti
-    controller: Lti
+    plant: LinearSystem
+    controller: LinearSystem
     axes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -80,11 +79,11 @@ class Feedback:
         return len(self.plant.c)
 
     @cached_property
-    def closed(self) -> Lti:
+    def closed(self) -> LinearSystem:
         """From (w_u, w_y) to (u, y), shape (m + p, m + p); its states are those of plant and controller."""
         return self.opened(np.zeros((self.plant.order, 0)), np.zeros((0, self.plant.order)))
 
-    def opened(self, into_states: Arrays, from_states: Arrays) -> Lti:
+    def opened(self, into_states: Arrays, from_states: Arrays) -> LinearSystem:
         """The closed loop with further perturbations of the plant's states.
 
         Parameters
@@ -94,22 +93,18 @@ class Feedback:
 
         Returns
         -------
-        Lti
+        LinearSystem
             From (w_u, w_y, w_x) to (u, y, z_x).
         """
-        (a, b, c), k = (self.plant.a, self.plant.b, self.plant.c), self.controller
-        n, m, p, e = len(a), self.inputs, self.outputs, into_states.shape[1]
-        seen = np.hstack([c, np.zeros((p, k.order))])  # y without w_y
-        current = np.hstack([-k.d @ c, -k.c])  # u without w_u and w_y
-        whole_a = np.block([[a, np.zeros((n, k.order))], [k.b @ c, k.a]])
-        whole_a[:n] += b @ current
-        by_u, by_y = np.eye(m, m + p + e), np.eye(p, m + p + e, m)
-        into_u = by_u - k.d @ by_y
-        into_a = np.vstack([b @ into_u, k.b @ by_y])
-        into_a[:n, m + p :] += into_states
-        out = np.vstack([current, seen, np.hstack([from_states, np.zeros((len(from_states), k.order))])])
-        direct = np.vstack([into_u, by_y, np.zeros((len(from_states), m + p + e))])
-        return Lti(whole_a, into_a, out, direct, self.plant.sample_time)
+        plant = self.plant
+        extended = LinearSystem(
+            plant.a,
+            np.hstack([plant.b, into_states]),
+            np.vstack([plant.c, from_states]),
+            np.zeros((self.outputs + len(from_states), self.inputs + into_states.shape[1])),
+            plant.sample_time,
+        )
+        return connections.feedback(extended, self.controller.scaled(-1.0, 1.0))
 
     @property
     def stable(self) -> bool:
@@ -128,37 +123,32 @@ class Feedback:
             )
 
     @property
-    def output_sensitivity(self) -> Lti:
+    def output_sensitivity(self) -> LinearSystem:
         """S_o = (I + P C)^-1."""
         return self.closed.part(slice(self.inputs, None), slice(self.inputs, None))
 
     @property
-    def input_sensitivity(self) -> Lti:
+    def input_sensitivity(self) -> LinearSystem:
         """S_i = (I + C P)^-1."""
         return self.closed.part(slice(self.inputs), slice(self.inputs))
 
     @property
-    def complementary(self) -> Lti:
+    def complementary(self) -> LinearSystem:
         """T_o = I - S_o."""
         s = self.output_sensitivity
-        return Lti(s.a, s.b, -s.c, np.eye(self.outputs) - s.d, s.sample_time)
+        return s.scaled(-1.0, 1.0).plus(np.eye(self.outputs))
 
-    def at_axis(self, axis: int) -> Lti:
+    def at_axis(self, axis: int) -> LinearSystem:
         """The loop opened at one output, all others closed: L = 1/S_axis - 1, from -(input of the controller) to y."""
         one = [self.inputs + axis]
         s = self.closed.part(one, one)
         # y = S w; as a loop y = w - L y, so L = S^-1 - 1: the inverse of S, whose D is 1.
         inverse_d = 1.0 / s.d
-        return Lti(s.a - s.b @ inverse_d @ s.c, s.b @ inverse_d, -inverse_d @ s.c, inverse_d - 1.0, s.sample_time)
+        return s.with_matrices(s.a - s.b @ inverse_d @ s.c, s.b @ inverse_d, -inverse_d @ s.c, inverse_d - 1.0)
 
     def with_plant(self, model: StateSpaceModel) -> Feedback:
         """The same controller with another model."""
-        return replace(self, plant=plant_of(model))
-
-
-def plant_of(model: StateSpaceModel) -> Lti:
-    """The deterministic part of a model."""
-    return Lti(model.a, model.b, model.c, model.d, model.sample_time)
+        return replace(self, plant=model)
 
 
 def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay: int = 0) -> Feedback:
@@ -178,34 +168,21 @@ def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay
     IdentificationError, ParameterError
         If model and controller do not fit together.
     """
-    law = law_as_lti(controller, loop_axes(model, controller), extra_delay)
-    return Feedback(plant_of(model), law, tuple(model.output_names))
+    law = law_from_positions(controller, loop_axes(model, controller), extra_delay)
+    return Feedback(model, law, tuple(model.output_names))
 
 
-def law_as_lti(controller: KnownController, axes: int, extra_delay: int = 0) -> Lti:
+def law_from_positions(controller: KnownController, axes: int, extra_delay: int = 0) -> LinearSystem:
     """C of u = -C y of a controller for a number of axes; errors as for `feedback_of`."""
-    if not isinstance(controller, LinearControl):
-        controller = LinearControl(pd_as_linear(controller, axes), LinearControllerParameters())
-    law = law_of(controller, axes)
-    assert isinstance(law, LinearLaw)
-    from_output, direct = law.from_output
-    control = Lti(law.a, from_output, -law.c, -direct, 1.0 / controller.sample_rate)
+    control = linear_law(controller, axes).part(slice(None), slice(axes, None)).scaled(-1.0, 1.0)
     for _ in range(extra_delay):
-        control = _delayed(control)
+        control = control.delayed()
     return control
 
 
 def is_same_law(first: KnownController, second: KnownController, axes: int) -> bool:
     """Whether two controllers answer positions alike, whatever their limits."""
-    laws = [law_as_lti(one, axes) for one in (first, second)]
+    laws = [law_from_positions(one, axes) for one in (first, second)]
     return laws[0].sample_time == laws[1].sample_time and all(
         np.array_equal(getattr(laws[0], name), getattr(laws[1], name)) for name in "abcd"
     )
-
-
-def _delayed(system: Lti) -> Lti:
-    """The system with its outputs one step later."""
-    (n, m), p = system.b.shape, len(system.c)
-    a = np.block([[system.a, np.zeros((n, p))], [system.c, np.zeros((p, p))]])
-    c = np.hstack([np.zeros((p, n)), np.eye(p)])
-    return Lti(a, np.vstack([system.b, system.d]), c, np.zeros((p, m)), system.sample_time)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from amb_core.errors import RobustnessError
-from amb_core.robustness.lti import Arrays, Complexes
+from amb_core.linear import Arrays, Complexes
 
 ORDER = 2  # of the polynomials
 REDUNDANCY = 3.0  # lines in a band, at least, over unknowns

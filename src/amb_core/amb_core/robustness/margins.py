@@ -18,9 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from amb_core.linear import Arrays, LinearSystem
+from amb_core.linear.peak import Peak, peak_gain
 from amb_core.robustness.crossings import gain_crossovers, phase_crossovers
 from amb_core.robustness.feedback import Feedback
-from amb_core.robustness.lti import Arrays, Lti, Peak, peak_gain
 from amb_core.robustness.mu import Block, MuPeak, mu_peak
 
 NONE = math.inf
@@ -140,14 +141,14 @@ def disk_margins(feedback: Feedback, frequency: Arrays, skew: float = 0.0) -> tu
     )
 
 
-def disk_peak(sensitivity: Lti, frequency: Arrays, skew: float = 0.0) -> MuPeak:
+def disk_peak(sensitivity: LinearSystem, frequency: Arrays, skew: float = 0.0) -> MuPeak:
     """Bounds of the largest mu of S + (sigma - 1)/2 I over independent complex perturbations of all its signals."""
     size = len(sensitivity.c)
     system = sensitivity.plus(0.5 * (skew - 1.0) * np.eye(size))
     return mu_peak(system, [Block(f"f_{number + 1}") for number in range(size)], frequency)
 
 
-def margins_of_loop(name: str, loop: Lti) -> ClassicalMargins:
+def margins_of_loop(name: str, loop: LinearSystem) -> ClassicalMargins:
     """Gain, phase and delay margins of an open loop of one signal in negative feedback, which must be stable."""
     at_phase, at_gain = phase_crossovers(loop), gain_crossovers(loop)
     values = loop.response(at_phase)[:, 0, 0]

@@ -20,10 +20,10 @@ from scipy.special import ndtri
 from amb_core.errors import RobustnessError
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.nonparametric import estimate_response, find_period
+from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_core.robustness.feedback import Feedback, law_as_lti
+from amb_core.robustness.feedback import Feedback, law_from_positions
 from amb_core.robustness.local_response import local_response
-from amb_core.robustness.lti import Arrays, Complexes, Lti
 
 FREQUENCIES = 400  # of the curve of a reference without period
 COHERENT = 0.9  # coherence from which a measured value counts
@@ -110,7 +110,7 @@ def measured_sensitivity(data: IdentificationData, controller: KnownController) 
         raise RobustnessError("the sensitivity needs data with the reference; record them with an excitation")
     by_errors = _of_errors(controller)
     periodic = find_period(references) is not None
-    law = law_as_lti(controller.at_rate(data.sample_rate), len(data.output_names))
+    law = law_from_positions(controller.at_rate(data.sample_rate), len(data.output_names))
     found = (_over_periods if periodic else _over_bands)(data, law, by_errors)
     known = np.all(found.deviation <= LARGEST_ERROR * np.abs(found.own), axis=1)
     if not known.any():
@@ -126,7 +126,7 @@ def measured_sensitivity(data: IdentificationData, controller: KnownController) 
     )
 
 
-def _over_periods(data: IdentificationData, law: Lti, by_errors: bool) -> MeasuredSensitivity:
+def _over_periods(data: IdentificationData, law: LinearSystem, by_errors: bool) -> MeasuredSensitivity:
     """From averages over the periods of the reference."""
     if by_errors:
         errors = [replace(item, inputs=_less(item.reference, item.outputs)) for item in data.experiments]
@@ -152,7 +152,7 @@ def _over_periods(data: IdentificationData, law: Lti, by_errors: bool) -> Measur
     )
 
 
-def _over_bands(data: IdentificationData, law: Lti, by_errors: bool) -> MeasuredSensitivity:
+def _over_bands(data: IdentificationData, law: LinearSystem, by_errors: bool) -> MeasuredSensitivity:
     """By the local polynomial method."""
     experiments = [
         (item.reference, np.hstack([item.inputs, item.outputs]))

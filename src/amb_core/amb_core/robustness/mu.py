@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import RobustnessError
-from amb_core.robustness.lti import Arrays, Complexes, Lti
+from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.robustness.mu_lower import lower_bound
 from amb_core.robustness.mu_upper import top, upper_curve
 
@@ -73,12 +73,12 @@ class MuPeak:
     upper_curve: Arrays
 
 
-def mu_peak(system: Lti, blocks: Sequence[Block], frequency: Arrays) -> MuPeak:
+def mu_peak(system: LinearSystem, blocks: Sequence[Block], frequency: Arrays) -> MuPeak:
     """Bounds of the largest mu of a system over frequency.
 
     Parameters
     ----------
-    system : Lti
+    system : LinearSystem
         From w to z with w = diag(delta) z, stable.
     blocks : sequence of Block
         As many as the system has inputs.
@@ -116,7 +116,7 @@ def _summits(curve: Arrays) -> list[int]:
 
 
 def _refine(
-    system: Lti, real: NDArray[np.bool_], frequency: Arrays, curve: Arrays, start: Arrays, place: int
+    system: LinearSystem, real: NDArray[np.bool_], frequency: Arrays, curve: Arrays, start: Arrays, place: int
 ) -> tuple[float, float]:
     """The largest upper bound between the neighbours of a frequency, and where it is."""
     low, high = float(frequency[max(place - 1, 0)]), float(frequency[min(place + 1, len(frequency) - 1)])

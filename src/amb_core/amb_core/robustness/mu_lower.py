@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import zgeev
 from scipy.optimize import minimize
 
-from amb_core.robustness.lti import Arrays, Complexes, Lti
+from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.robustness.mu_upper import balancing
 
 _STARTS = 12  # of the power iteration
@@ -41,12 +41,14 @@ _ENOUGH = 1e-4  # a lower bound so close to the upper one ends the search over r
 Found = tuple[float, float, Complexes]
 
 
-def lower_bound(system: Lti, real: NDArray[np.bool_], frequency: float, upper: float = np.inf, seed: int = 0) -> Found:
+def lower_bound(
+    system: LinearSystem, real: NDArray[np.bool_], frequency: float, upper: float = np.inf, seed: int = 0
+) -> Found:
     """Lower bound of mu near a frequency.
 
     Parameters
     ----------
-    system : Lti
+    system : LinearSystem
         M.
     real : ndarray of bool, shape (n,)
         Which perturbations are real.
@@ -68,10 +70,7 @@ def lower_bound(system: Lti, real: NDArray[np.bool_], frequency: float, upper: f
     if size == 0.0:
         return 0.0, frequency, np.zeros(0, dtype=np.complex128)
     # The same eigenvalues, near 1: D M D^-1 over its norm.
-    scaled = Lti(
-        system.a, system.b / scale, scale[:, np.newaxis] * system.c / size,
-        scale[:, np.newaxis] * system.d / scale / size, system.sample_time,
-    )  # fmt: skip
+    scaled = system.scaled(scale / size, 1.0 / scale)
     random = np.random.default_rng(seed)
     if not np.any(real):
         found = _aligned(scaled, frequency, random)
@@ -83,7 +82,7 @@ def lower_bound(system: Lti, real: NDArray[np.bool_], frequency: float, upper: f
     return value * size, at, q / (value * size)
 
 
-def _aligned(system: Lti, frequency: float, random: np.random.Generator) -> Found:
+def _aligned(system: LinearSystem, frequency: float, random: np.random.Generator) -> Found:
     """The largest eigenvalue of M Q found with |q_i| = 1, and Q turned so that it is real; all starts at once."""
     matrix = system.response(np.array([frequency]))[0]
     n, tiny = len(matrix), np.finfo(float).tiny
@@ -119,7 +118,7 @@ class _Eigenvalue:
     The unknowns are the real q, the phases of the complex q, and the frequency (relative to the first) if `moving`.
     """
 
-    system: Lti
+    system: LinearSystem
     real: NDArray[np.bool_]
     frequency: float
     moving: bool
@@ -177,14 +176,12 @@ class _Eigenvalue:
         system = self.system
         turn = 2.0 * np.pi * self.frequency * system.sample_time
         z = np.exp(1j * turn * unknown[-1])
-        shifted = z * np.eye(system.order) - system.a
-        states = np.linalg.solve(shifted, system.b.astype(np.complex128))
-        change = -1j * turn * z * system.c @ np.linalg.solve(shifted, states)
-        return np.asarray(system.c @ states + system.d), np.asarray(change)
+        value, slope = system.slope_at(z)
+        return value, 1j * turn * z * slope
 
 
 def _programmed(
-    system: Lti, real: NDArray[np.bool_], frequency: float, enough: float, random: np.random.Generator
+    system: LinearSystem, real: NDArray[np.bool_], frequency: float, enough: float, random: np.random.Generator
 ) -> Found:
     """The largest real eigenvalue of M Q over Q, and over frequencies about one if all perturbations are real."""
     count, n, half = int(real.sum()), len(real), 0.5 / system.sample_time

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from amb_core.robustness.lti import Arrays, Complexes
+from amb_core.linear import Arrays, Complexes
 
 SHARPNESS = (20.0, 200.0, 2_000.0)
 """Of the smooth stand-in for the largest eigenvalue, one after the other; relative to it."""

@@ -11,15 +11,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from amb_core.robustness.lti import Arrays, Complexes, Lti
+from amb_core.linear import Arrays, Complexes, LinearSystem
 
 
-def replayed_poles(system: Lti, perturbation: Complexes, frequency: float) -> Complexes:
+def replayed_poles(system: LinearSystem, perturbation: Complexes, frequency: float) -> Complexes:
     """Poles of a system with w = diag(delta) z, largest first.
 
     Parameters
     ----------
-    system : Lti
+    system : LinearSystem
         From w to z.
     perturbation : ndarray of complex, shape (n,)
         delta.
@@ -43,7 +43,7 @@ def replayed_poles(system: Lti, perturbation: Complexes, frequency: float) -> Co
     return _closed(system, np.diag(pole), b, c, direct)
 
 
-def distance_from_circle(system: Lti, perturbation: Complexes, frequency: float) -> float:
+def distance_from_circle(system: LinearSystem, perturbation: Complexes, frequency: float) -> float:
     """Distance of the replayed loop's pole from its place on the unit circle at the frequency."""
     on_circle = np.exp(2j * np.pi * frequency * system.sample_time)
     return float(np.abs(replayed_poles(system, perturbation, frequency) - on_circle).min())
@@ -57,7 +57,7 @@ def _all_pass(phase: float, angle: float) -> tuple[float, float]:
     return float(np.sin(psi) / np.sin(angle + psi)), sign
 
 
-def _closed(system: Lti, a: Arrays, b: Arrays, c: Arrays, direct: Complexes | Arrays) -> Complexes:
+def _closed(system: LinearSystem, a: Arrays, b: Arrays, c: Arrays, direct: Complexes | Arrays) -> Complexes:
     """Poles of the system with the perturbation c (z - a)^-1 b + diag(direct)."""
     loop = np.linalg.inv(np.eye(len(direct)) - system.d * direct)  # z = loop (C x + D c q)
     z_x, z_q = loop @ system.c, loop @ system.d @ c

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from amb_core.errors import RobustnessError
+from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.robustness.feedback import Feedback
-from amb_core.robustness.lti import Arrays, Complexes, Lti
 from amb_core.robustness.mu import Block
 from amb_core.robustness.settings import RobustnessSettings
 
@@ -36,7 +36,7 @@ class UncertainLoop:
 
     Attributes
     ----------
-    system : Lti
+    system : LinearSystem
         From w to z with w = diag(delta) z, |delta| <= 1 for the sizes of the settings.
     blocks : tuple of Block
         The perturbations, those of bending modes last.
@@ -44,7 +44,7 @@ class UncertainLoop:
         For the s perturbations at signals: with H the closed loop of `feedback`, they see out H into + direct.
     """
 
-    system: Lti
+    system: LinearSystem
     blocks: tuple[Block, ...]
     into: Arrays
     out: Arrays
@@ -116,7 +116,7 @@ def uncertain_loop(feedback: Feedback, settings: RobustnessSettings) -> Uncertai
     if not len(kept):
         raise RobustnessError("no uncertainty is larger than 0; give at least one")
     scale = radius[kept, np.newaxis]
-    system = Lti(
+    system = LinearSystem(
         opened.a,
         opened.b @ into[:, kept],
         scale * (out @ opened.c)[kept],
@@ -134,7 +134,7 @@ def uncertain_loop(feedback: Feedback, settings: RobustnessSettings) -> Uncertai
     )
 
 
-def bending_modes(plant: Lti) -> list[Mode]:
+def bending_modes(plant: LinearSystem) -> list[Mode]:
     """The lightly damped stable modes of a plant."""
     values, right = np.linalg.eig(plant.a)
     if np.linalg.cond(right) > 1e12:
@@ -148,7 +148,7 @@ def bending_modes(plant: Lti) -> list[Mode]:
     return found
 
 
-def _companion(plant: Lti, pole: complex, v: Complexes, w: Complexes) -> Mode:
+def _companion(plant: LinearSystem, pole: complex, v: Complexes, w: Complexes) -> Mode:
     """Coordinates of a mode: its displacement as the outputs see it most, and the same a sample later."""
     states, shape = np.vstack([w.real, w.imag]), np.column_stack([2.0 * v.real, -2.0 * v.imag])
     motion = np.array([[pole.real, -pole.imag], [pole.imag, pole.real]])
@@ -175,7 +175,7 @@ def _modes(
     return rows, columns, names, np.array(sizes)
 
 
-def _static_gain(plant: Lti) -> Arrays:
+def _static_gain(plant: LinearSystem) -> Arrays:
     if np.any(np.abs(plant.poles() - 1.0) < 1e-9):
         raise RobustnessError("the plant has a pole at z = 1: no constant current holds the rotor; detrend the data")
     return plant.response(np.array([0.0]))[0].real

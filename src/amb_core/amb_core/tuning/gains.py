@@ -1,6 +1,6 @@
 """PD gains for a bearing: pole placement on the linearised plant, adjusted until the sampled loop has its margins.
 
-`amb_core.plant.pd_gains` places the poles of the rigid rotor and takes the gains with the least derivative action. If
+`amb_core.tuning.pd_gains` places the poles of the rigid rotor and takes the gains with the least derivative action. If
 their peak sensitivity is above the limit, or the grid has none, the gains are searched: a wide grid of stiffness and
 damping, then a simplex search from the best point. What no gains of this search stabilise is explained
 (`amb_core.tuning.reasons`).
@@ -20,12 +20,10 @@ from amb_core.errors import PlantError
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.parameters import flatten, validate
 from amb_core.plant import Plant, PlantParameters, linearize
-from amb_core.plant.averaged import AveragedPlant
 from amb_core.plant.closed_forms import current_gain, negative_stiffness
 from amb_core.plant.linearise import Linearization
-from amb_core.plant.pd_gains import choose_gains
-from amb_core.plant.rotor import rotor_mass
-from amb_core.tuning.loop_family import LoopFamily, gain_margins, peak_sensitivity
+from amb_core.tuning.loop_family import LoopFamily, gain_margins
+from amb_core.tuning.pd_gains import choose_gains, held_at_centre, placed_gains, require_carrying, three_digits
 
 HIGHEST_PEAK = 3.0
 """Peak sensitivity (-) up to which ISO 14839-3 puts a machine in its zone A, as cited; to be checked against it."""
@@ -113,12 +111,12 @@ def result_of(plant: Plant, family: LoopFamily, gains: tuple[float, float]) -> T
     """What gains K_P (A/m) and K_D (A s/m) make of a stable loop, with the reference that holds the centre."""
     circuit, bias = plant.parameters.magnetic_circuit, plant.parameters.amplifier.bias_current
     k_i, k_s = current_gain(circuit, bias), negative_stiffness(circuit, bias)
-    controller = _held_at_centre(plant, family.model, family.controller(*gains))
+    controller = held_at_centre(plant, family.model, family.controller(*gains))
     model = linearize(plant, controller)
     return Tuned(
         controller,
         model,
-        peak_sensitivity(model, controller),
+        model.peak_sensitivity,
         k_i * gains[0] - k_s,
         k_i * gains[1],
         gain_margins(family, *gains),
@@ -134,17 +132,9 @@ def candidates(plant: Plant, family: LoopFamily, highest_peak: float = HIGHEST_P
 
 def wide_grid(plant: Plant) -> Iterator[tuple[float, float]]:
     """K_P (A/m) and K_D (A s/m) over `RATIOS` and `ZETAS`."""
-    circuit, bias = plant.parameters.magnetic_circuit, plant.parameters.amplifier.bias_current
-    k_i, k_s = current_gain(circuit, bias), negative_stiffness(circuit, bias)
-    mass = rotor_mass(plant.parameters, plant.rotor) / plant.bearings
     for ratio in RATIOS:
         for zeta in ZETAS:
-            yield three_digits(ratio * k_s / k_i), three_digits(2.0 * zeta * np.sqrt((ratio - 1.0) * k_s * mass) / k_i)
-
-
-def three_digits(value: float) -> float:
-    """Rounded to three significant digits, as gains are written."""
-    return float(f"{value:.3g}")
+            yield placed_gains(plant, ratio, zeta)
 
 
 def centred(parameters: PlantParameters, controller: ControllerParameters | None) -> ControllerParameters:
@@ -156,17 +146,6 @@ def centred(parameters: PlantParameters, controller: ControllerParameters | None
 
 
 _OWN = frozenset(ControllerParameters.model_fields)
-
-
-def require_carrying(model: Linearization, controller: ControllerParameters) -> None:
-    """Raise PlantError if carrying the rotor in the centre takes more than the largest control current."""
-    needed = float(np.abs(model.point.current_reference).max())
-    if needed >= controller.current_limit:
-        raise PlantError(
-            f"static load beyond the force: carrying the rotor in the centre needs a control current of {needed:.3g} "
-            f"A; allowed: less than {controller.current_limit:g} A; more turns, a larger bias current or larger "
-            "magnets carry more"
-        )
 
 
 def _first_gains(controller: ControllerParameters) -> tuple[float, float]:
@@ -190,13 +169,3 @@ def _searched(plant: Plant, family: LoopFamily, start: tuple[float, float] | Non
     found = np.exp(minimize(cost, np.log(best), method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-2}).x)
     rounded = three_digits(found[0]), three_digits(found[1])
     return rounded if family.peak(*rounded) < family.peak(*best) else best
-
-
-def _held_at_centre(plant: Plant, model: Linearization, controller: ControllerParameters) -> ControllerParameters:
-    """With the nominal references at which the controller holds the rotor in the centre of its bearings."""
-    axes = len(plant.machine.axes)
-    radial = len(model.point.current_reference)
-    measured = AveragedPlant(plant).sensors() @ model.point.state  # not zero where a sensor is beside its bearing
-    references = controller.references(axes).copy()
-    references[:radial] = measured + model.point.current_reference / pack_gains(controller, axes)[:radial, 0]
-    return controller.model_copy(update={"nominal_reference": tuple((np.round(references, 9) + 0.0).tolist())})

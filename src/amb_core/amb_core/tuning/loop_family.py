@@ -11,17 +11,18 @@ transfer function matrix", Systems & Control Letters 14 (1990).
 
 from __future__ import annotations
 
-import ctrlsys
 import numpy as np
 
-from amb_core.errors import PlantError
+from amb_core.linear.peak import h_infinity_norm
 from amb_core.loop.control import ControllerParameters, pack_gains
+from amb_core.loop.linear_control import linear_law
 from amb_core.parameters import flatten, part_of, validate
 from amb_core.plant.linearise import Linearization, close_loop
 
 FREQUENCIES = 400
 """On the grid: 66 in a decade, the last at half the sample rate; at the first, 1e-6 of that, a soft loop is at rest."""
-_TOLERANCE = 1e-6
+WITHOUT_LISTS: dict[str, tuple[float, ...]] = {"proportional_gains": (), "derivative_gains": ()}
+"""No gains of single axes."""
 
 
 class LoopFamily:
@@ -31,31 +32,32 @@ class LoopFamily:
     ----------
     model : Linearization
         Its discrete plant and its controller are used.
+    every_axis : bool, optional
+        The same gains on the axial axis, too.
     """
 
-    def __init__(self, model: Linearization) -> None:
+    def __init__(self, model: Linearization, every_axis: bool = False) -> None:
         self.model = model
         given = part_of(ControllerParameters, model.controller.model_dump())
-        self._axes = model.discrete.ninputs
+        self._axes = model.discrete.inputs
         packed = pack_gains(given, self._axes)
-        radial = np.array([not label.startswith("z") for label in model.discrete.output_labels], dtype=float)
+        labels = model.discrete.output_names
+        radial = np.array([every_axis or not label.startswith("z") for label in labels], dtype=float)
         self._fixed = (1.0 - radial) * packed[:, 0], (1.0 - radial) * packed[:, 1]
         self._radial, self._given = radial, given
         loops = [
             close_loop(model.discrete, self.controller(*gains))[1] for gains in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
         ]
-        self._a = loops[0].A
-        self._by_gain = loops[1].A - loops[0].A, loops[2].A - loops[0].A
-        angle = np.geomspace(1e-6 * np.pi, np.pi, FREQUENCIES)
-        at = np.exp(1j * angle)
-        self._plant = np.moveaxis(model.discrete(at, squeeze=False), -1, 0)
-        difference = 1.0 - 1.0 / at
-        sample_time = 1.0 / given.sample_rate
-        self._derivative = difference / (given.derivative_filter * difference + sample_time)
+        self._a = loops[0].a
+        self._by_gain = loops[1].a - loops[0].a, loops[2].a - loops[0].a
+        frequency = np.geomspace(0.5e-6, 0.5, FREQUENCIES) / model.discrete.sample_time
+        self._plant = model.discrete.response(frequency)
+        unit = given.model_copy(update={"proportional_gain": 0.0, "derivative_gain": 1.0} | WITHOUT_LISTS)
+        self._derivative = -linear_law(unit, 1).response(frequency)[:, 0, 1]  # of the measured position
 
     def controller(self, proportional: float, derivative: float) -> ControllerParameters:
         """The given controller with these gains on the radial axes (A/m, A s/m)."""
-        values = {**flatten(self._given.model_dump()), "proportional_gains": (), "derivative_gains": ()}
+        values = {**flatten(self._given.model_dump()), **WITHOUT_LISTS}
         if self._radial.all():
             values |= {"proportional_gain": proportional, "derivative_gain": derivative}
         else:
@@ -79,28 +81,7 @@ class LoopFamily:
 
     def exact_peak(self, proportional: float, derivative: float) -> float:
         """The same, exactly: the L-infinity norm of the sensitivity."""
-        if not self.stable(proportional, derivative):
-            return np.inf
-        return peak_sensitivity(self.model, self.controller(proportional, derivative))
-
-
-def peak_sensitivity(model: Linearization, controller: ControllerParameters) -> float:
-    """L-infinity norm of the sensitivity of a stable loop (-).
-
-    Raises
-    ------
-    PlantError
-        If the loop is unstable, or the norm cannot be computed.
-    """
-    loop = close_loop(model.discrete, controller)[1]
-    if np.abs(loop.poles()).max() >= 1.0:
-        raise PlantError("the loop is unstable: it has no peak sensitivity")
-    order, axes = loop.nstates, loop.ninputs
-    matrices = [np.asfortranarray(matrix) for matrix in (loop.A, np.eye(order), loop.B, loop.C, loop.D)]
-    peak, _, info = ctrlsys.ab13dd("D", "I", "S", "D", order, axes, axes, np.array([0.0, 1.0]), *matrices, _TOLERANCE)
-    if info:
-        raise PlantError(f"the norm of the sensitivity cannot be computed (AB13DD, code {info})")
-    return float(peak[0] / peak[1]) if peak[1] else np.inf
+        return h_infinity_norm(close_loop(self.model.discrete, self.controller(proportional, derivative))[1])
 
 
 def gain_margins(family: LoopFamily, proportional: float, derivative: float) -> tuple[float, float]:

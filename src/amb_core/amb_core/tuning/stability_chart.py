@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant import Plant, PlantParameters, linearize
 from amb_core.tuning.gains import centred
-from amb_core.tuning.loop_family import LoopFamily, peak_sensitivity
+from amb_core.tuning.loop_family import LoopFamily
 
 POINTS = 64
 """Gains along each side of the chart."""
@@ -70,17 +70,14 @@ def stability_chart(
     given = controller.model_copy(update={"nominal_reference": ()})
     if not parameters.rotor.axial:
         given = centred(parameters, given)
-    model = linearize(plant, given, np.zeros(2))
-    family = LoopFamily(model)
-    own = family.controller(*chosen)
-    stable = family.stable(*chosen)
+    family = LoopFamily(linearize(plant, given, np.zeros(2)))
     proportional, derivative = _sides(family, chosen, points)
     peak = np.empty((points, points))
     for row, k_d in enumerate(derivative):
         peak[row] = [family.peak(float(k_p), float(k_d)) for k_p in proportional]
         if progress is not None:
             progress(row + 1, points)
-    return StabilityChart(proportional, derivative, peak, chosen, peak_sensitivity(model, own) if stable else np.inf)
+    return StabilityChart(proportional, derivative, peak, chosen, family.exact_peak(*chosen))
 
 
 def _sides(family: LoopFamily, chosen: tuple[float, float], points: int) -> list[NDArray[np.float64]]:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.errors import IdentificationError
-from amb_core.identification.estimate.small_matrices import add_product, set_matrix_product, set_product
+from amb_core.linear.small_matrices import add_product, set_matrix_product, set_product
 
 _BLOCK = 10_000  # samples whose regressors are held at once, fewer if these are many
 _ENTRIES = 2_420_000  # of the regressors held at once: 20 MB
@@ -206,7 +206,11 @@ def _predict(
     outputs: NDArray[np.float64],
     predictions: NDArray[np.float64],
 ) -> None:
-    """Fill in yhat, shape (steps, p), from the state at the first step; `advanced` is work space of its shape."""
+    """Fill in yhat, shape (steps, p), from the state at the first step; `advanced` is work space of its shape.
+
+    As `amb_core.linear.simulation`, without a copy of inputs and outputs side by side: estimates run it thousands of
+    times.
+    """
     for step in range(len(inputs)):
         set_product(c, state, predictions[step])
         set_product(f, state, advanced)

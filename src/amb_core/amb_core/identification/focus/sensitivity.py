@@ -26,7 +26,7 @@ from amb_core.identification.control_law import (
     recall,
     state_of,
 )
-from amb_core.identification.estimate.small_matrices import add_product, set_product
+from amb_core.linear.small_matrices import add_product, set_product
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel

@@ -163,16 +163,15 @@ def response_of_plant(
         discrete = linearize(plant, paper, journal).discrete
     else:
         discrete = linearize(plant, controller).discrete
-    outputs = discrete.output_labels
+    outputs = discrete.output_names
     if len(outputs) < 2:
         raise PlantError("the plant has one axis only")
-    response = np.moveaxis(discrete(np.exp(2j * np.pi * frequencies * discrete.dt), squeeze=False), -1, 0)
     return FrequencyResponse(
         frequencies,
-        response,
+        discrete.response(frequencies),
         "plant, linearised",
-        input_names=tuple(discrete.input_labels),
-        output_names=tuple(outputs),
+        input_names=discrete.input_names,
+        output_names=outputs,
         input_units=("A",) * len(outputs),
         output_units=("m",) * len(outputs),
     )

@@ -15,14 +15,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.estimate.small_matrices import add_product, set_product
 from amb_core.identification.validation.fit import nrmse_fit
+from amb_core.linear.simulation import state_sequence
 from amb_core.model.state_space import StateSpaceModel
 
 _CURVE_POINTS = 20  # horizons between the first and the last requested one, for the curve of fit over horizon
@@ -135,30 +134,12 @@ def predicted_states(
     IdentificationError
         If the predictor is unstable.
     """
-    predictor = np.ascontiguousarray(model.a - model.k @ model.c)
+    predictor = model.a - model.k @ model.c
     radius = float(np.max(np.abs(np.linalg.eigvals(predictor))))
     if not radius < 1.0:
         raise IdentificationError(
             f"the predictor of the model is unstable (spectral radius of A - K C {radius:.6g}) and cannot predict; "
             "estimate the gain K with the model, as all methods here do"
         )
-    states = np.empty((len(inputs), model.order))
-    gains = np.ascontiguousarray(np.hstack([model.b - model.k @ model.d, model.k]))
-    _filter(predictor, gains, state, np.ascontiguousarray(np.hstack([inputs, outputs])), states)
-    return states
-
-
-@numba.njit(cache=True)
-def _filter(
-    a: NDArray[np.float64],
-    b: NDArray[np.float64],
-    state: NDArray[np.float64],
-    signals: NDArray[np.float64],
-    states: NDArray[np.float64],
-) -> None:
-    """Fill in the states of x[k+1] = A x[k] + B s[k], starting at `state`."""
-    for index in range(len(state)):
-        states[0, index] = state[index]
-    for step in range(1, len(signals)):
-        set_product(a, states[step - 1], states[step])
-        add_product(b, signals[step - 1], states[step])
+    gains = np.hstack([model.b - model.k @ model.d, model.k])
+    return state_sequence(predictor, gains, np.hstack([inputs, outputs]), state)

@@ -1,4 +1,4 @@
-"""Linear discrete-time systems for robustness: state space, frequency response, exact peak of the gain.
+"""The exact peak of the gain of a linear discrete-time system.
 
 The peak is the L-infinity norm, found by the symplectic eigenvalues of SLICOT's AB13DD and not on a grid; a bounded
 search around the frequency that it gives brings the value to rounding. The eigenvalues lose their accuracy in states of
@@ -17,14 +17,10 @@ from dataclasses import dataclass
 
 import ctrlsys
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import matrix_balance
 from scipy.optimize import minimize_scalar
 
 from amb_core.errors import RobustnessError
-
-Arrays = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+from amb_core.linear.system import LinearSystem
 
 _TOLERANCE = 1e-9  # of AB13DD, relative
 _NEIGHBOURHOOD = 1e-4  # about the frequency of a peak, relative, in which its value is refined at first
@@ -48,87 +44,7 @@ class Peak:
     frequency: float
 
 
-@dataclass(frozen=True, eq=False)
-class Lti:
-    """x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k].
-
-    Attributes
-    ----------
-    a, b, c, d : ndarray, shapes (n, n), (n, m), (p, n), (p, m)
-        Matrices.
-    sample_time : float
-        Sample time (s).
-    """
-
-    a: Arrays
-    b: Arrays
-    c: Arrays
-    d: Arrays
-    sample_time: float
-
-    @property
-    def order(self) -> int:
-        """Number of states."""
-        return len(self.a)
-
-    def poles(self) -> Complexes:
-        """Poles in the z plane, largest magnitude first, shape (n,)."""
-        poles = np.linalg.eigvals(self.a).astype(np.complex128)
-        return np.asarray(poles[np.argsort(-np.abs(poles), kind="stable")])
-
-    @property
-    def radius(self) -> float:
-        """Largest magnitude of a pole; 0 without states."""
-        return float(np.abs(self.poles()).max(initial=0.0))
-
-    def response(self, frequency: Arrays) -> Complexes:
-        """Frequency response at frequencies in Hz, shape (f, p, m); infinite at a pole on the unit circle."""
-        z = np.exp(2j * np.pi * np.asarray(frequency) * self.sample_time)
-        if not self.order:
-            return np.broadcast_to(self.d.astype(np.complex128), (len(z), *self.d.shape)).copy()
-        shifted = z[:, np.newaxis, np.newaxis] * np.eye(self.order) - self.a
-        try:
-            return np.asarray(self.c @ np.linalg.solve(shifted, self.b.astype(np.complex128)[np.newaxis]) + self.d)
-        except np.linalg.LinAlgError:  # at one of the frequencies; the others one by one
-            if len(z) == 1:
-                return np.full((1, *self.d.shape), np.inf, dtype=np.complex128)
-            return np.concatenate([self.response(np.atleast_1d(one)) for one in np.asarray(frequency)])
-
-    def balanced(self) -> Lti:
-        """The same system with states of similar size: the columns and rows of [A B; C 0] have similar norms."""
-        n = self.order
-        if not n or not (np.any(self.b) and np.any(self.c)):
-            return self
-        whole = np.zeros((n + 1, n + 1))  # inputs together and outputs together as one signal
-        whole[:n, :n] = self.a
-        whole[:n, n], whole[n, :n] = np.linalg.norm(self.b, axis=1), np.linalg.norm(self.c, axis=0)
-        # As one signal they are balanced first: else the states' sizes would depend on the units of a gain.
-        whole[n] *= np.linalg.norm(whole[:n, n]) / np.linalg.norm(whole[n])
-        scale = matrix_balance(whole, permute=False, separate=True)[1][0][:n]
-        if not np.all(np.isfinite(scale)) or np.any(scale <= 0.0):
-            return self
-        return Lti(
-            self.a * scale / scale[:, np.newaxis],
-            self.b / scale[:, np.newaxis],
-            self.c * scale,
-            self.d,
-            self.sample_time,
-        )
-
-    def part(self, outputs: list[int] | slice, inputs: list[int] | slice) -> Lti:
-        """The system with some of its outputs and inputs."""
-        return Lti(self.a, self.b[:, inputs], self.c[outputs], self.d[outputs][:, inputs], self.sample_time)
-
-    def plus(self, matrix: Arrays) -> Lti:
-        """The system with a constant matrix added."""
-        return Lti(self.a, self.b, self.c, self.d + matrix, self.sample_time)
-
-    def gain(self, frequency: float) -> float:
-        """Largest singular value at a frequency (Hz)."""
-        return float(np.linalg.norm(self.response(np.array([frequency]))[0], 2))
-
-
-def peak_gain(system: Lti) -> Peak:
+def peak_gain(system: LinearSystem) -> Peak:
     """Largest singular value of a system over all frequencies.
 
     Raises
@@ -161,7 +77,12 @@ def peak_gain(system: Lti) -> Peak:
     return found
 
 
-def _refined(system: Lti, frequency: float, value: float) -> Peak:
+def h_infinity_norm(system: LinearSystem) -> float:
+    """Largest singular value of a system over all frequencies; infinite if it is not stable."""
+    return peak_gain(system).value if system.radius < 1.0 else math.inf
+
+
+def _refined(system: LinearSystem, frequency: float, value: float) -> Peak:
     """The top of the peak at a frequency: AB13DD stops within its tolerance below it."""
     half = 0.5 / system.sample_time
     width = max(_NEIGHBOURHOOD * frequency, 1e-9 * half)

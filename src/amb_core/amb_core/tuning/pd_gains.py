@@ -17,26 +17,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
-from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import flatten, part_of, validate
+from amb_core.loop.control import ControllerParameters, pack_gains
+from amb_core.parameters import part_of
+from amb_core.plant import Plant, linearize
 from amb_core.plant.averaged import AveragedPlant
 from amb_core.plant.closed_forms import current_gain, negative_stiffness
-from amb_core.plant.linearise import Linearization, close_loop, linearize
-from amb_core.plant.plant import Plant
+from amb_core.plant.linearise import Linearization
 from amb_core.plant.rotor import rotor_mass
+from amb_core.tuning.loop_family import WITHOUT_LISTS, LoopFamily
 
 STIFF, SOFT = (3.0, 4.0, 5.0, 6.0), (1.6, 2.0, 2.5)
 """Ratios of the stiffnesses; the soft ones only if no stiff loop has a peak sensitivity that is low enough."""
 ZETAS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.4, 2.0)
 ENOUGH = 1.5
 """Peak sensitivity (-) that is low enough; if no gains of the grid reach it, those with the lowest are chosen."""
-_FREQUENCIES = 1000
 
 
 @dataclass(frozen=True)
@@ -65,57 +64,55 @@ def choose_gains(plant: Plant, controller: ControllerParameters | None = None) -
     """
     given = controller or ControllerParameters(sample_rate=1.0 / plant.sample_time)
     given = part_of(ControllerParameters, given.model_dump())  # without the other parameters of a node
-    given = _changed(given, {"proportional_gains": (), "derivative_gains": ()})
-    model = linearize(plant, given, np.zeros(2))
-    current = model.point.current_reference
-    largest = float(np.abs(current).max())
-    if largest >= given.current_limit:
-        raise PlantError(
-            f"carrying the rotor needs a control current of {largest:.3g} A; allowed: less than the controller's "
-            f"current_limit, {given.current_limit:g} A; larger magnets or a larger bias current carry more"
-        )
-    found: list[tuple[float, ControllerParameters]] = []
+    model = linearize(plant, given.model_copy(update=WITHOUT_LISTS), np.zeros(2))
+    require_carrying(model, given)
+    family = LoopFamily(model, every_axis=True)
+    peaks: dict[tuple[float, float], float] = {}
     for ratios in (STIFF, SOFT):
-        trials = [_changed(given, _gains(plant, ratio, zeta)) for ratio, zeta in product(ratios, ZETAS)]
-        peaks = [(_peak_sensitivity(model, trial), trial) for trial in trials]
-        found += [(peak, trial) for peak, trial in peaks if np.isfinite(peak)]
-        if any(peak <= ENOUGH for peak, _ in found):
+        pairs = [placed_gains(plant, ratio, zeta) for ratio, zeta in product(ratios, ZETAS)]
+        peaks |= {pair: peak for pair in pairs if np.isfinite(peak := family.peak(*pair))}
+        if min(peaks.values(), default=np.inf) <= ENOUGH:
             break
-    if not found:
+    if not peaks:
         raise PlantError(
             "no PD gains of the grid make a stable loop with this rotor; its bending modes need another controller, or "
             "sensors and bearings at other places"
         )
-    enough = max(ENOUGH, min(peak for peak, _ in found))
-    peak, chosen = min((one for one in found if one[0] <= enough), key=lambda one: one[1].derivative_gain)
-    measured = AveragedPlant(plant).sensors() @ model.point.state  # not zero where a sensor is beside its bearing
-    nominal = np.round(measured + current / chosen.proportional_gain, 9) + 0.0  # without -0
-    return ChosenGains(_changed(chosen, {"nominal_reference": nominal.tolist()}), peak, current)
+    enough = max(ENOUGH, min(peaks.values()))
+    chosen = min((pair for pair, peak in peaks.items() if peak <= enough), key=lambda pair: pair[1])
+    held = held_at_centre(plant, model, family.controller(*chosen))
+    return ChosenGains(held, family.exact_peak(*chosen), model.point.current_reference)
 
 
-def _gains(plant: Plant, ratio: float, zeta: float) -> dict[str, float]:
-    """K_P and K_D, rounded to three digits."""
+def placed_gains(plant: Plant, ratio: float, zeta: float) -> tuple[float, float]:
+    """K_P (A/m) and K_D (A s/m) for k_i K_P over k_s, and the damping ratio of a rigid rotor; of three digits."""
     circuit, bias = plant.parameters.magnetic_circuit, plant.parameters.amplifier.bias_current
-    gain, stiffness = current_gain(circuit, bias), negative_stiffness(circuit, bias)
+    k_i, k_s = current_gain(circuit, bias), negative_stiffness(circuit, bias)
     mass = rotor_mass(plant.parameters, plant.rotor) / plant.bearings
-    return {
-        "proportional_gain": float(f"{ratio * stiffness / gain:.3g}"),
-        "derivative_gain": float(f"{2.0 * zeta * np.sqrt((ratio - 1.0) * stiffness * mass) / gain:.3g}"),
-    }
+    return three_digits(ratio * k_s / k_i), three_digits(2.0 * zeta * np.sqrt((ratio - 1.0) * k_s * mass) / k_i)
 
 
-def _changed(controller: ControllerParameters, values: dict[str, Any]) -> ControllerParameters:
-    return validate(ControllerParameters, {**flatten(controller.model_dump()), **values})
+def three_digits(value: float) -> float:
+    """Rounded to three significant digits, as gains are written."""
+    return float(f"{value:.3g}")
 
 
-def _peak_sensitivity(model: Linearization, controller: ControllerParameters) -> float:
-    """Largest singular value of the sensitivity with another controller; infinite if the loop is unstable."""
-    sensitivity = close_loop(model.discrete, controller)[1]
-    poles, vectors = np.linalg.eig(sensitivity.A)
-    if np.abs(poles).max() >= 1.0:
-        return np.inf
-    at = np.exp(1j * np.geomspace(2.0 * np.pi * sensitivity.dt, np.pi, _FREQUENCIES))
-    # C (z - A)^-1 B by the eigenvectors: one division a frequency
-    left, right = sensitivity.C @ vectors, np.linalg.solve(vectors, sensitivity.B)
-    response = np.einsum("pn,fn,nm->fpm", left, 1.0 / (at[:, np.newaxis] - poles), right) + sensitivity.D
-    return float(np.linalg.norm(response, ord=2, axis=(1, 2)).max())
+def require_carrying(model: Linearization, controller: ControllerParameters) -> None:
+    """Raise PlantError if carrying the rotor in the centre takes more than the largest control current."""
+    needed = float(np.abs(model.point.current_reference).max())
+    if needed >= controller.current_limit:
+        raise PlantError(
+            f"static load beyond the force: carrying the rotor in the centre needs a control current of {needed:.3g} "
+            f"A; allowed: less than {controller.current_limit:g} A; more turns, a larger bias current or larger "
+            "magnets carry more"
+        )
+
+
+def held_at_centre(plant: Plant, model: Linearization, controller: ControllerParameters) -> ControllerParameters:
+    """With the nominal references at which the controller holds the rotor in the centre of its bearings."""
+    axes = len(plant.machine.axes)
+    radial = len(model.point.current_reference)
+    measured = AveragedPlant(plant).sensors() @ model.point.state  # not zero where a sensor is beside its bearing
+    references = controller.references(axes).copy()
+    references[:radial] = measured + model.point.current_reference / pack_gains(controller, axes)[:radial, 0]
+    return controller.model_copy(update={"nominal_reference": tuple((np.round(references, 9) + 0.0).tolist())})

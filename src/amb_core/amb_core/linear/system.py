@@ -1,0 +1,204 @@
+"""The linear system of the workbench: state-space matrices, sample time, names and units of its signals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from amb_core.extras import extra
+from amb_core.linear.resolvent import Arrays, Complexes, response, response_and_slope
+
+if TYPE_CHECKING:
+    import control
+
+
+def rates_of(poles: Complexes, sample_time: float) -> Complexes:
+    """Poles z of a discrete system as rates s = ln(z) / T (1/s), with -inf for z = 0."""
+    with np.errstate(divide="ignore"):
+        return np.log(np.abs(poles)) / sample_time + 1j * np.angle(poles) / sample_time
+
+
+class LinearSystem:
+    """x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k]; in continuous time dx/dt = A x + B u.
+
+    A parent too, for systems that have more than that, such as noise and offsets: they have these attributes, and
+    whatever makes another system of them makes a `LinearSystem`.
+
+    Parameters
+    ----------
+    a, b, c, d : ndarray, shapes (n, n), (n, m), (p, n), (p, m)
+        Matrices.
+    sample_time : float
+        Sample time (s); 0 in continuous time.
+    input_names, output_names, state_names : tuple of str
+        Names of the signals and states; empty where they have none.
+    input_units, output_units : tuple of str
+        Units of the signals; empty where they are not given.
+    """
+
+    a: Arrays
+    b: Arrays
+    c: Arrays
+    d: Arrays
+    sample_time: float
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_units: tuple[str, ...]
+    state_names: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        a: Arrays,
+        b: Arrays,
+        c: Arrays,
+        d: Arrays,
+        sample_time: float,
+        input_names: Sequence[str] = (),
+        output_names: Sequence[str] = (),
+        input_units: Sequence[str] = (),
+        output_units: Sequence[str] = (),
+        state_names: Sequence[str] = (),
+    ) -> None:
+        self.a, self.b, self.c, self.d = a, b, c, d
+        self.sample_time = sample_time
+        self.input_names, self.output_names = tuple(input_names), tuple(output_names)
+        self.input_units, self.output_units = tuple(input_units), tuple(output_units)
+        self.state_names = tuple(state_names)
+
+    @property
+    def order(self) -> int:
+        """Number of states n."""
+        return len(self.a)
+
+    @property
+    def inputs(self) -> int:
+        """Number of inputs m."""
+        return int(self.d.shape[1])
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs p."""
+        return int(self.d.shape[0])
+
+    def poles(self) -> Complexes:
+        """Poles, in the z plane or for continuous time in the s plane, largest magnitude first, shape (n,)."""
+        poles = np.linalg.eigvals(self.a).astype(np.complex128)
+        return np.asarray(poles[np.argsort(-np.abs(poles), kind="stable")])
+
+    @property
+    def radius(self) -> float:
+        """Largest magnitude of a pole; 0 without states."""
+        return float(np.abs(self.poles()).max(initial=0.0))
+
+    def at(self, points: ArrayLike) -> Complexes:
+        """C (z I - A)^-1 B + D at points z (s in continuous time), shape (points, p, m); infinite at a pole."""
+        return response(self.a, self.b, self.c, self.d, np.atleast_1d(np.asarray(points, dtype=np.complex128)))
+
+    def response(self, frequency: ArrayLike) -> Complexes:
+        """Frequency response at frequencies in Hz, shape (f, p, m); infinite at a pole."""
+        rates = 2j * np.pi * np.asarray(frequency, dtype=np.float64)
+        return self.at(np.exp(rates * self.sample_time) if self.sample_time else rates)
+
+    def slope_at(self, point: complex) -> tuple[Complexes, Complexes]:
+        """The response at a point z and its derivative by z, both of shape (p, m); LinAlgError at a pole."""
+        value, slope = response_and_slope(self.a, self.b, self.c, self.d, np.array([point]))
+        return value[0], slope[0]
+
+    def gain(self, frequency: float) -> float:
+        """Largest singular value at a frequency (Hz)."""
+        return float(np.linalg.norm(self.response([frequency])[0], 2))
+
+    def balanced(self) -> LinearSystem:
+        """The same system with states of similar size: the columns and rows of [A B; C 0] have similar norms."""
+        from scipy.linalg import matrix_balance  # a fifth of a second to import, for those who need it
+
+        n = self.order
+        if not n or not (np.any(self.b) and np.any(self.c)):
+            return self
+        whole = np.zeros((n + 1, n + 1))  # inputs together and outputs together as one signal
+        whole[:n, :n] = self.a
+        whole[:n, n], whole[n, :n] = np.linalg.norm(self.b, axis=1), np.linalg.norm(self.c, axis=0)
+        # As one signal they are balanced first: else the states' sizes would depend on the units of a gain.
+        whole[n] *= np.linalg.norm(whole[:n, n]) / np.linalg.norm(whole[n])
+        scale = matrix_balance(whole, permute=False, separate=True)[1][0][:n]
+        if not np.all(np.isfinite(scale)) or np.any(scale <= 0.0):
+            return self
+        return self.with_matrices(
+            self.a * scale / scale[:, np.newaxis], self.b / scale[:, np.newaxis], self.c * scale, self.d
+        )
+
+    def with_matrices(self, a: Arrays, b: Arrays, c: Arrays, d: Arrays) -> LinearSystem:
+        """Other matrices between the same signals."""
+        names = self.state_names if len(a) == self.order else ()
+        return LinearSystem(
+            a, b, c, d, self.sample_time,
+            self.input_names, self.output_names, self.input_units, self.output_units, names,
+        )  # fmt: skip
+
+    def named(
+        self, inputs: Sequence[str] = (), outputs: Sequence[str] = (), states: Sequence[str] = ()
+    ) -> LinearSystem:
+        """The system with other names; what is not given keeps its own."""
+        return LinearSystem(
+            self.a, self.b, self.c, self.d, self.sample_time, inputs or self.input_names, outputs or self.output_names,
+            self.input_units, self.output_units, states or self.state_names,
+        )  # fmt: skip
+
+    def part(self, outputs: list[int] | slice, inputs: list[int] | slice) -> LinearSystem:
+        """The system with some of its outputs and inputs."""
+        return LinearSystem(
+            self.a, self.b[:, inputs], self.c[outputs], self.d[outputs][:, inputs], self.sample_time,
+            _chosen(self.input_names, inputs), _chosen(self.output_names, outputs),
+            _chosen(self.input_units, inputs), _chosen(self.output_units, outputs), self.state_names,
+        )  # fmt: skip
+
+    def plus(self, matrix: Arrays) -> LinearSystem:
+        """The system with a constant matrix added."""
+        return self.with_matrices(self.a, self.b, self.c, self.d + matrix)
+
+    def scaled(self, outputs: Arrays | float, inputs: Arrays | float) -> LinearSystem:
+        """The system with factors on its outputs and inputs, one for all or one each."""
+        rows, columns = np.broadcast_to(outputs, self.outputs)[:, np.newaxis], np.broadcast_to(inputs, self.inputs)
+        return self.with_matrices(self.a, self.b * columns, rows * self.c, rows * self.d * columns)
+
+    def delayed(self) -> LinearSystem:
+        """The system with its outputs one step later: they are states."""
+        (n, m), p = self.b.shape, len(self.c)
+        a = np.block([[self.a, np.zeros((n, p))], [self.c, np.zeros((p, p))]])
+        c = np.hstack([np.zeros((p, n)), np.eye(p)])
+        return self.with_matrices(a, np.vstack([self.b, self.d]), c, np.zeros((p, m)))
+
+    def to_control(self, **names: Any) -> control.StateSpace:
+        """The system for python-control.
+
+        Parameters
+        ----------
+        **names : Any
+            Further keywords of `control.StateSpace`, such as `name`.
+        """
+        with extra("control"):
+            import control  # the import takes a second; programs that do not need it should not wait for it
+
+        signals = {"inputs": self.input_names, "outputs": self.output_names, "states": self.state_names}
+        given = {kind: list(value) for kind, value in signals.items() if value}
+        return control.StateSpace(self.a, self.b, self.c, self.d, self.sample_time, **given, **names)
+
+    @classmethod
+    def from_control(cls, system: control.StateSpace) -> LinearSystem:
+        """The system that python-control has."""
+        a, b, c, d = (np.array(getattr(system, name), dtype=np.float64) for name in "ABCD")
+        return cls(
+            a, b, c, d, float(system.dt or 0.0),
+            input_names=tuple(system.input_labels), output_names=tuple(system.output_labels),
+            state_names=tuple(system.state_labels),
+        )  # fmt: skip
+
+
+def _chosen(names: Sequence[str], places: list[int] | slice) -> tuple[str, ...]:
+    if not names:
+        return ()
+    return tuple(names[places]) if isinstance(places, slice) else tuple(names[place] for place in places)
