@@ -142,7 +142,7 @@ def test_the_figure_marks_the_choice_and_lists_the_numbers(selection: OrderSelec
 @pytest.mark.parametrize(("name", "seed"), [("squares", 7), ("multisine", 7), ("squares_noise10", 0)])
 def test_order_10_is_found_for_the_plant_of_the_benchmark(name: str, seed: int) -> None:
     """Its predictor remembers more than the predictors of finite memory: by these alone, seeds 7 would give 12."""
-    import plant
+    from tests.benchmarks.ident import plant
 
     record = plant.record(plant.DATA_SETS[name], seed)
     assert select_order(IdentificationData.from_record(record)).chosen == plant.ORDER

@@ -76,7 +76,7 @@ def test_validate_draws_response_prediction_bode_diagram_and_residuals(folder: P
         assert amb("validate", folder / "good.json", folder / "bag", "--figures", tmp_path).exit_code == 0
     names = {"response", "prediction", "bode", "residuals"}
     written = {path.name for path in tmp_path.iterdir()}
-    assert written == {f"{name}.{ending}" for name in names for ending in ("png", "html")} | {"plotly.min.js"}
+    assert written == {f"{name}.{ending}" for name in names for ending in ("png", "html")} | {"plotly.min.js", ".amb"}
 
 
 def test_a_model_that_is_not_validated_has_an_exit_code_of_its_own(folder: Path) -> None:
