@@ -18,6 +18,7 @@ QUICK = (
     "bomb.npz",
     "numbers_as_files",
     "view.db3",
+    "generated.db3",
     "deep.json",
 )
 

@@ -244,10 +244,12 @@ def _connected(file: Path, content: bytes | None) -> sqlite3.Connection:
 
 
 def _check_table(database: sqlite3.Connection, file: Path, name: str) -> None:
-    """Refuse a view or a virtual table in the place of a table: it computes its rows."""
+    """Refuse a view, a virtual table or a generated column in the place of a table: it computes its rows."""
     found = database.execute("SELECT sql FROM sqlite_master WHERE type = 'table' AND name = ?", (name,)).fetchone()
     if found is None or not re.match(r"\s*CREATE\s+TABLE\b", str(found[0]), re.IGNORECASE):
         raise BagError(f"bag {file}: cannot be read: it has no table {name}, or is incomplete")
+    if any(hidden for *_, hidden in database.execute(f"PRAGMA table_xinfo({name})")):
+        raise BagError(f"bag {file}: cannot be read: columns of its table {name} are computed, not stored")
 
 
 def description_of(folder: Path) -> dict[str, Any]:
