@@ -12,8 +12,7 @@ from rich.console import Console
 class Part(Protocol):
     """A part: `quick` takes few cases, `progress` is called with the cases done and all of them."""
 
-    def __call__(self, quick: bool, progress: object, seed: int) -> dict[str, int]:  # noqa: D102
-        ...
+    def __call__(self, quick: bool, progress: object, seed: int) -> dict[str, int]: ...
 
 
 def start_alone(run: Part) -> None:
