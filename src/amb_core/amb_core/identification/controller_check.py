@@ -54,6 +54,8 @@ class _Trial:
     other_derivative: bool = False
     filter_time: float = math.nan
     rate: float = 1.0
+    position: tuple[int, ...] = ()  # axis whose position it uses; empty: its own
+    reversed_position: tuple[bool, ...] = ()
 
     @property
     def worst(self) -> float:
@@ -179,7 +181,11 @@ def _named(controller: KnownController, record: LoopRecord, share: float) -> _Tr
     if isinstance(controller, LinearControl):
         trials = list(_linear_trials(controller, record))
     else:
-        trials = [*_pd_trials(controller, record), *_rate_trials(controller, record)]
+        trials = [
+            *_pd_trials(controller, record),
+            *_rate_trials(controller, record),
+            *_position_trials(controller, record),
+        ]
         if min(trial.worst for trial in trials) > _BETTER * share:
             trials += _filtered_trials(controller, record)
     best = min(trial.worst for trial in trials)
@@ -215,6 +221,44 @@ def _rate_trials(controller: ControllerParameters, record: LoopRecord) -> Iterat
         trial = next(_pd_trials(controller, other, shifts=(0,)))
         if np.abs(trial.gains - 1.0).max() <= _SAME_GAIN:
             yield replace(trial, rate=rate)
+
+
+def _position_trials(controller: ControllerParameters, record: LoopRecord) -> Iterator[_Trial]:
+    """The PD law with positions of the other sign, or of another axis than the reference."""
+    axes = range(record.position.shape[1])
+    for other in (False, True):
+        named: list[tuple[_Trial, int, bool]] = []
+        for axis in axes:
+            best: tuple[_Trial, int, bool] | None = None
+            for source, sign in itertools.product(sorted(axes, key=lambda number: number != axis), (1.0, -1.0)):
+                changed = record.position.copy()
+                changed[:, axis] = sign * record.position[:, source]
+                trial = _of_axis(controller, replace(record, position=changed), axis, other)
+                if best is None or _ALIKE * trial.worst < best[0].worst:
+                    best = trial, source, sign < 0.0
+            assert best is not None
+            named.append(best)
+        trials, sources, reverse = zip(*named, strict=True)
+        yield _Trial(
+            np.concatenate([trial.left for trial in trials]),
+            tuple(axes),
+            np.concatenate([trial.gains for trial in trials]),
+            np.concatenate([trial.offset for trial in trials]),
+            other_derivative=other,
+            position=sources,
+            reversed_position=reverse,
+        )
+
+
+def _of_axis(controller: ControllerParameters, record: LoopRecord, axis: int, other: bool) -> _Trial:
+    """The PD law of one axis with free gains."""
+    gains = pack_gains(controller, record.position.shape[1])[[axis]]
+    signals = [signal[:, [axis]] for signal in (record.reference, record.position, record.current)]
+    own = LoopRecord(record.first_step, record.sample_time, *signals, record.axes[axis : axis + 1])
+    on_error = (controller.derivative_on == "error") != other
+    error, derived, first = _pd_columns(own, gains[0, 2], gains[0, 3], on_error)
+    free = _free(own, controller.current_limit)
+    return _best_sources(own, [np.hstack([error, derived])], gains[:, :2], free, 0, first)
 
 
 def _filtered_trials(controller: ControllerParameters, record: LoopRecord) -> Iterator[_Trial]:
@@ -301,6 +345,15 @@ def _differences(controller: KnownController, found: _Trial, data: Identificatio
     if swapped:
         table = ", ".join(f"{name} computed from {source}" for name, source in swapped)
         differences.append((f"axes swapped: {table}", "name the columns in the order of the axes"))
+    moved = [(name, outputs[source]) for name, source, own in zip(names, found.position, outputs, strict=False)
+             if outputs[source] != own]  # fmt: skip
+    if moved:
+        table = ", ".join(f"{name} computed from {source}" for name, source in moved)
+        differences.append((f"positions swapped: {table}", "name the positions in the order of the references"))
+    wrong = [outputs[source] for source, back in zip(found.position, found.reversed_position, strict=False) if back]
+    if wrong:
+        text = ", ".join(wrong)
+        differences.append((f"the sign of the position {text} reversed", f"reverse the sign of {text}"))
     if found.shift:
         size, way = abs(found.shift), "later" if found.shift > 0 else "earlier"
         plural = "s" if size > 1 else ""

@@ -10,8 +10,10 @@ from amb_core.identification.data.checks.distortion import check_distortion
 from amb_core.identification.data.checks.drift import check_drift
 from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
 from amb_core.identification.data.checks.excitation import check_amount, check_excitation, check_inputs
+from amb_core.identification.data.checks.faults import check_faults
+from amb_core.identification.data.checks.plausible import check_quantisation, check_roles
 from amb_core.identification.data.checks.region import check_region
-from amb_core.identification.data.checks.report import DataReport, Severity
+from amb_core.identification.data.checks.report import DataReport, Finding, Severity
 from amb_core.identification.data.checks.samples import (
     check_clipping,
     check_finite,
@@ -60,7 +62,7 @@ def check_data(
     """
     if order < 1:
         raise IdentificationError(f"order {order} is not allowed; it must be 1 or more")
-    findings = [check_finite(data), check_gaps(data), check_sample_time(data, sample_time)]
+    findings = [check_finite(data), check_gaps(data), check_sample_time(data, sample_time), check_roles(data)]
     if findings[0].severity is Severity.ERROR:
         try:
             data = split_at_invalid(data)  # the other checks use the remaining data
@@ -73,6 +75,8 @@ def check_data(
             check_inputs(data),
             check_excitation(data, order),
             check_clipping(data, limits),
+            check_quantisation(data),
+            *(check_faults(data) if findings[3].severity is Severity.INFO else []),
             check_offsets(data),
             check_drift(data),
         ]
@@ -81,6 +85,14 @@ def check_data(
         findings += [feedback, check_delay(data, controlled, feedthrough), check_region(data, regions)]
         findings.append(check_distortion(data))
     return DataReport(_title(data), tuple(findings))
+
+
+def check_recording(data: IdentificationData) -> list[Finding]:
+    """The checks of the samples alone, for data that a model is validated on."""
+    with one_blas_thread():
+        roles = check_roles(data)
+        found = [check_gaps(data), check_sample_time(data), roles, check_clipping(data), check_quantisation(data)]
+        return [*found, *(check_faults(data) if roles.severity is Severity.INFO else [])]
 
 
 def _title(data: IdentificationData) -> str:

@@ -16,6 +16,7 @@ _HELD_SHARE = 0.4  # of samples equal to the one before in all outputs; from thi
 _FLAT_RUN = 3  # samples in a row at an extreme value
 _PILE = 5  # a value that occurs so many times as often as the next one is where a signal is clipped
 _FEW_VALUES = 16  # of a signal with discrete levels, such as a square wave or PRBS
+_APART = 0.2  # of the range: a clipped signal comes close to where it is cut, a channel that drops out does not
 _DRIFT = 0.25  # share of the variance that a line over an experiment explains
 
 
@@ -89,6 +90,15 @@ def check_sample_time(data: IdentificationData, expected: float | None = None) -
             f"if they were recorded every {factor * sample_time:g} s, keep every {factor}. sample; otherwise the "
             "sensor is too coarse for this excitation",
         )
+    if _interpolated(data) > _HELD_SHARE:
+        return Finding(
+            "sample time",
+            Severity.WARNING,
+            f"{100.0 * _interpolated(data):.0f} % of the samples lie exactly between their neighbours in all outputs, "
+            f"as if they were interpolated to {sample_time:g} s",
+            "outputs",
+            "take the samples as they were recorded: interpolated ones hold no dynamics above their own rate",
+        )
     return Finding("sample time", Severity.INFO, f"{sample_time:g} s")
 
 
@@ -118,7 +128,7 @@ def check_clipping(data: IdentificationData, limits: Mapping[str, float] | None 
     for name, signal, offset in _signals(data):
         limit = (limits or {}).get(name)
         at_limit = None if limit is None else np.abs(signal + offset) >= limit * (1.0 - 1e-9)
-        share = float(np.mean(at_limit)) if at_limit is not None else _cut_share(signal)
+        share = float(np.mean(at_limit)) if at_limit is not None else float(np.mean(cut_samples(signal)))
         if share > 0.0:
             reason = "at the limit" if at_limit is not None else "at a flat top"
             found.append(f"{name} {100.0 * share:.2g} % {reason}")
@@ -173,6 +183,18 @@ def check_offsets(data: IdentificationData) -> Finding:
     )
 
 
+def _interpolated(data: IdentificationData) -> float:
+    """Share of the moving samples that lie on the straight line between their neighbours, in all outputs."""
+    between, moving = 0, 0
+    for item in data.experiments:
+        moves = item.outputs[2:] - item.outputs[:-2]
+        bend = item.outputs[1:-1] - 0.5 * (item.outputs[2:] + item.outputs[:-2])
+        rounding = 1e-9 * np.abs(item.outputs).max(axis=0, initial=0.0)
+        between += int(np.count_nonzero((np.abs(bend) <= rounding).all(axis=1) & (moves != 0.0).any(axis=1)))
+        moving += int(np.count_nonzero((np.abs(moves) > 4.0 * rounding).any(axis=1)))
+    return between / moving if moving else 0.0
+
+
 def _signals(data: IdentificationData) -> Iterator[tuple[str, NDArray[np.float64], NDArray[np.float64]]]:
     """Name, samples of all experiments and removed trend of each input and output."""
     for kind in ("input", "output"):
@@ -190,18 +212,21 @@ def _signals(data: IdentificationData) -> Iterator[tuple[str, NDArray[np.float64
             )
 
 
-def _cut_share(signal: NDArray[np.float64]) -> float:
-    """Share of the samples at a largest or smallest value at which the signal is clipped."""
+def cut_samples(signal: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Samples at a largest or smallest value at which the signal is clipped."""
     values, counts = np.unique(signal, return_counts=True)
+    cut = np.zeros(len(signal), bool)
     if len(values) <= _FEW_VALUES:
-        return 0.0
-    cut = 0
+        return cut
     for extreme, neighbour in ((-1, -2), (0, 1)):
-        at = np.concatenate([[0], signal == values[extreme], [0]]).astype(np.int8)
-        runs = np.flatnonzero(np.diff(at) == -1) - np.flatnonzero(np.diff(at) == 1)
+        if abs(values[extreme] - values[neighbour]) > _APART * np.ptp(np.delete(values, extreme)):
+            continue
+        at = signal == values[extreme]
+        edges = np.diff(np.concatenate([[0], at.astype(np.int8), [0]]))
+        runs = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
         if runs.max() >= _FLAT_RUN and counts[extreme] >= _PILE * counts[neighbour]:
-            cut += int(counts[extreme])
-    return cut / len(signal)
+            cut |= at
+    return cut
 
 
 def _line_share(signal: NDArray[np.float64]) -> float:
