@@ -1,14 +1,15 @@
 """Bad data are named for what is wrong with them, where and when; clean data are not accused.
 
 Records of random loops of one to four axes, each spoilt in one way, with the controller of the experiment known or, for
-half of the faults that show without it, not. A fault counts as named if its check warns, with the right signal and step,
-and no other check of faults does.
+half of those of the faults that show without it, not. A fault counts as named if its check warns, with the right signal
+and step, and no other check of faults does.
 
     python -m tests.benchmarks.verdicts.bad_data --seed 2
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -81,7 +82,7 @@ def named(case: Spoilt) -> bool:
 def _near(where: str, step: int | None) -> bool:
     """Whether the first step of a text is the one of the fault, but for some."""
     words = where.replace(",", " ").split()
-    steps = [int(after) for word, after in zip(words, words[1:], strict=False) if word in ("step", "steps")]
+    steps = [int(after) for word, after in itertools.pairwise(words) if word in ("step", "steps")]
     return step is None or (bool(steps) and abs(steps[0] - step) <= NEAR)
 
 

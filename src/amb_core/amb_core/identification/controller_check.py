@@ -36,6 +36,7 @@ _RATES = (0.5, 2.0)  # times the sample rate of the data
 _FILTERS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0)  # time constants of the derivative's filter (samples)
 _SAMPLES = 10_000  # of a record that are compared
 _WINDOW = 2_000  # of them for a law with a state, which is found from them
+_BELOW = 0.99  # of the limit: measured currents stay a little below it
 _TOPS = 3  # samples at the largest magnitude that make it a limit
 _GROWTH = 1e6  # largest growth of an unstable law over the window
 
@@ -164,7 +165,7 @@ def _free(record: LoopRecord, limit: float) -> NDArray[np.bool_]:
         limit = math.inf
     top = size.max(axis=0) * (1.0 - 1e-9)
     flat = np.count_nonzero(size >= top, axis=0) >= _TOPS
-    return size < np.where(flat, np.minimum(top, limit), limit)
+    return size < np.where(flat, np.minimum(top, _BELOW * limit), _BELOW * limit)
 
 
 def _pd_columns(record: LoopRecord, keep: float, weight: float, on_error: bool) -> tuple[Arrays, Arrays, int]:
@@ -253,8 +254,8 @@ def _position_trials(controller: ControllerParameters, record: LoopRecord) -> It
 def _of_axis(controller: ControllerParameters, record: LoopRecord, axis: int, other: bool) -> _Trial:
     """The PD law of one axis with free gains."""
     gains = pack_gains(controller, record.position.shape[1])[[axis]]
-    signals = [signal[:, [axis]] for signal in (record.reference, record.position, record.current)]
-    own = LoopRecord(record.first_step, record.sample_time, *signals, record.axes[axis : axis + 1])
+    reference, position, current = (part[:, [axis]] for part in (record.reference, record.position, record.current))
+    own = LoopRecord(record.first_step, record.sample_time, reference, position, current, record.axes[axis : axis + 1])
     on_error = (controller.derivative_on == "error") != other
     error, derived, first = _pd_columns(own, gains[0, 2], gains[0, 3], on_error)
     free = _free(own, controller.current_limit)

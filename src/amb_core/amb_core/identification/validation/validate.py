@@ -13,7 +13,7 @@ from amb_core.distortion import Evidence
 from amb_core.errors import IdentificationError
 from amb_core.identification.controller_check import check_controller
 from amb_core.identification.data import Finding, IdentificationData, Severity, restore
-from amb_core.identification.data.checks import evidence_of
+from amb_core.identification.data.checks import check_recording, evidence_of
 from amb_core.identification.numerics import one_blas_thread
 from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
@@ -56,7 +56,7 @@ class Validation:
     notes : tuple of str
         What was left out, and why, and the warnings of `findings`.
     findings : tuple of Finding
-        Whether the controller is that of the data.
+        What the samples of the data show, see `check_recording`, and whether the controller is that of the data.
     """
 
     model: StateSpaceModel
@@ -180,7 +180,7 @@ def validate(
         )
         closed_loop, loop_notes = _closed_loop(model, data, controller, prediction)
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
-    findings = (check_controller(data, controller),)
+    findings = (*check_recording(data), check_controller(data, controller))
     warnings = [f"{finding.check}: {finding.text}" for finding in findings if finding.severity is not Severity.INFO]
     undecided = uncertainty.at_one if uncertainty is not None else ""
     return Validation(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from amb_core.errors import IdentificationError
 from amb_core.identification.data.checks.distortion import check_distortion
 from amb_core.identification.data.checks.drift import check_drift
@@ -69,7 +71,7 @@ def check_data(
         except IdentificationError:
             return DataReport(_title(data), tuple(findings))
     # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
-    with one_blas_thread():
+    with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):
         findings += [
             check_amount(data, order),
             check_inputs(data),
@@ -89,7 +91,7 @@ def check_data(
 
 def check_recording(data: IdentificationData) -> list[Finding]:
     """The checks of the samples alone, for data that a model is validated on."""
-    with one_blas_thread():
+    with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):
         roles = check_roles(data)
         found = [check_gaps(data), check_sample_time(data), roles, check_clipping(data), check_quantisation(data)]
         return [*found, *(check_faults(data) if roles.severity is Severity.INFO else [])]

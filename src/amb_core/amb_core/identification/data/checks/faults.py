@@ -31,6 +31,8 @@ _COARSE = 0.1  # share of equal neighbours of a quantised signal
 _LONGER = 5  # times the next longest run, that a quantised signal must stay to be frozen
 _OF_KICK = 2.0  # of the signal's standard deviation: what a jump of the reference cannot do within a sample
 _MEDIAN = 1.4826  # standard deviation of Gaussian noise over its median magnitude
+_OFTEN = 0.2  # share of the jumps of a reference that no fault of single rows spoils
+_FEWEST_JUMPS = 8  # from which that share is known
 _STALE = 5  # rows, that a repeated row lasts at most: a machine at rest repeats more
 _FEWEST_STALE = 3
 _DISTINCT = 0.01  # share of equal neighbours of a signal that is not quantised
@@ -151,14 +153,18 @@ def _limited(item: Experiment) -> NDArray[np.bool_]:
     rows = np.zeros(item.steps, bool)
     for signal in signals.T:
         rows |= cut_samples(signal)
+    size = np.abs(item.inputs)  # a limit of the currents also shows in single samples, where a reference jumps
+    at_top = size >= (1.0 - 1e-9) * size.max(axis=0)
+    rows |= (at_top & (np.count_nonzero(at_top, axis=0) > 1)).any(axis=1)
     return _with_next(rows)
 
 
-def _with_next(rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _with_next(rows: NDArray[np.bool_] | np.bool_) -> NDArray[np.bool_]:
     """Rows, and those within reach after them."""
-    found = rows.copy()
+    known = np.asarray(rows)
+    found = known.copy()
     for lag in range(1, _REACH + 1):
-        found[lag:] |= rows[:-lag]
+        found[lag:] |= known[:-lag]
     return found
 
 
@@ -172,7 +178,7 @@ def _missing(item: Experiment, found: OneStep, spoilt: NDArray[np.bool_]) -> lis
         return []
     rows = broken.sum(axis=1) > broken.shape[1] // 2
     if broken.shape[1] == 1:
-        rows &= ~_with_next(_stands_out(item.inputs[:, 0]))
+        rows = rows & ~_with_next(_stands_out(item.inputs[:, 0]))
     return [
         int(group[0])
         for group in np.split(np.flatnonzero(rows), np.flatnonzero(np.diff(np.flatnonzero(rows)) > 1) + 1)
@@ -197,7 +203,8 @@ def _outliers(item: Experiment, found: OneStep, spoilt: NDArray[np.bool_]) -> li
         alone = broken & (broken.sum(axis=1) == 1)[:, np.newaxis]
         if broken.any(axis=1).mean() <= _MOST_BROKEN:
             for column in range(m):
-                is_bad = alone[:, column] & _stands_out(item.inputs[:, column])
+                larger = item.inputs[:, column] * found.laws[:, column] > 0.0
+                is_bad = alone[:, column] & larger & _stands_out(item.inputs[:, column])
                 size[is_bad, column] = np.abs(found.laws[is_bad, column])
                 score[is_bad, column] = 1.0 + 1e-9
     rows = np.flatnonzero((score > 1.0).any(axis=1))
@@ -235,7 +242,17 @@ def _spread(signal: Arrays) -> float:
 def _broken(item: Experiment, found: OneStep, spoilt: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Where the law of each input does not hold."""
     limit = np.maximum(_BROKEN * found.noise, _LEAST_BREAK * item.inputs.std(axis=0))
-    return np.asarray((np.abs(found.laws) > limit) & ~spoilt[:, np.newaxis])
+    size = np.abs(item.inputs)
+    limited = (size >= (1.0 - 1e-9) * size.max(axis=0)) & (item.inputs * found.laws < 0.0)  # once, so no flat top
+    without = spoilt | _with_next(limited.any(axis=1))
+    if item.reference is not None:
+        jumps = jumps_of(np.diff(item.reference, axis=0, prepend=item.reference[:1]))
+        often = [
+            (np.abs(found.laws[rows]) > limit).mean(axis=0).max() for rows in jumps.T if rows.sum() >= _FEWEST_JUMPS
+        ]
+        if max(often, default=0.0) > _OFTEN:  # these are no faults of single rows: the references are others
+            without |= _with_next(jumps.any(axis=1))
+    return np.asarray((np.abs(found.laws) > limit) & ~without[:, np.newaxis])
 
 
 # -- findings

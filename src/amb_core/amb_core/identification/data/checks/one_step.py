@@ -24,7 +24,7 @@ _AGREES = 4.0  # standard deviations up to which a row counts as one that agrees
 _WIDE = 10.0  # times the spread between the 5 and 95 % quantiles, beyond which a value is left out at first
 _EXACT = 1e-3  # of the current's standard deviation, that an exact law leaves in the median
 _PER_COLUMN = 8  # rows
-_JUMP = 10.0  # times the median change, that a reference jumps by
+_JUMP = 30.0  # times the median change, that a reference jumps by
 _MEDIAN = 1.4826  # standard deviation of Gaussian noise over its median magnitude
 
 Arrays = NDArray[np.float64]
@@ -60,7 +60,7 @@ def one_step(item: Experiment, spoilt: NDArray[np.bool_]) -> OneStep | None:
     u, y, r = item.inputs, item.outputs, item.reference
     if len(u) < _PER_COLUMN * 2 * _OUTPUT_LAGS or np.ptp(u, axis=0).min() == 0.0:
         return None
-    good = ~(_wide(y) | spoilt)
+    good = ~(_wide(y) | _wide(np.diff(y, axis=0, prepend=y[:1])) | spoilt)
     outputs = np.zeros_like(y)
     for axis in range(y.shape[1]):
         past = _lagged(y[:, [axis]], range(1, _OUTPUT_LAGS + 1))
@@ -86,15 +86,15 @@ def _laws(u: Arrays, error: Arrays, step: Arrays, good: NDArray[np.bool_]) -> tu
         for axis in axes:
             chosen = columns[axis]
             past = [_lagged(u[:, chosen], range(1, lags + 1)), _lagged(error[:, chosen], range(lags + 1))]
-            jumped = jumps[lags:, chosen].any(axis=1)
-            if lags > own or not jumped.any():
-                past.append(step[lags:, chosen] if lags == own else _lagged(step, range(lags + 1)))
-                jumped[:] = False
+            past.append(step[lags:, chosen] if lags == own else _lagged(step, range(lags + 1)))
+            jumped = jumps[lags:, chosen].any(axis=1) if lags == own else np.zeros(len(u) - lags, bool)
             agrees = _rows(good, lags) & ~jumped
             laws[lags:, axis], noise[axis] = _residual(np.hstack(past), u[lags:, axis], agrees)
             if jumped.any():  # each by itself: least squares would drop them all if one fit were poor
-                size = step[lags:, axis][jumped]
-                laws[lags:, axis][jumped] -= np.median(laws[lags:, axis][jumped] / size) * size
+                usable = jumped & _rows(good, lags)
+                size = step[lags:, axis]
+                factor = np.median(laws[lags:, axis][usable] / size[usable]) if usable.any() else 0.0
+                laws[lags:, axis] -= np.where(jumped, factor * size, 0.0)
         if np.all(noise <= _EXACT * moved):
             return laws, noise, True, lags
     return laws, noise, False, lags
@@ -112,7 +112,7 @@ def _lagged(signals: Arrays, lags: range) -> Arrays:
 
 
 def _wide(signals: Arrays) -> NDArray[np.bool_]:
-    """Samples with a value far outside of the usual range of its signal."""
+    """Samples with a value far outside of the usual range of its signal: they would outweigh all others."""
     low, middle, high = np.quantile(signals, [0.05, 0.5, 0.95], axis=0)
     return np.asarray((np.abs(signals - middle) > _WIDE * (high - low) + np.abs(middle) * 1e-12).any(axis=1))
 
@@ -131,7 +131,7 @@ def _residual(past: Arrays, target: Arrays, agrees: NDArray[np.bool_]) -> tuple[
     for _ in range(_ROUNDS):
         if np.count_nonzero(agrees) <= 2 * columns.shape[1]:
             break
-        triangle = np.linalg.qr(np.column_stack([columns[agrees], target[agrees]]), mode="r")
+        triangle = np.asarray(np.linalg.qr(np.column_stack([columns[agrees], target[agrees]]), mode="r"))
         solution = np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=1e-14)[0]
         residual = target - columns @ solution
         noise = _MEDIAN * float(np.median(np.abs(residual)))

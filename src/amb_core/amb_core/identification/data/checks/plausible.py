@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.identification.data.checks.report import Finding, Severity
+from amb_core.identification.data.conditioning import restore
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.units import UM
 
@@ -26,15 +27,13 @@ def check_roles(data: IdentificationData) -> Finding:
         return _exchanged("the inputs are in m and the outputs in A", data)
     if data.input_units != ("A",) * axes or data.output_units != ("m",) * axes:
         return Finding("roles", Severity.INFO, "not checked: the data are not currents in A and positions in m")
-    restored = [data.record(index) for index, item in enumerate(data.experiments) if item.reference is not None]
-    parts = restored or [None]
-    currents = np.concatenate([part.current if part else _joined(data, "inputs") for part in parts])
-    positions = np.concatenate([part.position if part else _joined(data, "outputs") for part in parts])
+    restored = restore(data)
+    currents, positions = _joined(restored, "inputs"), _joined(restored, "outputs")
     current, position = (np.quantile(np.abs(signal), 0.99, axis=0) for signal in (currents, positions))
     if current.max() < _OF_POSITIONS and position.min() > _OF_CURRENTS:
         return _exchanged(f"the currents reach {current.max():.2g} A and the positions {position.max():.2g} m", data)
     moved = np.ptp(positions, axis=0)
-    wrong = (position > _LARGEST_POSITION) | ((moved > 0.0) & (moved < _SMALLEST_MOTION))
+    wrong = (position > _LARGEST_POSITION) | (0.0 < moved.max() < _SMALLEST_MOTION)
     if wrong.any():
         names = [name for name, is_wrong in zip(data.output_names, wrong, strict=True) if is_wrong]
         return Finding(
@@ -72,7 +71,8 @@ def check_quantisation(data: IdentificationData) -> Finding:
         for column, name in enumerate(getattr(data, f"{kind}_names")):
             unit = getattr(data, f"{kind}_units")[column]
             step = _step_of(signals[:, column], _FEW_VALUES if kind == "input" and open_loop else 3)
-            if step > 4.0 * signals[:, column].std() / _FINEST:
+            low, high = np.quantile(signals[:, column], [0.16, 0.84])
+            if step > 2.0 * (high - low) / _FINEST:
                 coarse.append((name, f"{step * UM:.3g} um" if unit == "m" else f"{step:.3g} {unit}".strip()))
     if not coarse:
         return Finding("quantised", Severity.INFO, "no signal is coarse")

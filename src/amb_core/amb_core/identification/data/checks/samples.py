@@ -16,6 +16,7 @@ _HELD_SHARE = 0.4  # of samples equal to the one before in all outputs; from thi
 _FLAT_RUN = 3  # samples in a row at an extreme value
 _PILE = 5  # a value that occurs so many times as often as the next one is where a signal is clipped
 _FEW_VALUES = 16  # of a signal with discrete levels, such as a square wave or PRBS
+_REGULAR = 0.8  # of the movements of held outputs, whole multiples of the hold apart
 _APART = 0.2  # of the range: a clipped signal comes close to where it is cut, a channel that drops out does not
 _DRIFT = 0.25  # share of the variance that a line over an experiment explains
 
@@ -79,8 +80,8 @@ def check_sample_time(data: IdentificationData, expected: float | None = None) -
         moves += int(np.any(item.outputs[1:] != item.outputs[:-1], axis=1).sum())
         pairs += item.steps - 1
     held = 1.0 - moves / pairs if pairs else 0.0
-    if moves and held > _HELD_SHARE:
-        factor = max(2, round(pairs / moves))
+    factor = max(2, round(pairs / moves)) if moves else 2
+    if moves and held > _HELD_SHARE and _regular(data, factor):
         return Finding(
             "sample time",
             Severity.WARNING,
@@ -183,6 +184,16 @@ def check_offsets(data: IdentificationData) -> Finding:
     )
 
 
+def _regular(data: IdentificationData, factor: int) -> bool:
+    """Whether the outputs move every so many samples, as if they were held; those of a coarse sensor move at any."""
+    regular, moves = 0, 0
+    for item in data.experiments:
+        rows = np.flatnonzero(np.any(item.outputs[1:] != item.outputs[:-1], axis=1))
+        regular += int(np.count_nonzero(np.diff(rows) % factor == 0))
+        moves += max(len(rows) - 1, 0)
+    return regular >= _REGULAR * moves
+
+
 def _interpolated(data: IdentificationData) -> float:
     """Share of the moving samples that lie on the straight line between their neighbours, in all outputs."""
     between, moving = 0, 0
@@ -190,8 +201,9 @@ def _interpolated(data: IdentificationData) -> float:
         moves = item.outputs[2:] - item.outputs[:-2]
         bend = item.outputs[1:-1] - 0.5 * (item.outputs[2:] + item.outputs[:-2])
         rounding = 1e-9 * np.abs(item.outputs).max(axis=0, initial=0.0)
-        between += int(np.count_nonzero((np.abs(bend) <= rounding).all(axis=1) & (moves != 0.0).any(axis=1)))
-        moving += int(np.count_nonzero((np.abs(moves) > 4.0 * rounding).any(axis=1)))
+        moved = (np.abs(moves) > 4.0 * rounding).any(axis=1)
+        between += int(np.count_nonzero((np.abs(bend) <= rounding).all(axis=1) & moved))
+        moving += int(np.count_nonzero(moved))
     return between / moving if moving else 0.0
 
 
