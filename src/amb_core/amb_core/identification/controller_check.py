@@ -91,7 +91,8 @@ def check_controller(data: IdentificationData, controller: KnownController | Non
         except AmbError as problem:
             return Finding("controller", Severity.INFO, f"not checked: {problem}")
         if np.isfinite(record.current).all() and np.isfinite(record.position).all():
-            shares = _given(controller, record)
+            with np.errstate(over="ignore", invalid="ignore"):  # of a loop that diverged
+                shares = _given(controller, record)
             if np.isfinite(shares).any():
                 compared.append((float(np.nanmax(shares)), index, record, shares))
     if not compared:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.identification.data.checks.one_step import OneStep, jumps_of, one_step
+from amb_core.identification.data.checks.plausible import is_coarse
 from amb_core.identification.data.checks.report import Finding, Severity
 from amb_core.identification.data.checks.samples import cut_samples
 from amb_core.identification.data.dataset import IdentificationData
@@ -117,7 +118,7 @@ def _frozen(item: Experiment) -> list[tuple[int, int, int]]:
         partners = [c for c in range(m + p) if c != column] if m != p else [(column + m) % (m + p)]
         firsts, lasts = _runs(change[:, column] == 0.0)
         longest = np.sort(lasts - firsts)[-2:]
-        if not len(longest) or longest[-1] < _FROZEN:
+        if not len(longest) or longest[-1] < _FROZEN or is_coarse(signal):
             continue
         coarse = np.count_nonzero(change[:, column] == 0.0) - longest[-1] > _COARSE * item.steps
         for first, last in zip(firsts, lasts, strict=True):
@@ -242,8 +243,8 @@ def _spread(signal: Arrays) -> float:
 def _broken(item: Experiment, found: OneStep, spoilt: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Where the law of each input does not hold."""
     limit = np.maximum(_BROKEN * found.noise, _LEAST_BREAK * item.inputs.std(axis=0))
-    size = np.abs(item.inputs)
-    limited = (size >= (1.0 - 1e-9) * size.max(axis=0)) & (item.inputs * found.laws < 0.0)  # once, so no flat top
+    size, breaks = np.abs(item.inputs), np.abs(found.laws) > limit
+    limited = breaks & (size >= (1.0 - 1e-9) * size.max(axis=0)) & (item.inputs * found.laws < 0.0)  # no flat top
     without = spoilt | _with_next(limited.any(axis=1))
     if item.reference is not None:
         jumps = jumps_of(np.diff(item.reference, axis=0, prepend=item.reference[:1]))
@@ -252,7 +253,7 @@ def _broken(item: Experiment, found: OneStep, spoilt: NDArray[np.bool_]) -> NDAr
         ]
         if max(often, default=0.0) > _OFTEN:  # these are no faults of single rows: the references are others
             without |= _with_next(jumps.any(axis=1))
-    return np.asarray((np.abs(found.laws) > limit) & ~without[:, np.newaxis])
+    return np.asarray(breaks & ~without[:, np.newaxis])
 
 
 # -- findings

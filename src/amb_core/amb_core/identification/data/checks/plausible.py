@@ -70,9 +70,9 @@ def check_quantisation(data: IdentificationData) -> Finding:
         signals = _joined(data, f"{kind}s")
         for column, name in enumerate(getattr(data, f"{kind}_names")):
             unit = getattr(data, f"{kind}_units")[column]
-            step = _step_of(signals[:, column], _FEW_VALUES if kind == "input" and open_loop else 3)
-            low, high = np.quantile(signals[:, column], [0.16, 0.84])
-            if step > 2.0 * (high - low) / _FINEST:
+            fewest = _FEW_VALUES if kind == "input" and open_loop else 3
+            if is_coarse(signals[:, column], fewest):
+                step = _step_of(signals[:, column], fewest)
                 coarse.append((name, f"{step * UM:.3g} um" if unit == "m" else f"{step:.3g} {unit}".strip()))
     if not coarse:
         return Finding("quantised", Severity.INFO, "no signal is coarse")
@@ -81,6 +81,12 @@ def check_quantisation(data: IdentificationData) -> Finding:
         ", ".join(name for name, _ in coarse),
         "excite more, or use a finer range of this sensor or recorder: rounding is noise that no filter removes",
     )  # fmt: skip
+
+
+def is_coarse(signal: NDArray[np.float64], fewest: int = 3) -> bool:
+    """Whether a signal has steps that are coarse for its motion."""
+    low, high = np.quantile(signal, [0.16, 0.84])
+    return _step_of(signal, fewest) > 2.0 * float(high - low) / _FINEST
 
 
 def _step_of(signal: NDArray[np.float64], fewest: int) -> float:

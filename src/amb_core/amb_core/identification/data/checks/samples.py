@@ -15,6 +15,7 @@ _SHORT_GAP = 100  # steps: one block of telemetry
 _HELD_SHARE = 0.4  # of samples equal to the one before in all outputs; from this share the outputs count as held
 _FLAT_RUN = 3  # samples in a row at an extreme value
 _PILE = 5  # a value that occurs so many times as often as the next one is where a signal is clipped
+_MANY = 20  # samples at an extreme value, that need not be in a row
 _FEW_VALUES = 16  # of a signal with discrete levels, such as a square wave or PRBS
 _REGULAR = 0.8  # of the movements of held outputs, whole multiples of the hold apart
 _APART = 0.2  # of the range: a clipped signal comes close to where it is cut, a channel that drops out does not
@@ -236,7 +237,7 @@ def cut_samples(signal: NDArray[np.float64]) -> NDArray[np.bool_]:
         at = signal == values[extreme]
         edges = np.diff(np.concatenate([[0], at.astype(np.int8), [0]]))
         runs = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
-        if runs.max() >= _FLAT_RUN and counts[extreme] >= _PILE * counts[neighbour]:
+        if (runs.max() >= _FLAT_RUN or counts[extreme] >= _MANY) and counts[extreme] >= _PILE * counts[neighbour]:
             cut |= at
     return cut
 
