@@ -78,7 +78,7 @@ def _laws(u: Arrays, error: Arrays, step: Arrays, good: NDArray[np.bool_]) -> tu
     """
     own, every = _LAW_LAGS
     moved, axes = u.std(axis=0), range(u.shape[1])
-    jumps = jumps_of(step)
+    jumps = jumps_of(step) & (np.median(np.abs(step), axis=0) == 0.0)  # else the other rows determine their factor
     for lags, columns in ((own, [[axis] for axis in axes]), (every, [list(axes)] * len(axes))):
         laws, noise = np.zeros_like(u), np.full(u.shape[1], np.inf)
         if len(u) < _PER_COLUMN * 3 * (lags + 1) * len(columns[0]):
