@@ -80,11 +80,11 @@ def test_good_data_raise_no_warning_and_every_check_reports() -> None:
     assert not report.errors
     assert not report.warnings
     assert [finding.check for finding in report.findings] == [
-        "finite", "gaps", "sample time", "amount", "inputs", "excitation", "clipping", "offsets", "drift", "feedback",
-        "delay", "region", "distortion",
+        "finite", "gaps", "sample time", "roles", "amount", "inputs", "excitation", "clipping", "quantised", "frozen",
+        "repeated", "outliers", "missing", "offsets", "drift", "feedback", "delay", "region", "distortion",
     ]  # fmt: skip
     report.refuse_errors()
-    assert len(str(report).splitlines()) == 14
+    assert len(str(report).splitlines()) == 20
     assert str(report).startswith(
         "1 experiment, 3000 samples of 0.001 s; inputs u1, u2; outputs y1, y2\ninfo    finite"
     )
@@ -119,7 +119,7 @@ def test_values_that_are_not_finite_are_found_and_the_rest_is_judged() -> None:
     assert [finding.check for finding in report.errors] == ["finite"]
     assert report.finding("inputs").severity is INFO
     nothing_left = check_data(changed(open_loop(), outputs=np.full_like(y, np.nan)))
-    assert [finding.check for finding in nothing_left.findings] == ["finite", "gaps", "sample time"]
+    assert [finding.check for finding in nothing_left.findings] == ["finite", "gaps", "sample time", "roles"]
 
 
 def test_gaps_are_listed_and_short_ones_counted() -> None:

@@ -206,7 +206,7 @@ def test_what_is_no_controller_of_the_data_is_refused_in_one_line(
         ("nowhere.json", "^controller model .*nowhere.json: "),
         (
             "controller.txt",
-            r"^controller = '.*' is not allowed; allowed: paper, pd:K_P,K_D in A/m and A s/m, a ROS parameter file ",
+            r"^controller = '.*' is not allowed; allowed: paper, pd:K_P,K_D in A/m and A s/m .*, a ROS parameter file ",
         ),
     ):
         with pytest.raises(AmbError, match=message) as caught:

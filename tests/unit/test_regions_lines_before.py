@@ -18,6 +18,7 @@ from tests.synthetic_telemetry import Loop
 
 RATE = 10_000.0
 REST = 8_000  # steps
+STOP = 26_000  # step at which an excitation ends
 TIME = np.arange(60_000) / RATE
 
 
@@ -30,6 +31,16 @@ def record(added: NDArray[np.float64], kind: str = "sweep", rest: int = REST) ->
     reference[rest:] = generate(excitation_from_request(kind, request), RATE).samples
     position += np.random.default_rng(4).normal(scale=0.05e-6, size=position.shape) + 0.1 * reference
     position[:, 1] += added - 40e-6
+    return LoopRecord(0, 1.0 / RATE, reference, position, np.zeros_like(position))
+
+
+def stopped(kind: str, added: NDArray[np.float64]) -> LoopRecord:
+    """The same, excited until `STOP` only."""
+    excited = record(added[:STOP], kind)
+    rest = np.random.default_rng(5).normal(scale=0.05e-6, size=(len(added) - STOP, 2)) - [0.0, 40e-6]
+    rest[:, 1] += added[STOP:]
+    reference = np.vstack([excited.reference, np.zeros_like(rest)])
+    position = np.vstack([excited.position, rest])
     return LoopRecord(0, 1.0 / RATE, reference, position, np.zeros_like(position))
 
 
@@ -63,6 +74,20 @@ def test_a_line_that_sets_in_is_an_oscillation_with_or_without_input() -> None:
     starts = np.where(TIME > 4.0, line(40.0, 3e-6), 0.0)
     assert classify(record(starts)).onsets[Region.C].time == pytest.approx(4.0, abs=0.05)
     assert classify(record(starts, rest=50_000)).onsets[Region.C].time == pytest.approx(4.0, abs=0.05)
+
+
+@pytest.mark.parametrize("kind", ["sweep", "square", "multisine"])
+@pytest.mark.parametrize("after", [0.0, 0.3, 1.0, 1.9])
+def test_a_line_that_sets_in_after_an_excitation_is_an_oscillation(kind: str, after: float) -> None:
+    found = classify(stopped(kind, np.where(STOP / RATE + after < TIME, line(40.0, 3e-6), 0.0)))
+    assert found.axis_onsets["x"] == {}
+    assert found.axis_onsets["y"][Region.C].time >= STOP / RATE
+    assert found.states[-1].region is Region.C
+
+
+def test_a_line_from_before_the_excitation_is_none_after_it() -> None:
+    found = classify(stopped("square", line(40.0, 3e-6)))
+    assert found.onsets == {} and found.states[-1].axis("y").steady_frequency == pytest.approx(40.0, abs=0.1)
 
 
 def test_an_oscillation_hides_no_drift() -> None:

@@ -21,7 +21,8 @@ CONTROLLER_NODE, LINEAR_CONTROLLER_NODE = "pd_controller", "state_space_controll
 _PARAMETER_FILES = (".yaml", ".yml")
 _CONTROLLER_FILES = (".json", ".npz", ".mat")
 ALLOWED = (
-    f"{PAPER}, {PD}K_P,K_D in A/m and A s/m, a ROS parameter file (.yaml), or a state-space controller "
+    f"{PAPER}, {PD}K_P,K_D in A/m and A s/m with the derivative on the error ({PD}K_P,K_D,measurement for that on the "
+    "measured position), a ROS parameter file (.yaml), or a state-space controller "
     f"({', '.join(_CONTROLLER_FILES)})"
 )
 """What `named_controller` takes, as text."""
@@ -43,7 +44,8 @@ def named_controller(
     Parameters
     ----------
     name : str
-        `paper` for that of the paper's table 1; `pd:K_P,K_D` for a PD controller of these gains (A/m, A s/m);
+        `paper` for that of the paper's table 1; `pd:K_P,K_D` for a PD controller of these gains (A/m, A s/m) with the
+        derivative on the position error, `pd:K_P,K_D,measurement` for one with the derivative on the measured position;
         a ROS parameter file (.yaml or .yml), of a PD controller or of a
         linear one that names its file; or the file of a state-space controller (.json, .npz or .mat).
     node : str
@@ -75,17 +77,18 @@ def named_controller(
 
 
 def _of_gains(name: str) -> ControllerParameters:
-    """The PD controller `pd:K_P,K_D`, in A/m and A s/m; `pd:K_P,K_D,measurement` derives the measured position."""
+    """The PD controller `pd:K_P,K_D` or `pd:K_P,K_D,SIGNAL`: error, which is the default, or measurement."""
     words = name.removeprefix(PD).split(",")
     try:
         gains = {"proportional_gain": float(words[0]), "derivative_gain": float(words[1])}
     except (ValueError, IndexError):
         raise IdentificationError(
-            f"controller = {name!r} is not allowed; it must be such as {PD}20000,38: K_P in A/m and K_D in A s/m"
+            f"controller = {name!r} is not allowed; it must be such as {PD}20000,38 or {PD}20000,38,measurement: "
+            "K_P in A/m, K_D in A s/m, and the signal that is derived"
         ) from None
     derived = {"derivative_on": words[2]} if len(words) == 3 else {}
     if len(words) > 3:
-        raise IdentificationError(f"controller = {name!r} is not allowed; it must be such as {PD}20000,38")
+        raise IdentificationError(f"controller = {name!r} is not allowed; it must be such as {PD}20000,38,measurement")
     return validate(ControllerParameters, {**gains, **derived, "current_limit": _UNLIMITED})
 
 

@@ -19,9 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.identification.control_law import LinearLaw, Start, law_of
-from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_core.loop.linear_control import LinearControllerParameters, pd_as_linear
 from amb_core.loop.records import LoopRecord
 
 _WINDOW = 2_000  # samples that the state is found from
@@ -60,32 +58,28 @@ def start_of(controller: KnownController, record: LoopRecord) -> Start | None:
     return Start(record.current[0], state, gain)
 
 
-def unexplained(controller: KnownController, record: LoopRecord) -> float:
-    """Part of the recorded currents that the controller does not compute from the recorded positions and references.
+def unexplained(controller: LinearControl, record: LoopRecord) -> Arrays:
+    """Part of the recorded currents that a linear law does not compute from the recorded positions and references.
 
     Returns
     -------
-    float
-        Root mean square of the difference over that of the currents about their means (-), largest of all axes, over
-        the samples below the limit; 0 for the controller of the experiment, but for rounding. NaN without such samples.
+    ndarray, shape (axes,)
+        Root mean square of the difference over that of the current about its mean (-), over the samples below the
+        limit; 0 for the controller of the experiment, but for rounding. NaN without such samples.
     """
-    if isinstance(controller, ControllerParameters):
-        axes = record.position.shape[1]
-        limit = LinearControllerParameters(current_limit=controller.current_limit)
-        controller = LinearControl(pd_as_linear(controller, axes), limit)
     law = law_of(controller, record.position.shape[1])
     assert isinstance(law, LinearLaw)
     _, states, free = _reconstructed(law, record)
     count = len(states)
     inputs = law.inputs(record.reference[:count], record.position[:count])
     errors = record.current[:count] - (states @ law.c.T + inputs @ law.d.T + law.output_offset)
-    parts = []
+    shares = np.full(errors.shape[1], math.nan)
     for axis in range(errors.shape[1]):
         below = free[:count, axis]
-        if np.count_nonzero(below) > law.order:
-            moved = float(record.current[:count, axis].std())
-            parts.append(float(np.sqrt(np.mean(errors[below, axis] ** 2))) / max(moved, np.finfo(float).tiny))
-    return max(parts, default=math.nan)
+        moved = float(record.current[:count, axis].std())
+        if np.count_nonzero(below) > law.order and moved > 0.0:
+            shares[axis] = float(np.sqrt(np.mean(errors[below, axis] ** 2))) / moved
+    return shares
 
 
 def _begins_at_rest(law: LinearLaw, record: LoopRecord) -> bool:

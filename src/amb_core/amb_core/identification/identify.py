@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles
+from amb_core.identification.controller_check import check_controller
 from amb_core.identification.controller_choice import needs_controller, suits_controller
 from amb_core.identification.data import DataReport, IdentificationData, Severity, check_data
 from amb_core.identification.data.checks import check_amount, check_excitation
@@ -197,6 +198,7 @@ def identify(
     sample_time = None if controller is None else 1.0 / controller.sample_rate
     report = check_data(data, 1 if order == "auto" else order, sample_time=sample_time, feedthrough=feedthrough)
     report.refuse_errors()
+    report = replace(report, findings=(*report.findings, check_controller(data, controller)))
     found = report.finding("drift").severity is Severity.WARNING
     cure = cure_drift(data, drift) if found or drift == "prefilter" else None
     used = data if cure is None else cure.data

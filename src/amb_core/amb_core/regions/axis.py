@@ -104,10 +104,11 @@ class AxisClassifier:
         self._level = 0.0
         self._drift_rest = 0
 
-    def adopt_steady_lines(self, position: NDArray[np.float64], before: int) -> None:
+    def adopt_steady_lines(self, position: NDArray[np.float64], before: int, excited: bool) -> None:
         """Find the lines in decimated positions (m) without input, which ended `before` decimated samples ago.
 
-        A line that was a slow oscillation before remains one.
+        A line that was a slow oscillation before remains one. After an excitation (`excited`) a new line of the slow
+        band is one too: it may have begun when the excitation stopped, while the loop settled and nothing was judged.
         """
         parameters = self._parameters
         frequency, amplitude = find_lines(
@@ -119,6 +120,9 @@ class AxisClassifier:
         if self._was_slow is not None:
             other = np.abs(frequency - self._was_slow) * len(self._residual) / self._rate > SAME
             frequency, amplitude = frequency[other], amplitude[other]
+        if excited:
+            outside = frequency > parameters.slow_frequency
+            frequency, amplitude = frequency[outside], amplitude[outside]
         self.steady.adopt(frequency, amplitude * np.exp(2j * math.pi * frequency * before / self._rate))
 
     def update(self, step: int) -> None:

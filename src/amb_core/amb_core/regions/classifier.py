@@ -158,6 +158,7 @@ class RegionClassifier:
         self._judged = step
         self._linear = [Onset(step, step * self.sample_time, math.nan, False)] * self._count
         self._changes = [ExcitationChange(self._interval * self.sample_time) for _ in range(self._count)]
+        self._excited = False
         self._settle()
 
     def _settle(self) -> None:
@@ -259,6 +260,7 @@ class RegionClassifier:
             if self._quiet >= self._samples:
                 self._adopt_steady_lines(before=PER_INTERVAL)
             self._quiet = 0
+            self._excited = True
         elif self._settled_for > self._settling + TAPS // PER_INTERVAL:
             self._quiet += PER_INTERVAL
             rounds = self._quiet / self._samples
@@ -269,7 +271,7 @@ class RegionClassifier:
         """Steady lines of the quiet time, which ended that many decimated samples ago."""
         quiet = self._front_end.past.positions(self._quiet + before)
         for number, axis in enumerate(self._axes):
-            axis.adopt_steady_lines(quiet[: len(quiet) - before, number], before)
+            axis.adopt_steady_lines(quiet[: len(quiet) - before, number], before, self._excited)
 
     def _note_inputs(self) -> None:
         """Store the inputs for the onsets, and settle again if the excitation changed."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from amb_core.errors import RobustnessError
+from amb_core.identification.data import Severity
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation
 from amb_core.loop.known_controller import KnownController
@@ -239,6 +240,7 @@ def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | Non
             + ("bounds use the measured scatter" if uncertainty.robust else "bounds are too narrow")
         )
     if validation is not None:
+        found += [f"{item.check}: {item.text}" for item in validation.findings if item.severity is not Severity.INFO]
         if not validation.unreserved:
             found.append("residuals depend on past inputs: the bounds hold no systematic error of the model")
         source = validation.model.source

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from amb_core.distortion import Evidence
 from amb_core.errors import IdentificationError
-from amb_core.identification.controller_state import unexplained
-from amb_core.identification.data import IdentificationData, restore
-from amb_core.identification.data.checks import evidence_of
+from amb_core.identification.controller_check import check_controller
+from amb_core.identification.data import Finding, IdentificationData, Severity, restore
+from amb_core.identification.data.checks import check_recording, evidence_of
 from amb_core.identification.numerics import one_blas_thread
 from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from amb_core.plant import PlantParameters
 
 HORIZONS = (1, 5, 20, 100)
-FOREIGN = 0.05
-"""Part of the recorded currents, rms, that the controller of an experiment leaves unexplained at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +54,9 @@ class Validation:
     evidence : Evidence
         Distortion of these data, or coherence of position and reference: what no linear model can follow.
     notes : tuple of str
-        What was left out, and why.
+        What was left out, and why, and the warnings of `findings`.
+    findings : tuple of Finding
+        What the samples of the data show, see `check_recording`, and whether the controller is that of the data.
     """
 
     model: StateSpaceModel
@@ -68,6 +68,7 @@ class Validation:
     frequency: FrequencyComparison
     evidence: Evidence
     notes: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
 
     @property
     def fit(self) -> NDArray[np.float64]:
@@ -179,6 +180,8 @@ def validate(
         )
         closed_loop, loop_notes = _closed_loop(model, data, controller, prediction)
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
+    findings = (*check_recording(data), check_controller(data, controller))
+    warnings = [f"{finding.check}: {finding.text}" for finding in findings if finding.severity is not Severity.INFO]
     undecided = uncertainty.at_one if uncertainty is not None else ""
     return Validation(
         model,
@@ -189,7 +192,8 @@ def validate(
         closed_loop,
         frequency,
         evidence_of(data),
-        (*([f"poles: {undecided}"] if undecided else []), *loop_notes, *frequency_notes),
+        (*([f"poles: {undecided}"] if undecided else []), *loop_notes, *warnings, *frequency_notes),
+        findings,
     )
 
 
@@ -227,10 +231,4 @@ def _closed_loop(
     if unknown := len(data.experiments) - len(known):
         notes.append(f"closed loop: {unknown} experiment{'s' if unknown > 1 else ''} without reference left out")
     measured = [data.record(index) for index in known]
-    worst = max(unexplained(controller, record) for record in measured)
-    if worst > FOREIGN:
-        notes.append(
-            f"closed loop: the controller does not compute {100.0 * worst:.2g} % (rms) of the recorded currents from "
-            "the recorded positions; is it the one of the experiment?"
-        )
     return check_closed_loop(model, controller, measured, prediction.first_states[known]), notes

@@ -1,6 +1,6 @@
 """Checks of data for identification: each a function with one finding, and all of them at once."""
 
-from amb_core.identification.data.checks.all_checks import check_data
+from amb_core.identification.data.checks.all_checks import check_data, check_recording
 from amb_core.identification.data.checks.distortion import check_distortion, evidence_of
 from amb_core.identification.data.checks.drift import check_drift
 from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
@@ -36,6 +36,7 @@ __all__ = [
     "check_gaps",
     "check_inputs",
     "check_offsets",
+    "check_recording",
     "check_region",
     "check_sample_time",
     "evidence_of",

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from amb_core.errors import IdentificationError
 from amb_core.identification.data.checks.distortion import check_distortion
 from amb_core.identification.data.checks.drift import check_drift
 from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
 from amb_core.identification.data.checks.excitation import check_amount, check_excitation, check_inputs
+from amb_core.identification.data.checks.faults import check_faults
+from amb_core.identification.data.checks.plausible import check_quantisation, check_roles
 from amb_core.identification.data.checks.region import check_region
-from amb_core.identification.data.checks.report import DataReport, Severity
+from amb_core.identification.data.checks.report import DataReport, Finding, Severity
 from amb_core.identification.data.checks.samples import (
     check_clipping,
     check_finite,
@@ -60,19 +64,21 @@ def check_data(
     """
     if order < 1:
         raise IdentificationError(f"order {order} is not allowed; it must be 1 or more")
-    findings = [check_finite(data), check_gaps(data), check_sample_time(data, sample_time)]
+    findings = [check_finite(data), check_gaps(data), check_sample_time(data, sample_time), check_roles(data)]
     if findings[0].severity is Severity.ERROR:
         try:
             data = split_at_invalid(data)  # the other checks use the remaining data
         except IdentificationError:
             return DataReport(_title(data), tuple(findings))
     # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
-    with one_blas_thread():
+    with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):
         findings += [
             check_amount(data, order),
             check_inputs(data),
             check_excitation(data, order),
             check_clipping(data, limits),
+            check_quantisation(data),
+            *(check_faults(data) if _plain(findings) else []),
             check_offsets(data),
             check_drift(data),
         ]
@@ -81,6 +87,19 @@ def check_data(
         findings += [feedback, check_delay(data, controlled, feedthrough), check_region(data, regions)]
         findings.append(check_distortion(data))
     return DataReport(_title(data), tuple(findings))
+
+
+def check_recording(data: IdentificationData) -> list[Finding]:
+    """The checks of the samples alone, for data that a model is validated on."""
+    with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):
+        found = [check_gaps(data), check_sample_time(data), check_roles(data)]
+        faults = check_faults(data) if _plain(found) else []
+        return [*found, check_clipping(data), check_quantisation(data), *faults]
+
+
+def _plain(findings: list[Finding]) -> bool:
+    """Whether the signals are what they are called, at their own rate: else every row would look wrong."""
+    return all(item.severity is Severity.INFO for item in findings if item.check in ("sample time", "roles"))
 
 
 def _title(data: IdentificationData) -> str:

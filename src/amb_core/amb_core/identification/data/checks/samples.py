@@ -15,7 +15,10 @@ _SHORT_GAP = 100  # steps: one block of telemetry
 _HELD_SHARE = 0.4  # of samples equal to the one before in all outputs; from this share the outputs count as held
 _FLAT_RUN = 3  # samples in a row at an extreme value
 _PILE = 5  # a value that occurs so many times as often as the next one is where a signal is clipped
+_MANY = 20  # samples at an extreme value, that need not be in a row
 _FEW_VALUES = 16  # of a signal with discrete levels, such as a square wave or PRBS
+_REGULAR = 0.8  # of the movements of held outputs, whole multiples of the hold apart
+_APART = 0.2  # of the range: a clipped signal comes close to where it is cut, a channel that drops out does not
 _DRIFT = 0.25  # share of the variance that a line over an experiment explains
 
 
@@ -78,8 +81,8 @@ def check_sample_time(data: IdentificationData, expected: float | None = None) -
         moves += int(np.any(item.outputs[1:] != item.outputs[:-1], axis=1).sum())
         pairs += item.steps - 1
     held = 1.0 - moves / pairs if pairs else 0.0
-    if moves and held > _HELD_SHARE:
-        factor = max(2, round(pairs / moves))
+    factor = max(2, round(pairs / moves)) if moves else 2
+    if moves and held > _HELD_SHARE and _regular(data, factor):
         return Finding(
             "sample time",
             Severity.WARNING,
@@ -88,6 +91,15 @@ def check_sample_time(data: IdentificationData, expected: float | None = None) -
             "outputs",
             f"if they were recorded every {factor * sample_time:g} s, keep every {factor}. sample; otherwise the "
             "sensor is too coarse for this excitation",
+        )
+    if _interpolated(data) > _HELD_SHARE:
+        return Finding(
+            "sample time",
+            Severity.WARNING,
+            f"{100.0 * _interpolated(data):.0f} % of the samples lie exactly between their neighbours in all outputs, "
+            f"as if they were interpolated to {sample_time:g} s",
+            "outputs",
+            "take the samples as they were recorded: interpolated ones hold no dynamics above their own rate",
         )
     return Finding("sample time", Severity.INFO, f"{sample_time:g} s")
 
@@ -118,7 +130,7 @@ def check_clipping(data: IdentificationData, limits: Mapping[str, float] | None 
     for name, signal, offset in _signals(data):
         limit = (limits or {}).get(name)
         at_limit = None if limit is None else np.abs(signal + offset) >= limit * (1.0 - 1e-9)
-        share = float(np.mean(at_limit)) if at_limit is not None else _cut_share(signal)
+        share = float(np.mean(at_limit)) if at_limit is not None else float(np.mean(cut_samples(signal)))
         if share > 0.0:
             reason = "at the limit" if at_limit is not None else "at a flat top"
             found.append(f"{name} {100.0 * share:.2g} % {reason}")
@@ -173,6 +185,29 @@ def check_offsets(data: IdentificationData) -> Finding:
     )
 
 
+def _regular(data: IdentificationData, factor: int) -> bool:
+    """Whether the outputs move every so many samples, as if they were held; those of a coarse sensor move at any."""
+    regular, moves = 0, 0
+    for item in data.experiments:
+        rows = np.flatnonzero(np.any(item.outputs[1:] != item.outputs[:-1], axis=1))
+        regular += int(np.count_nonzero(np.diff(rows) % factor == 0))
+        moves += max(len(rows) - 1, 0)
+    return regular >= _REGULAR * moves
+
+
+def _interpolated(data: IdentificationData) -> float:
+    """Share of the moving samples that lie on the straight line between their neighbours, in all outputs."""
+    between, moving = 0, 0
+    for item in data.experiments:
+        moves = item.outputs[2:] - item.outputs[:-2]
+        bend = item.outputs[1:-1] - 0.5 * (item.outputs[2:] + item.outputs[:-2])
+        rounding = 1e-9 * np.abs(item.outputs).max(axis=0, initial=0.0)
+        moved = (np.abs(moves) > 4.0 * rounding).any(axis=1)
+        between += int(np.count_nonzero((np.abs(bend) <= rounding).all(axis=1) & moved))
+        moving += int(np.count_nonzero(moved))
+    return between / moving if moving else 0.0
+
+
 def _signals(data: IdentificationData) -> Iterator[tuple[str, NDArray[np.float64], NDArray[np.float64]]]:
     """Name, samples of all experiments and removed trend of each input and output."""
     for kind in ("input", "output"):
@@ -190,18 +225,21 @@ def _signals(data: IdentificationData) -> Iterator[tuple[str, NDArray[np.float64
             )
 
 
-def _cut_share(signal: NDArray[np.float64]) -> float:
-    """Share of the samples at a largest or smallest value at which the signal is clipped."""
+def cut_samples(signal: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Samples at a largest or smallest value at which the signal is clipped."""
     values, counts = np.unique(signal, return_counts=True)
+    cut = np.zeros(len(signal), bool)
     if len(values) <= _FEW_VALUES:
-        return 0.0
-    cut = 0
+        return cut
     for extreme, neighbour in ((-1, -2), (0, 1)):
-        at = np.concatenate([[0], signal == values[extreme], [0]]).astype(np.int8)
-        runs = np.flatnonzero(np.diff(at) == -1) - np.flatnonzero(np.diff(at) == 1)
-        if runs.max() >= _FLAT_RUN and counts[extreme] >= _PILE * counts[neighbour]:
-            cut += int(counts[extreme])
-    return cut / len(signal)
+        if abs(values[extreme] - values[neighbour]) > _APART * np.ptp(np.delete(values, extreme)):
+            continue
+        at = signal == values[extreme]
+        edges = np.diff(np.concatenate([[0], at.astype(np.int8), [0]]))
+        runs = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
+        if (runs.max() >= _FLAT_RUN or counts[extreme] >= _MANY) and counts[extreme] >= _PILE * counts[neighbour]:
+            cut |= at
+    return cut
 
 
 def _line_share(signal: NDArray[np.float64]) -> float:

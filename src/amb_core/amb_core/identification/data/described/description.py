@@ -41,8 +41,9 @@ class DataDescription(BaseModel):
     )
     controller: str = Field(
         "",
-        description="Controller of the experiment: pd:K_P,K_D in A/m and A s/m, a parameter file (.yaml), the file of "
-        "a linear controller (.json, .npz, .mat), paper, or none for no closed loop; by default the one recorded.",
+        description="Controller of the experiment: pd:K_P,K_D in A/m and A s/m with the derivative on the position "
+        "error, pd:K_P,K_D,measurement with that on the measured position, a parameter file (.yaml), the file of a "
+        "linear controller (.json, .npz, .mat), paper, or none for no closed loop; by default the one recorded.",
     )
     repair: Repair = Field(
         "none",

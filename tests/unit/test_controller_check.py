@@ -1,0 +1,63 @@
+"""The controller of an experiment is compared with its currents before the fit, and what differs is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from amb_core.errors import IdentificationError
+from amb_core.identification import IdentificationData, identify, validate
+from amb_core.identification.controller_check import check_controller
+from amb_core.identification.controller_choice import ALLOWED, named_controller
+from amb_core.identification.data import Severity
+from amb_core.loop.control import ControllerParameters
+from tests.benchmarks.verdicts.controllers import WORDS, draw, named
+from tests.benchmarks.verdicts.drawn_loops import draw_record
+
+
+@pytest.mark.parametrize("kind", WORDS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_controller_is_named_for_what_is_wrong_with_it(kind: str, seed: int) -> None:
+    case = draw(kind, np.random.default_rng(seed))
+    assert named(case), case.finding
+
+
+def test_the_gains_that_fit_are_shown() -> None:
+    record, loop = draw_record(np.random.default_rng(3), 4_000, axes=1)
+    (gain,) = loop.controller.proportional_gains
+    wrong = loop.controller.model_copy(update={"proportional_gains": (1.2 * gain,)})
+    assert f"K_P {gain:.5g} A/m" in check_controller(IdentificationData.from_record(record), wrong).what
+
+
+def test_nothing_is_said_where_nothing_can_be_compared() -> None:
+    record, loop = draw_record(np.random.default_rng(3), 4_000)
+    data = IdentificationData.from_record(record)
+    still = IdentificationData.from_arrays(
+        np.zeros((500, 1)), np.zeros((500, 1)), 1e-4, reference=np.zeros(500), input_units=["A"], output_units=["m"]
+    )
+    without = IdentificationData.from_arrays(record.current, record.position, 1e-4)
+    for finding in (
+        check_controller(data, None),
+        check_controller(still, ControllerParameters()),
+        check_controller(without, loop.controller),
+    ):
+        assert finding.severity is Severity.INFO and "not checked" in finding.what
+
+
+def test_identify_and_validate_name_the_derivative() -> None:
+    record, loop = draw_record(np.random.default_rng(5), 4_000, axes=1)
+    other = "measurement" if loop.controller.derivative_on == "error" else "error"
+    wrong = loop.controller.model_copy(update={"derivative_on": other})
+    found = identify(record, 5, "ssarx", wrong)
+    assert f"the derivative on the {loop.controller.derivative_on}" in found.report.finding("controller").what
+    judged = validate(found.model, IdentificationData.from_record(record), wrong)
+    assert any(f"the derivative on the {loop.controller.derivative_on}" in note for note in judged.notes)
+    assert identify(record, 5, "ssarx", loop.controller).report.finding("controller").severity is Severity.INFO
+
+
+def test_the_derivative_of_named_gains_can_be_chosen() -> None:
+    assert named_controller("pd:20000,38").derivative_on == "error"
+    assert named_controller("pd:20000,38,measurement").derivative_on == "measurement"
+    assert "pd:K_P,K_D,measurement" in ALLOWED
+    with pytest.raises(IdentificationError, match="the signal that is derived"):
+        named_controller("pd:20000")
