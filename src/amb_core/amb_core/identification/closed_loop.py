@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from amb_core.errors import IdentificationError
 from amb_core.identification.control_law import Law, LinearLaw, Start, advance_law, law_of, recall, state_of
 from amb_core.identification.estimate.small_matrices import add_product, set_product
-from amb_core.loop.known_controller import KnownController
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.loop.linear_control import LinearControllerParameters, pd_as_linear
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
+_MEMORY = 8_192  # samples after which noise has left the loop
 DIVERGED = 1e-2  # m, larger than the air gap of any bearing considered here
 
 
@@ -89,6 +92,63 @@ def closed_loop_poles(model: StateSpaceModel, controller: KnownController) -> ND
     loop = _linear_loop(model, law) if isinstance(law, LinearLaw) else _pd_loop(model, law.gains)
     poles = np.linalg.eigvals(loop).astype(np.complex128)
     return poles[np.argsort(-np.abs(poles), kind="stable")]
+
+
+def noise_in_loop(
+    model: StateSpaceModel, controller: KnownController, covariance: NDArray[np.float64], steps: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What innovations of a covariance add to the positions in the loop without its limit.
+
+    Returns
+    -------
+    variance, deviation : ndarray, shape (axes,)
+        Variance of each position (m^2), and the standard deviation of its mean square over so many steps.
+
+    Raises
+    ------
+    IdentificationError
+        If model and controller do not fit together, or the loop is not stable.
+    """
+    law = _as_linear(model, controller)
+    from_output, direct = law.from_output
+    loop = _linear_loop(model, law)
+    if not np.abs(np.linalg.eigvals(loop)).max() < 1.0:
+        raise IdentificationError("the closed loop of model and controller is not stable")
+    drive = np.vstack([model.k + model.b @ direct, from_output])
+    shown = np.hstack([model.c, np.zeros((len(model.c), len(law.a)))])
+    responses = np.empty((_MEMORY, len(shown), len(shown)))
+    responses[0] = np.eye(len(shown))
+    for step in range(1, _MEMORY):
+        responses[step] = shown @ drive
+        drive = loop @ drive
+    spectra = np.fft.fft(responses, axis=0)
+    power = np.einsum("fij,jk,fik->fi", spectra, covariance, spectra.conj()).real
+    # Parseval: the variance is the mean of the spectrum, and the sum of all squared autocovariances that of its square,
+    # of which the mean square of normal noise over N steps has 2 / N times as variance.
+    return power.mean(axis=0), np.sqrt(2.0 * np.mean(power**2, axis=0) / steps)
+
+
+def complementary_sensitivity(
+    model: StateSpaceModel, controller: KnownController, frequency: float
+) -> NDArray[np.complex128]:
+    """T = -G K (I - G K)^-1 of the loop with u = K y, its limit aside, at a frequency (Hz); shape (axes, axes)."""
+    law = _as_linear(model, controller)
+    from_output, direct = law.from_output
+    at = np.exp(2j * np.pi * frequency * model.sample_time)
+    k = law.c @ np.linalg.solve(at * np.eye(len(law.a)) - law.a, from_output) + direct
+    loop = (model.c @ np.linalg.solve(at * np.eye(model.order) - model.a, model.b)) @ k
+    return np.asarray(-loop @ np.linalg.inv(np.eye(len(loop)) - loop))
+
+
+def _as_linear(model: StateSpaceModel, controller: KnownController) -> LinearLaw:
+    """The law without its limit; the PD law in state-space form."""
+    axes = loop_axes(model, controller)
+    if isinstance(controller, ControllerParameters):
+        limit = LinearControllerParameters(current_limit=controller.current_limit)
+        controller = LinearControl(pd_as_linear(controller, axes), limit)
+    law = law_of(controller, axes)
+    assert isinstance(law, LinearLaw)
+    return law
 
 
 def _linear_loop(model: StateSpaceModel, law: LinearLaw) -> NDArray[np.float64]:

@@ -148,6 +148,14 @@ def predicted_states(
     return states
 
 
+def filtered(model: StateSpaceModel, driving: NDArray[np.float64]) -> NDArray[np.float64]:
+    """States of x[k+1] = (A - K C) x[k] + driving[k] from rest, shape (steps, n)."""
+    states = np.empty_like(driving)
+    predictor = np.ascontiguousarray(model.a - model.k @ model.c)
+    _filter(predictor, np.eye(model.order), np.zeros(model.order), np.ascontiguousarray(driving), states)
+    return states
+
+
 @numba.njit(cache=True)
 def _filter(
     a: NDArray[np.float64],
