@@ -1,6 +1,6 @@
 """Writes requirements.hashes, and one such file of each extra: the pins with the hashes of the files that pip installs.
 
-Run it after a change of a requirements*.txt; it asks the index for the files of every Python that the workspace runs on.
+Run it after a change of a requirements*.txt; it asks the index for the files of each Python that the workspace runs on.
 `scripts/setup.sh` installs nothing whose hash is another.
 """
 

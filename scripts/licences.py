@@ -127,7 +127,13 @@ def main() -> None:
                 installed = Path(folder)
                 install = [sys.executable, "-m", "pip", "install", "-qq", "--no-deps", "--target", folder]
                 subprocess.run([*install, "-r", str(path)], check=True)
-            lines += ["", f"## {path.relative_to(ROOT)}", "", "| package | version | licence (SPDX) | why |", "|---|---|---|---|"]
+            lines += [
+                "",
+                f"## {path.relative_to(ROOT)}",
+                "",
+                "| package | version | licence (SPDX) | why |",
+                "|---|---|---|---|",
+            ]
             lines += [f"| {' | '.join(row)} |" for row in rows(path, installed, share)]
     PAGE.write_text("\n".join(lines) + "\n")
 
