@@ -141,14 +141,15 @@ class IdentifierNode(Node):
 
     def _on_validate(self, request: srv.Validate.Request, response: srv.Validate.Response) -> srv.Validate.Response:
         if request.model:
-            model, uncertainty = StateSpaceModel.load(request.model), None
-        elif self._identified is not None:
-            model, uncertainty = self._identified.result.model, self._identified.result.uncertainty
+            model, uncertainty, search = StateSpaceModel.load(request.model), None, None
+        elif (identified := self._identified) is not None:
+            result = identified.result
+            model, uncertainty, search = result.model, result.uncertainty, result.search
         else:
             raise IdentificationError("no model has been identified yet; call ~/identify first or name a file")
         self._sources.check(request)
         loop, remark = self._sources.loop(request, with_plant=True)
-        found = validate(model, loop.data, loop.controller, uncertainty=uncertainty, plant=loop.plant)
+        found = validate(model, loop.data, loop.controller, uncertainty=uncertainty, plant=loop.plant, search=search)
         response.success = True
         response.message = found.summary + remark
         response.report = found.report()

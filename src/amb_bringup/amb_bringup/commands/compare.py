@@ -28,6 +28,7 @@ from amb_core.errors import IdentificationError
 from amb_core.figures import save_validation_figures
 from amb_core.figures.entries import entries_from
 from amb_core.identification import StateSpaceModel, Validation, validate
+from amb_core.identification.validation import Verdict
 
 
 @data_options
@@ -95,9 +96,9 @@ def _names(models: list[Path]) -> list[str]:
     return [f"{number}: {path}" for number, path in enumerate(models, start=1)]
 
 
-def _quality(validation: Validation) -> tuple[bool, float, float]:
+def _quality(validation: Validation) -> tuple[int, float, float]:
     fit = validation.fit if len(validation.fit) else validation.one_step_fit
-    return validation.validated, float(fit.min()), float(validation.one_step_fit.min())
+    return -list(Verdict).index(validation.verdict), float(fit.min()), float(validation.one_step_fit.min())
 
 
 def _table(found: Mapping[str, Validation]) -> Table:
@@ -117,5 +118,7 @@ def _table(found: Mapping[str, Validation]) -> Table:
     table.add_row("unstable poles", *(str(len(item.model.unstable_poles())) for item in items))
     table.add_row("residuals white", *("yes" if item.white else "no" for item in items))
     table.add_row("independent of inputs", *("yes" if item.independent else "no" for item in items))
-    table.add_row("verdict", *(Text(item.verdict, "" if item.validated else "red") for item in items))
+    colours = {Verdict.VALIDATED: "", Verdict.RESERVATIONS: "yellow", Verdict.NOT_VALIDATED: "red"}
+    table.add_row("verdict", *(Text(item.verdict, colours[item.verdict]) for item in items))
+    table.add_row("because not", *("\n".join(condition.name for condition in item.failed) for item in items))
     return table

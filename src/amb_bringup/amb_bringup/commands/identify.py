@@ -189,6 +189,7 @@ def summary_of(result: Identification) -> dict[str, Any]:
             ],
         },
         "verdict": result.verdict,
+        "conditions": None if result.validation is None else result.validation.as_dict()["conditions"],
         "closed_loop_stable": None if result.closed_loop_poles is None else result.stable,
         "closed_loop_poles": None
         if result.closed_loop_poles is None
@@ -261,6 +262,8 @@ def _table(result: Identification) -> Table:
         table.add_row("closed loop", "stable" if result.stable else Text("unstable", "red"))
     colour = "red" if result.verdict is Verdict.NOT_VALIDATED else "yellow"
     table.add_row("verdict", Text(f"{result.verdict} on the data of the estimate", colour))
+    for condition in () if result.validation is None else result.validation.failed:
+        table.add_row("", f"{condition.name}: {condition.finding}")
     return table
 
 

@@ -55,7 +55,7 @@ def validate(
 ) -> None:
     """Validate a model: closed loop, distortion, predictions, residuals and frequency response, on one page.
 
-    Exit code 0 if the model passes the validation, 3 if it fails, 1 if it could not be validated.
+    Exit code 0 if the model is validated, also with reservations, 3 if it is not, 1 if it could not be validated.
     """
     console = Terminal(stderr=True)  # only the report goes to the standard output
     if out is not None:

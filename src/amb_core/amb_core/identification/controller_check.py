@@ -27,6 +27,8 @@ from amb_core.loop.records import LoopRecord
 
 FOREIGN = 0.05
 """Part of the recorded currents, rms, that the controller of an experiment leaves unexplained at most."""
+NOT_CHECKED = "not checked"
+"""With this begins a finding that says why nothing was compared."""
 EXACT = 1e-3  # part of the currents, below which no other law is looked for
 _BETTER = 0.2  # of the remainder: what another law may leave to be named
 _ALIKE = 2.0  # ratio of remainders up to which the simpler of two laws is taken
@@ -80,23 +82,23 @@ def check_controller(data: IdentificationData, controller: KnownController | Non
         `FOREIGN` of the currents is unexplained.
     """
     if controller is None:
-        return Finding("controller", Severity.INFO, "not checked: no controller is known")
+        return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: no controller is known")
     known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
     if not known:
-        return Finding("controller", Severity.INFO, "not checked: the data have no reference")
+        return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: the data have no reference")
     compared = []
     for index in known:
         try:
             record = _liveliest(data.record(index), _SAMPLES)
         except AmbError as problem:
-            return Finding("controller", Severity.INFO, f"not checked: {problem}")
+            return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: {problem}")
         if np.isfinite(record.current).all() and np.isfinite(record.position).all():
             with np.errstate(over="ignore", invalid="ignore"):  # of a loop that diverged
                 shares = _given(controller, record)
             if np.isfinite(shares).any():
                 compared.append((float(np.nanmax(shares)), index, record, shares))
     if not compared:
-        return Finding("controller", Severity.INFO, "not checked: the currents do not move below their limit")
+        return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: the currents do not move below their limit")
     share, index, record, shares = max(compared, key=lambda item: item[0])
     if share <= EXACT:
         return Finding("controller", Severity.INFO, "it computes the recorded currents from the recorded positions")

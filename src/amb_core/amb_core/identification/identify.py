@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +25,15 @@ from amb_core.identification.focus.focus import focus_simulation
 from amb_core.identification.numerics import LARGEST_RADIUS
 from amb_core.identification.progress import Cancelled, Progress, SearchEnd, Watch
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
-from amb_core.identification.validation import Verdict, nrmse_fit, validate, verdict_of
-from amb_core.identification.validation.simulation import NEEDED_FIT
+from amb_core.identification.validation import Validation, Verdict, nrmse_fit, validate
+from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
+
+if TYPE_CHECKING:
+    from amb_core.plant import PlantParameters
 
 Focus = Literal["prediction", "simulation"]
 
@@ -62,6 +65,8 @@ class Identification:
         How the search of `pem` ended, and whether it converged; None for other methods.
     drift : DriftCure or None
         Which drift was removed from the data that the model is estimated from, and how; None if nothing was.
+    controller : KnownController or None
+        The controller of the closed loop; None for data that do not come from the bearing's loop.
     """
 
     model: StateSpaceModel
@@ -73,6 +78,7 @@ class Identification:
     closed_loop_poles: NDArray[np.complex128] | None
     search: SearchEnd | None = None
     drift: DriftCure | None = None
+    controller: KnownController | None = None
 
     @property
     def stable(self) -> bool:
@@ -81,15 +87,33 @@ class Identification:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """On the data of the estimate: validated with reservations at best, by the rule of `validate`."""
-        if len(self.model.fit):
-            return verdict_of(self.stable and bool(np.all(self.model.fit >= NEEDED_FIT)), True, new_data=False)
-        if self.closed_loop_poles is not None and not self.stable:
-            return Verdict.NOT_VALIDATED
+        """On the data of the estimate, and so with reservations at best: that of `validation`."""
+        return Verdict.NOT_VALIDATED if self.validation is None else self.validation.verdict
+
+    @cached_property
+    def validation(self) -> Validation | None:
+        """The validation on the data of the estimate; None where these are too few for it."""
         try:
-            return verdict_of(None, validate(self.model, self.data).unreserved, new_data=False)
-        except IdentificationError:  # too few data to test the residuals
-            return Verdict.NOT_VALIDATED
+            return self.validated()
+        except IdentificationError:
+            return None
+
+    def validated(self, plant: PlantParameters | None = None) -> Validation:
+        """Validate on the data of the estimate, with all that is known of it.
+
+        Parameters
+        ----------
+        plant : PlantParameters, optional
+            The plant, if it is known, such as that of the simulator.
+
+        Raises
+        ------
+        IdentificationError
+            If the data are too few for the tests.
+        """
+        return validate(
+            self.model, self.data, self.controller, uncertainty=self.uncertainty, plant=plant, search=self.search
+        )
 
     @property
     def summary(self) -> str:
@@ -225,7 +249,9 @@ def identify(
     elif method == "pem":
         best = replace(best, uncertainty=_uncertainty(best.model, used), search=watch.search)
     watch.tell("validation", 1, 1)
-    return replace(best, drift=cure)
+    model = replace(best.model, fingerprint=fingerprint_of(data))
+    uncertainty = best.uncertainty and replace(best.uncertainty, model=model)
+    return replace(best, model=model, uncertainty=uncertainty, drift=cure, controller=controller)
 
 
 def check_arguments(order: int | str, method: str, focus: str, drift: str = "auto") -> None:

@@ -15,6 +15,7 @@ from amb_core.files.matlab import cell, texts
 
 _MATRICES = {"a": "A", "b": "B", "c": "C", "d": "D", "k": "K", "innovation_covariance": "NoiseVariance"}
 _VECTORS = {"input_offset": "InputOffset", "output_offset": "OutputOffset", "initial_state": "X0", "fit": "Fit"}
+_FINGERPRINT = "Fingerprint"  # which old files lack
 _NAMES = {
     "input_names": "InputName",
     "output_names": "OutputName",
@@ -33,6 +34,7 @@ def variables_of(fields: Mapping[str, Any]) -> dict[str, Any]:
         **{matlab: cell([fields[name]]) for name, matlab in _TEXTS.items()},
         "Ts": fields["sample_time"],
         "Samples": float(fields["samples"]),
+        _FINGERPRINT: fields["fingerprint"][:, np.newaxis],
     }
 
 
@@ -45,4 +47,5 @@ def fields_of(variables: Mapping[str, Any]) -> dict[str, Any]:
         **{name: texts(variables[matlab])[0] for name, matlab in _TEXTS.items()},
         "sample_time": float(variables["Ts"].item()),
         "samples": int(variables["Samples"].item()),
+        "fingerprint": variables[_FINGERPRINT].ravel() if _FINGERPRINT in variables else np.empty(0),
     }

@@ -27,10 +27,12 @@ from amb_core.linear import LinearSystem
 from amb_core.model.mat_fields import fields_of, variables_of
 
 _UNITS = {"input_units": "A", "output_units": "m"}  # if a model or an old file names none
+_LATER = (*_UNITS, "fingerprint")  # fields that old files lack
 LARGEST = 64 * MIB
 """Largest model in JSON that is read; one of order 100 takes about 0.5 MiB."""
 _ARRAYS = (
     "a", "b", "c", "d", "k", "innovation_covariance", "input_offset", "output_offset", "initial_state", "fit",
+    "fingerprint",
 )  # fmt: skip
 
 
@@ -65,6 +67,8 @@ class StateSpaceModel(LinearSystem):
         diverges, empty if the model has not been validated.
     input_units, output_units : tuple of str
         Units of inputs and outputs; empty for all inputs in A, all outputs in m.
+    fingerprint : ndarray, shape (f,)
+        Hashes of samples that it was identified from, by which they are recognised; empty where not known.
 
     Raises
     ------
@@ -90,6 +94,7 @@ class StateSpaceModel(LinearSystem):
     fit: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     input_units: tuple[str, ...] = ()
     output_units: tuple[str, ...] = ()
+    fingerprint: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
@@ -115,7 +120,7 @@ class StateSpaceModel(LinearSystem):
     def from_json(cls, content: Any) -> StateSpaceModel:
         """The model that `to_json` wrote; IdentificationError for anything else."""
         names = {item.name for item in fields(cls)}
-        if not isinstance(content, dict) or set(content) | set(_UNITS) != names:
+        if not isinstance(content, dict) or set(content) | set(_LATER) != names:
             found = ", ".join(sorted(content)) if isinstance(content, dict) else type(content).__name__
             raise IdentificationError(f"expected the fields {', '.join(sorted(names))}; found {found}")
         try:

@@ -60,6 +60,8 @@ def _result(passed: bool) -> Badge:
 def _strip(certificate: Certificate) -> VerdictStrip:
     """The verdict, and the peak sensitivity and zone of each axis."""
     outcome = Badge("certified", "good") if certificate.certified else Badge("not certified", "bad")
+    if certificate.certified and certificate.reserved:
+        outcome = Badge("certified with reservations", "limited")
     found, numbers = certificate.assessment, []
     if found is not None:
         bounds = {} if found.bounds is None else {item.name: item for item in found.bounds.axes}

@@ -17,7 +17,7 @@ from amb_core.figures.entries import Entry, entries_from
 from amb_core.figures.order import order_chart
 from amb_core.identification import Identification, identify
 from amb_core.identification.controller_choice import ALLOWED, needs_controller
-from amb_core.identification.validation import Validation, validate
+from amb_core.identification.validation import Validation
 from amb_core.report.document import Badge, Block, Cell, FigureBlock, Prose, Section, TableBlock
 from amb_core.report.robustness import certificate_of_recording, robustness_badge, robustness_section
 from amb_core.report.validation import HEADING as VALIDATION
@@ -47,7 +47,7 @@ class IdentifiedModel:
         """Robustness, if it was asked for, fit of each output, order and unstable poles, each with its name."""
         validation, model = self.validation, self.result.model
         fits = [
-            (f"closed-loop fit, {name}", fit_badge(fit))
+            (f"closed-loop fit, {name}", fit_badge(validation, fit))
             for name, fit in zip(model.output_names, validation.fit, strict=False)
         ] or [
             (f"one-step fit, {name}", Badge(f"{fit:.2f} %", section=VALIDATION))
@@ -81,9 +81,7 @@ def identified_model(
     tell("identifying")
     result = identify(data, order, controller=controller)
     tell("validating")
-    validation = validate(
-        result.model, data, controller, uncertainty=result.uncertainty, plant=recording.plant_parameters()
-    )
+    validation = result.validated(recording.plant_parameters())
     sections = [_model(result, validation), _responses(validation, drawn), validation_section(validation)]
     if not certified:
         return IdentifiedModel(result, validation, sections)

@@ -49,7 +49,10 @@ def robustness_badge(certificate: Certificate | str) -> Badge:
         return Badge("not certified", "limited", HEADING)
     assert found.bounds is not None
     zone = max(item.zone for item in found.bounds.axes)  # A is the best
-    return Badge(f"certified, zone {zone} with {100.0 * found.settings.confidence:g} %", "good", HEADING)
+    percent = f"{100.0 * found.settings.confidence:g} %"
+    if certificate.reserved:
+        return Badge(f"certified with reservations, zone {zone} with {percent}", "limited", HEADING)
+    return Badge(f"certified, zone {zone} with {percent}", "good", HEADING)
 
 
 def robustness_section(certificate: Certificate | str) -> Section:

@@ -8,14 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from amb_core.figures.residuals import residuals_chart
-from amb_core.identification.validation import ChiSquareTest, Validation
-from amb_core.identification.validation.report import advice
-from amb_core.identification.validation.simulation import NEEDED_FIT
+from amb_core.identification.validation import ChiSquareTest, Condition, Validation, Verdict
 from amb_core.report.document import Badge, Block, Cell, FigureBlock, Prose, Section, State, TableBlock
 from amb_core.units import UM
 
 HEADING = "Validation"
-_STATES: dict[str, State] = {"validated": "good", "validated with reservations": "limited", "not validated": "bad"}
+_STATES: dict[Verdict, State] = {
+    Verdict.VALIDATED: "good",
+    Verdict.RESERVATIONS: "limited",
+    Verdict.NOT_VALIDATED: "bad",
+}
+_WORDS = {Verdict.VALIDATED: "holds", Verdict.RESERVATIONS: "reservation", Verdict.NOT_VALIDATED: "fails"}
 
 
 def verdict_badge(validation: Validation) -> Badge:
@@ -23,39 +26,40 @@ def verdict_badge(validation: Validation) -> Badge:
     return Badge(validation.verdict, _STATES[validation.verdict], HEADING)
 
 
-def fit_badge(fit: float) -> Badge:
-    """A closed-loop fit (percent), good where it reaches what validation asks for."""
-    return Badge(f"{fit:.2f} %", "good" if fit >= NEEDED_FIT else "bad", HEADING)
+def fit_badge(validation: Validation, fit: float) -> Badge:
+    """A closed-loop fit (percent), in the colour of its condition."""
+    (condition,) = (one for one in validation.conditions if one.key == "closed_loop_fit")
+    return Badge(f"{fit:.2f} %", _STATES[condition.level], HEADING)
 
 
 def validation_reason(validation: Validation) -> str:
     """Why the verdict is what it is, in a sentence."""
-    loop = validation.closed_loop
-    share = f"{100.0 * validation.residuals.independence.unexplained:.3g} % of the residuals' variance"
-    if loop is None:
-        found = "past inputs explain nothing" if validation.independent else f"past inputs explain {share}"
-        return f"The closed loop was not checked; of the residuals, {found}."
-    if not loop.stable:
-        return "Model and controller make an unstable loop."
-    worst = float(np.min(loop.fit))
-    text = f"Model and controller make a stable loop that follows with {worst:.2f} % or more"
-    if not loop.follows:
-        return f"{text}; {NEEDED_FIT:g} % are needed."
-    return f"{text}." if validation.unreserved else f"{text}, but past inputs explain {share}."
+    failed = validation.failed
+    if not failed:
+        return f"All {len(validation.conditions)} conditions hold."
+    worst = [one for one in failed if one.level is failed[0].level]
+    found = "; ".join(f"{one.name}: {one.finding}" for one in worst)
+    return f"{len(worst)} of {len(validation.conditions)} conditions {_DO_NOT[failed[0].level]}: {found}."
+
+
+_DO_NOT = {Verdict.RESERVATIONS: "leave reservations", Verdict.NOT_VALIDATED: "fail"}
 
 
 def validation_section(validation: Validation) -> Section:
-    """All tests as tables, advice, and the figure of the residuals."""
-    blocks: list[Block] = [
-        Prose(
-            "Validated on the data that the model was identified from. Data of another experiment are more conclusive."
-        ),
-        Prose(validation_reason(validation)),
-    ]
-    blocks += [Prose(f"{text[:1].upper()}{text[1:]}") for text in (*validation.notes, *advice(validation))]
+    """The conditions of the verdict, all tests as tables, and the figure of the residuals."""
+    blocks: list[Block] = [Prose(validation_reason(validation)), _conditions(validation.conditions)]
+    blocks += [Prose(f"{text[:1].upper()}{text[1:]}") for text in validation.notes]
     blocks += [*_closed_loop(validation), _prediction(validation), _residuals(validation), *_frequency(validation)]
     tests = (validation.residuals, validation.model.input_names, validation.model.output_names)
     return Section(HEADING, [*blocks, FigureBlock(residuals_chart(*tests).page(), "Residuals")])
+
+
+def _conditions(conditions: Sequence[Condition]) -> TableBlock:
+    rows = [
+        (one.name, Badge(_WORDS[one.level], _STATES[one.level]), one.finding, one.limit, one.advice)
+        for one in conditions
+    ]
+    return TableBlock(("condition", "", "finding", "allowed", "what to do"), rows, "Conditions of the verdict")
 
 
 def _closed_loop(validation: Validation) -> list[Block]:
@@ -65,7 +69,9 @@ def _closed_loop(validation: Validation) -> list[Block]:
     values = zip(
         validation.model.output_names, loop.fit_without_means, loop.fit, UM * np.asarray(loop.offset), strict=True
     )
-    rows = [(name, f"{alone:.2f} %", fit_badge(fit), f"{offset:.3g} µm") for name, alone, fit, offset in values]
+    rows = [
+        (name, f"{alone:.2f} %", fit_badge(validation, fit), f"{offset:.3g} µm") for name, alone, fit, offset in values
+    ]
     stability = "stable" if loop.stable else "unstable"
     caption = (
         f"Closed loop: {stability}, largest pole {np.abs(loop.poles[0]):.5f}; "
@@ -97,7 +103,7 @@ def _residuals(validation: Validation) -> TableBlock:
     ):
         explained = f"{100.0 * joint.unexplained:.3g} %"
         statistic = f"{joint.statistic:.4g} of {joint.limit:.4g}"
-        rows.append((name, *(_passed(test) for test in alone), _passed(joint), statistic, explained))
+        rows.append((name, *(f"p = {test.p_value:.2g}" for test in alone), _passed(joint), statistic, explained))
     header = (
         "residuals are",
         *validation.model.output_names,
@@ -105,7 +111,7 @@ def _residuals(validation: Validation) -> TableBlock:
         "statistic of its limit",
         "explained variance",
     )
-    caption = f"Residuals: {tests.samples} one-step errors, chi-square tests at 99 % over {tests.lags} lags"
+    caption = f"Residuals: {tests.samples} one-step errors, chi-square tests at 99.9 % over {tests.lags} lags"
     return TableBlock(header, rows, caption)
 
 

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from amb_core.errors import RobustnessError
-from amb_core.identification.data import Severity
 from amb_core.identification.uncertainty import ModelUncertainty
-from amb_core.identification.validation import Validation
+from amb_core.identification.validation import Validation, Verdict
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
 from amb_core.robustness.assessment import Assessment, assess_loop
@@ -70,6 +69,8 @@ class Certificate:
         Measured sensitivity, for comparison.
     displacement : mapping
         Zone after ISO 14839-2 of each axis, if displacement and clearance are known.
+    reserved : bool
+        Whether the model is validated with reservations only.
     """
 
     checks: tuple[Check, ...]
@@ -79,6 +80,7 @@ class Certificate:
     inputs: Mapping[str, str]
     measured: MeasuredSensitivity | None = None
     displacement: Mapping[str, Zone] | None = None
+    reserved: bool = False
 
     @property
     def certified(self) -> bool:
@@ -87,7 +89,7 @@ class Certificate:
 
     @property
     def verdict(self) -> str:
-        """One sentence."""
+        """One sentence; the bare word certified only where the model is validated without reservation."""
         failed = [check for check in self.checks if not check.passed]
         if failed:
             return f"Not certified: {'; '.join(check.finding for check in failed)}."
@@ -95,8 +97,9 @@ class Certificate:
         assert self.assessment.bounds is not None
         zone = max((item.zone for item in self.assessment.bounds.axes), key=ZONES.index)
         percent = f"{100.0 * self.settings.confidence:g} %"
+        word = "Certified with reservations on the model" if self.reserved else "Certified"
         return (
-            f"Certified: stable, zone {zone} after ISO 14839-3 with {percent}, and stable under all assumed "
+            f"{word}: stable, zone {zone} after ISO 14839-3 with {percent}, and stable under all assumed "
             "perturbations together."
         )
 
@@ -155,13 +158,16 @@ def certify(
         checks.append(_swept(measured, settings))
     zones = {name: zone_of(value, settings.displacement_limits) for name, value in (displacement or {}).items()}
     warnings = _warnings(validation, uncertainty) + _not_linear(assessment)
-    return Certificate(tuple(checks), assessment, settings, warnings, dict(inputs or {}), measured, zones)
+    reserved = validation is not None and validation.verdict is not Verdict.VALIDATED
+    return Certificate(tuple(checks), assessment, settings, warnings, dict(inputs or {}), measured, zones, reserved)
 
 
 def _validated(validation: Validation | None) -> Check:
     name = "the model is validated"
     if validation is None:
         return Check(name, False, "the model was not validated; give the bag of its data (bag)")
+    if validation.closed_loop is None:
+        return Check(name, False, f"its closed loop could not be validated: {validation.without_loop}")
     return Check(name, validation.validated, validation.summary)
 
 
@@ -240,12 +246,7 @@ def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | Non
             + ("bounds use the measured scatter" if uncertainty.robust else "bounds are too narrow")
         )
     if validation is not None:
-        found += [f"{item.check}: {item.text}" for item in validation.findings if item.severity is not Severity.INFO]
-        if not validation.unreserved:
-            found.append("residuals depend on past inputs: the bounds hold no systematic error of the model")
-        source = validation.model.source
-        if source and any(f"{item.source},".startswith(f"{source},") for item in validation.data.experiments):
-            found.append("validated on the data of the identification; those of another experiment are more conclusive")
+        found += [f"reservation on the model: {one.name}: {one.finding}" for one in validation.failed]
         found.append(f"linearity of the data: {validation.evidence.brief}")
     return tuple(found)
 
@@ -297,6 +298,7 @@ def certificate_json(certificate: Certificate) -> str:
 def _values(certificate: Certificate) -> dict[str, Any]:
     values: dict[str, Any] = {
         "certified": certificate.certified,
+        "reserved": certificate.reserved,
         "verdict": certificate.verdict,
         "checks": [{"name": one.name, "passed": one.passed, "finding": one.finding} for one in certificate.checks],
         "warnings": list(certificate.warnings),

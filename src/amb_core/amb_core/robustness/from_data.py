@@ -16,6 +16,7 @@ from amb_core.errors import AmbError, RobustnessError
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import Validation, validate
+from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.model import StateSpaceModel
 from amb_core.plant import PlantParameters
@@ -96,7 +97,10 @@ def certify_from_data(
     if judged is not None:
         if validation is None:
             progress("validating")
-            validation = validate(model, judged.data, judged.controller, uncertainty=uncertainty)
+            known = model
+            if identified_from is not None and not len(model.fingerprint):  # of an old file
+                known = replace(model, fingerprint=fingerprint_of(identified_from.data))
+            validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
         if swept is None:
             try:
                 measured = _measured(judged, law)

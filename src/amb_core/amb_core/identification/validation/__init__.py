@@ -6,13 +6,14 @@ from amb_core.identification.validation.prediction import Prediction, predict
 from amb_core.identification.validation.residuals import ChiSquareTest, ResidualTests, check_residuals
 from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop, simulate_records
 from amb_core.identification.validation.validate import HORIZONS, Validation, validate
-from amb_core.identification.validation.verdict import Verdict, verdict_of
+from amb_core.identification.validation.verdict import Condition, Verdict
 
 __all__ = [
     "HORIZONS",
     "BandComparison",
     "ChiSquareTest",
     "ClosedLoop",
+    "Condition",
     "FrequencyComparison",
     "Prediction",
     "ResidualTests",
@@ -25,5 +26,4 @@ __all__ = [
     "predict",
     "simulate_records",
     "validate",
-    "verdict_of",
 ]

@@ -107,7 +107,7 @@ def compare_responses(
     notes = []
     measured = None
     try:
-        measured = estimate_response(data, open_loop=_in_open_loop(data))
+        measured = estimate_response(data, open_loop=in_open_loop(data))
         notes += [f"frequency response: {note}" for note in measured.notes]
     except IdentificationError as problem:
         notes.append(f"frequency response without a model: left out: {problem}")
@@ -126,7 +126,7 @@ def compare_responses(
     return FrequencyComparison(of_model, measured, linearised, bands), notes
 
 
-def _in_open_loop(data: IdentificationData) -> bool:
+def in_open_loop(data: IdentificationData) -> bool:
     """Whether nothing speaks for a controller: no reference, not the bearing's signals, no feedback in the data."""
     if needs_controller(data) or any(item.reference is not None for item in data.experiments):
         return False

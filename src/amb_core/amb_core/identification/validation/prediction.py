@@ -143,3 +143,8 @@ def predicted_states(
         )
     gains = np.hstack([model.b - model.k @ model.d, model.k])
     return state_sequence(predictor, gains, np.hstack([inputs, outputs]), state)
+
+
+def filtered(model: StateSpaceModel, driving: NDArray[np.float64]) -> NDArray[np.float64]:
+    """States of x[k+1] = (A - K C) x[k] + driving[k] from rest, shape (steps, n)."""
+    return state_sequence(model.a - model.k @ model.c, np.eye(model.order), driving, np.zeros(model.order))

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from amb_core.identification.validation.residuals import ChiSquareTest
-from amb_core.identification.validation.simulation import NEEDED_FIT
+from amb_core.identification.validation.verdict import Condition, Verdict
 
 if TYPE_CHECKING:
     from amb_core.identification.validation.validate import Validation
 
 WIDTH = 100
-_NOTABLE = 10.0  # percent, median difference of frequency responses in a band
 _OUTPUTS_ABREAST = 3  # in a table of one column for each output
 
 
@@ -42,7 +41,9 @@ def report_text(validation: Validation) -> str:
     lines += [*_prediction(validation), ""]
     lines += [*_residuals(validation), "", *_frequency(validation), ""]
     lines += [f"VERDICT      {validation.verdict.replace('not', 'NOT')}"]
-    lines += [line for text in (*validation.notes, *advice(validation)) for line in _item(text)]
+    for one in validation.conditions:
+        lines += _row(one)
+    lines += [line for text in validation.notes for line in _item(text)]
     return "\n".join(lines) + "\n"
 
 
@@ -54,6 +55,22 @@ def report_values(validation: Validation) -> dict[str, Any]:
         "validated": validation.validated,
         "verdict": validation.verdict,
         "summary": validation.summary,
+        "conditions": [
+            {
+                "key": one.key,
+                "name": one.name,
+                "finding": one.finding,
+                "limit": one.limit,
+                "level": one.level,
+                "passed": one.passed,
+                "advice": one.advice,
+            }
+            for one in validation.conditions
+        ],
+        "response_errors": [asdict(band) for band in validation.band_errors],
+        "deviations": [asdict(one) for one in validation.deviations],
+        "possible_fit_percent": None if validation.possible_fit is None else validation.possible_fit.fit.tolist(),
+        "overlap": validation.overlap,
         "model": {
             "method": model.method,
             "order": model.order,
@@ -99,56 +116,20 @@ def report_values(validation: Validation) -> dict[str, Any]:
 
 
 def advice(validation: Validation) -> list[str]:
-    """Advice for each failed test, in a sentence or two."""
-    found = []
-    loop, residuals = validation.closed_loop, validation.residuals
-    if loop is not None and not loop.stable:
-        found.append(
-            "The model's closed loop is unstable although the bearing's is not: identify from data of region A with "
-            "both axes excited, and try a higher order or another method."
-        )
-    elif loop is not None:
-        spread = np.vstack([record.position for record in loop.measured]).std(axis=0)
-        error = (1.0 - 0.01 * loop.fit) * spread  # rms
-        poor, elsewhere = loop.fit < NEEDED_FIT, np.abs(loop.offset) > 0.5 * error
-        if np.any(poor & elsewhere):
-            found.append(
-                "The simulated rotor rests elsewhere: load or operating point differ from those of the identification; "
-                "identify at this operating point, or compare deviations."
-            )
-        best = validation.evidence.best_fit
-        limited = poor & (np.nan_to_num(best, nan=100.0) < NEEDED_FIT)
-        if np.any(limited):
-            names = zip(validation.model.output_names, best, limited, strict=True)
-            limits = ", ".join(f"{name} to about {limit:.0f} %" for name, limit, shown in names if shown)
-            found.append(
-                f"The response of the loop itself is not linear ({validation.evidence.brief}): a linear loop would fit "
-                f"{limits} at most. Excite less, and see `amb distortion`."
-            )
-        if np.any(poor & ~elsewhere & ~limited):
-            found.append(
-                "The closed loop follows poorly: raise the order, identify with a reference of this frequency content, "
-                "and check that the data are of region A (`amb regions`)."
-            )
-    if not validation.independent:
-        found.append(
-            "Residuals depend on past inputs: the plant part misses dynamics worth "
-            f"{100 * residuals.independence.unexplained:.3g} % of the residuals' variance. Raise the order; if that "
-            "does not help, the plant is nonlinear, or its operating point differs from that of the identification."
-        )
-    if not validation.white:
-        found.append(
-            f"Residuals are not white: {100 * residuals.whiteness.unexplained:.3g} % of their variance can be "
-            "predicted from their own past; the noise part is too simple or the plant nonlinear. This affects "
-            "predictions and the stated uncertainty, less the design of a controller."
-        )
-    off = [band for band in validation.frequency.bands if band.difference > max(_NOTABLE, 3.0 * band.deviation)]
-    if off:
-        found.append(
-            f"The frequency response differs by {_NOTABLE:.0f} % and more, and more than noise explains, first from "
-            f"{off[0].low:g} to {off[0].high:g} Hz: excite these frequencies in the identification."
-        )
-    return found
+    """What to do about each condition that does not hold, in a sentence or two."""
+    return [f"{one.name[:1].upper()}{one.name[1:]}: {one.finding}. {one.advice}." for one in validation.failed]
+
+
+_MARKS = {Verdict.VALIDATED: "ok", Verdict.RESERVATIONS: "RESERVED", Verdict.NOT_VALIDATED: "FAILED"}
+
+
+def _row(one: Condition) -> list[str]:
+    """A condition with its finding; its limit and advice if it does not hold."""
+    text = f"{one.name}: {one.finding}"
+    if not one.passed:
+        text += f" (limit: {one.limit}). {one.advice[:1].upper()}{one.advice[1:]}."
+    mark = f"    {_MARKS[one.level]:<9}"
+    return textwrap.wrap(text, WIDTH, initial_indent=mark, subsequent_indent=" " * len(mark))
 
 
 def _heading(validation: Validation) -> list[str]:
@@ -175,9 +156,18 @@ def _closed_loop(validation: Validation) -> list[str]:
             ("", validation.model.output_names),
             ("fit, deviations alone (%)", [f"{value:.2f}" for value in loop.fit_without_means]),
             ("fit, means added (%)", [f"{value:.2f}" for value in loop.fit]),
+            *_possible(validation),
             ("measured minus simulated mean (um)", [f"{1e6 * value:.3g}" for value in loop.offset]),
         ),
     ]
+
+
+def _possible(validation: Validation) -> list[tuple[str, Sequence[str]]]:
+    possible = validation.possible_fit
+    if possible is None:
+        return []
+    values = zip(possible.fit, possible.deviation, strict=True)
+    return [("fit that the noise allows (%)", [f"{fit:.2f} ± {spread:.2g}" for fit, spread in values])]
 
 
 def _distortion(validation: Validation) -> list[str]:
@@ -199,14 +189,14 @@ def _residuals(validation: Validation) -> list[str]:
     tests, names = validation.residuals, validation.model.output_names
     units = ", ".join(dict.fromkeys(unit for unit in validation.model.output_units if unit))
     label = f"standard deviation ({units})" if units else "standard deviation"
-    rows = [f"RESIDUALS    {tests.samples} one-step errors, chi-square tests at 99 % over {tests.lags} lags"]
+    rows = [f"RESIDUALS    {tests.samples} one-step errors, chi-square tests at 99.9 % over {tests.lags} lags"]
     rows += _table(("", names), (label, [f"{value:.3g}" for value in tests.deviation]))
     for name, joint, alone in (
         ("white", tests.whiteness, tests.whiteness_by_output),
         ("independent of past inputs", tests.independence, tests.independence_by_output),
     ):
         again = [("", names)] if len(names) > _OUTPUTS_ABREAST else []
-        rows += _table(*again, (name, [_verdict(test) for test in alone]))
+        rows += _table(*again, (name, [f"p = {test.p_value:.2g}" for test in alone]))
         rows.append(
             f"    {'together: ' + _verdict(joint):<34}statistic {joint.statistic:.4g}, limit {joint.limit:.4g}; "
             f"explains {100 * joint.unexplained:.3g} % of the variance"

@@ -8,7 +8,7 @@ which for one output is that of Ljung and Box. Independence: with phi[k] = (u[k-
 
     S = N tr(R_e^-1 R_ephi R_phi^-1 R_phie)   ~   chi^2(p rank R_phi).
 
-Each test combines all its lags, so one of a hundred true models fails at 99 %, for any number of lags. Of the
+Each test combines all its lags, so one of a thousand true models fails at 99.9 %, for any number of lags. Of the
 correlations at single lags one of a hundred lies outside its band. Under feedback the inputs respond to the residuals
 of the same and earlier samples. Residuals of a true model are still independent of earlier inputs, so only these are
 tested. S has its distribution only for white residuals. Means of the residuals are not tested: they are removed.
@@ -16,7 +16,7 @@ tested. S has its distribution only for white residuals. Means of the residuals 
 A model estimated from N_i samples has uncertain parameters, which other data show. That adds at most
 (N / N_i) chi^2(d) to either statistic, d being the number of parameters that data determine, n (2 p + m) and, with
 direct feedthrough, m p more; the limits include it. On the data of the identification itself the tests are less strict
-than 99 %.
+than 99.9 %.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 16.6; T. Soderstrom and P. Stoica,
 System Identification, Prentice Hall, 1989, section 11.2; J. R. M. Hosking, The multivariate portmanteau statistic,
@@ -35,13 +35,12 @@ from scipy import linalg, special
 
 from amb_core.errors import IdentificationError
 
-CONFIDENCE = 0.99
-QUANTILE = float(special.ndtri(0.5 + 0.5 * CONFIDENCE))
+CONFIDENCE = 0.999
+"""Of the tests over all lags."""
+QUANTILE = float(special.ndtri(0.5 + 0.5 * 0.99))
 """Half the width of a 99 % band in standard deviations."""
 
 LAGS = 25
-NEGLIGIBLE = 0.05
-"""Share of the variance of the residuals that past inputs may explain without reservation against a model."""
 _FEWEST = 10  # samples per lag
 _CONSTANT = 1e-12  # deviation, relative to the largest magnitude, that rounding alone may make
 _BLOCK = 10_000  # rows of the lagged inputs held at once
@@ -61,7 +60,7 @@ class ChiSquareTest:
     degrees : int
         Degrees of freedom of its chi-square distribution for a model that is known exactly.
     limit : float
-        Value that a true model exceeds in one of a hundred cases, uncertain parameters included.
+        Value that a true model exceeds in one of a thousand cases, uncertain parameters included.
     p_value : float
         Probability of so large a value for a true model.
     unexplained : float
@@ -74,6 +73,12 @@ class ChiSquareTest:
     limit: float
     p_value: float
     unexplained: float
+
+    @property
+    def beyond_chance(self) -> float:
+        """Share that is explained beyond what `degrees` independent regressors explain by chance."""
+        by_chance = self.unexplained * self.degrees / self.statistic if self.statistic > 0.0 else 0.0
+        return max(self.unexplained - by_chance, 0.0)
 
     @property
     def passed(self) -> bool:
@@ -149,7 +154,7 @@ def check_residuals(
     mean = np.vstack(list(residuals)).mean(axis=0)
     errors, deviation = _normalised(residuals, "residual")
     driving, _ = _normalised(inputs, "input")
-    white = _decorrelated(errors)
+    white = decorrelated(errors)
     judge = partial(_judge, parameters=parameters, share=samples / estimation_samples if estimation_samples else 0.0)
     alone = [[part[:, [output]] for part in errors] for output in range(len(deviation))]
     return ResidualTests(
@@ -237,7 +242,7 @@ def _normalised(signals: Signals, kind: str) -> tuple[list[NDArray[np.float64]],
     return [part / deviation for part in centred], deviation
 
 
-def _decorrelated(errors: Signals) -> list[NDArray[np.float64]]:
+def decorrelated(errors: Signals) -> list[NDArray[np.float64]]:
     """The errors in coordinates in which their covariance is the unit matrix."""
     covariance = _product(errors, errors, 0) / sum(map(len, errors))
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,16 +12,23 @@ from numpy.typing import NDArray
 
 from amb_core.distortion import Evidence
 from amb_core.errors import IdentificationError
-from amb_core.identification.controller_check import check_controller
+from amb_core.identification.controller_check import NOT_CHECKED, check_controller
+from amb_core.identification.controller_choice import suits_controller
 from amb_core.identification.data import Finding, IdentificationData, Severity, restore
 from amb_core.identification.data.checks import check_recording, evidence_of
 from amb_core.identification.numerics import one_blas_thread
-from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses
+from amb_core.identification.progress import SearchEnd
+from amb_core.identification.validation.deviations import Deviation, find_deviations
+from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses, in_open_loop
+from amb_core.identification.validation.judge import judge
+from amb_core.identification.validation.model_error import BandError, response_errors
+from amb_core.identification.validation.overlap import overlap
 from amb_core.identification.validation.prediction import Prediction, predict
 from amb_core.identification.validation.report import report_text, report_values, summary_line
-from amb_core.identification.validation.residuals import LAGS, NEGLIGIBLE, ResidualTests, check_residuals
-from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop
-from amb_core.identification.validation.verdict import Verdict, verdict_of
+from amb_core.identification.validation.residuals import LAGS, ResidualTests, check_residuals
+from amb_core.identification.validation.ringing import Ringing, find_ringing
+from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit, check_closed_loop, possible_fit
+from amb_core.identification.validation.verdict import Condition, Verdict, worst_of
 from amb_core.loop.known_controller import KnownController
 from amb_core.model.state_space import StateSpaceModel
 
@@ -54,9 +62,27 @@ class Validation:
     evidence : Evidence
         Distortion of these data, or coherence of position and reference: what no linear model can follow.
     notes : tuple of str
-        What was left out, and why, and the warnings of `findings`.
+        What was left out, and why.
+    controller_check : Finding
+        Whether the controller computed the recorded currents.
     findings : tuple of Finding
-        What the samples of the data show, see `check_recording`, and whether the controller is that of the data.
+        What the samples of the data show, see `check_recording`.
+    band_errors : tuple of BandError
+        Error of the model's response in each band of which the data say anything.
+    deviations : tuple of Deviation
+        Kinds of deviation of the plant, the least probable for a true model first.
+    ringing : Ringing or None
+        The most significant peak in the spectrum of the residuals.
+    possible_fit : PossibleFit or None
+        Closed-loop fit that a true model reaches with the noise of these data; None without a stable loop.
+    without_loop : str
+        Why there is no closed loop; empty if there is one.
+    overlap : float
+        Share of the samples of the identification that these data hold again, about.
+    search : SearchEnd or None
+        How the search of the identification ended, where it is known.
+    undecided : str
+        What the uncertainty says of poles whose stability is not decided; empty if there is nothing.
     """
 
     model: StateSpaceModel
@@ -68,7 +94,16 @@ class Validation:
     frequency: FrequencyComparison
     evidence: Evidence
     notes: tuple[str, ...]
+    controller_check: Finding
     findings: tuple[Finding, ...] = ()
+    band_errors: tuple[BandError, ...] = ()
+    deviations: tuple[Deviation, ...] = ()
+    ringing: Ringing | None = None
+    possible_fit: PossibleFit | None = None
+    without_loop: str = ""
+    overlap: float = 0.0
+    search: SearchEnd | None = None
+    undecided: str = ""
 
     @property
     def fit(self) -> NDArray[np.float64]:
@@ -82,12 +117,12 @@ class Validation:
 
     @property
     def white(self) -> bool:
-        """Whether the residuals pass the test of whiteness at 99 %."""
+        """Whether the residuals pass the test of whiteness at 99.9 %."""
         return self.residuals.whiteness.passed
 
     @property
     def independent(self) -> bool:
-        """Whether the residuals pass the test of independence of past inputs at 99 %."""
+        """Whether the residuals pass the test of independence of past inputs at 99.9 %."""
         return self.residuals.independence.passed
 
     @property
@@ -95,24 +130,36 @@ class Validation:
         """Whether model and controller make a stable loop; None if the closed loop was left out."""
         return None if self.closed_loop is None else self.closed_loop.stable
 
-    @property
-    def validated(self) -> bool:
-        """Whether the model passes the criterion for its use, if with reservations.
+    @cached_property
+    def possible_one_step_fit(self) -> NDArray[np.float64]:
+        """One-step fit of each output that the past of all signals explains (percent), shape (p,)."""
+        tests = zip(self.residuals.whiteness_by_output, self.residuals.independence_by_output, strict=True)
+        left = np.array(
+            [min(1.0, max(1.0 - white.beyond_chance - driven.beyond_chance, 0.0)) for white, driven in tests]
+        )
+        return np.asarray(100.0 - (100.0 - self.one_step_fit) * np.sqrt(left))
 
-        If controller and reference are known: its closed loop is stable and follows each output with a fit of 90 % or
-        more. If not: past inputs explain nothing, or less than 5 %, of the variance of the residuals.
-        """
-        return self.verdict is not Verdict.NOT_VALIDATED
+    @cached_property
+    def conditions(self) -> tuple[Condition, ...]:
+        """All conditions of the verdict, with their findings."""
+        return judge(self)
 
     @property
-    def unreserved(self) -> bool:
-        """Whether the residuals are independent of past inputs, or as good as independent: less than 5 % explained."""
-        return self.independent or self.residuals.independence.unexplained < NEGLIGIBLE
+    def failed(self) -> tuple[Condition, ...]:
+        """The conditions that do not hold, those that refuse the model first."""
+        order = list(Verdict)
+        failed = [condition for condition in self.conditions if not condition.passed]
+        return tuple(sorted(failed, key=lambda condition: -order.index(condition.level)))
 
     @property
     def verdict(self) -> Verdict:
-        """Validated, validated with reservations (residuals depend on past inputs), or not validated."""
-        return verdict_of(None if self.closed_loop is None else self.closed_loop.follows, self.unreserved)
+        """What all conditions allow."""
+        return worst_of(self.conditions)
+
+    @property
+    def validated(self) -> bool:
+        """Whether no condition refuses the model; there may be reservations."""
+        return self.verdict is not Verdict.NOT_VALIDATED
 
     @property
     def summary(self) -> str:
@@ -135,6 +182,7 @@ def validate(
     *,
     uncertainty: ModelUncertainty | None = None,
     plant: PlantParameters | None = None,
+    search: SearchEnd | None = None,
     horizons: Sequence[int] | None = None,
     lags: int = LAGS,
 ) -> Validation:
@@ -152,6 +200,8 @@ def validate(
         Uncertainty of the model, for its frequency response.
     plant : PlantParameters, optional
         The plant, if it is known, such as that of the simulator.
+    search : SearchEnd, optional
+        How the search of the identification ended, if it is known.
     horizons : sequence of int, optional
         Prediction horizons (steps); by default those of `HORIZONS` that are at most half the shortest experiment.
     lags : int
@@ -178,22 +228,32 @@ def validate(
             model.order * (2 * len(model.c) + model.b.shape[1]) + (model.d.size if np.any(model.d) else 0),
             model.samples,
         )
-        closed_loop, loop_notes = _closed_loop(model, data, controller, prediction)
+        loop = _closed_loop(model, data, controller, prediction)
+        known = controller if loop.closed_loop is not None else None
+        errors = response_errors(model, data, prediction.residuals, known, open_loop=in_open_loop(data))
+        deviations = find_deviations(model, data, prediction, known)
+        ringing = find_ringing(prediction.residuals, [item.outputs for item in data.experiments], data.sample_time)
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
-    findings = (*check_recording(data), check_controller(data, controller))
-    warnings = [f"{finding.check}: {finding.text}" for finding in findings if finding.severity is not Severity.INFO]
-    undecided = uncertainty.at_one if uncertainty is not None else ""
     return Validation(
         model,
         data,
         tuple(sorted({1, *horizons})),
         prediction,
         residuals,
-        closed_loop,
+        loop.closed_loop,
         frequency,
         evidence_of(data),
-        (*([f"poles: {undecided}"] if undecided else []), *loop_notes, *warnings, *frequency_notes),
-        findings,
+        (*loop.notes, *frequency_notes),
+        _controller_check(data, controller, loop),
+        tuple(check_recording(data)),
+        band_errors=errors,
+        deviations=deviations,
+        ringing=ringing,
+        possible_fit=loop.possible,
+        without_loop=loop.missing,
+        overlap=overlap(model.fingerprint, data),
+        search=search,
+        undecided=uncertainty.at_one if uncertainty is not None else "",
     )
 
 
@@ -218,17 +278,37 @@ def _fitting(data: IdentificationData, model: StateSpaceModel) -> Identification
     return data
 
 
+@dataclass(frozen=True, eq=False)
+class _Loop:
+    """The closed loop of the experiments with a known reference, or why it is missing."""
+
+    closed_loop: ClosedLoop | None = None
+    possible: PossibleFit | None = None
+    missing: str = ""
+    notes: tuple[str, ...] = ()
+
+
 def _closed_loop(
     model: StateSpaceModel, data: IdentificationData, controller: KnownController | None, prediction: Prediction
-) -> tuple[ClosedLoop | None, list[str]]:
-    """The closed loop of the experiments with a known reference, and notes on what was left out."""
+) -> _Loop:
     if controller is None:
-        return None, ["closed loop: left out, because the controller is not known"]
+        return _Loop(missing="the controller is not known")
+    if not suits_controller(data):
+        return _Loop(missing="the units of the data are not those of a loop, A and m")
     known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
     if not known:
-        return None, ["closed loop: left out, because the data have no reference"]
+        return _Loop(missing="the data have no reference")
     notes = []
     if unknown := len(data.experiments) - len(known):
         notes.append(f"closed loop: {unknown} experiment{'s' if unknown > 1 else ''} without reference left out")
     measured = [data.record(index) for index in known]
-    return check_closed_loop(model, controller, measured, prediction.first_states[known]), notes
+    found = check_closed_loop(model, controller, measured, prediction.first_states[known])
+    residuals = [prediction.residuals[index] for index in known]
+    return _Loop(found, possible_fit(model, controller, measured, residuals), "", tuple(notes))
+
+
+def _controller_check(data: IdentificationData, controller: KnownController | None, loop: _Loop) -> Finding:
+    """Whether this is the controller of the currents, where a loop can be closed at all."""
+    if loop.missing:
+        return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: {loop.missing}")
+    return check_controller(data, controller)

@@ -1,7 +1,9 @@
-"""The one function that decides how far a model is validated; commands, services and pages use its word."""
+"""How far a model is validated: three levels, and the conditions that decide."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import StrEnum
 
 
@@ -18,18 +20,40 @@ class Verdict(StrEnum):
         return self.value.replace(" ", "_")
 
 
-def verdict_of(follows: bool | None, explained: bool, new_data: bool = True) -> Verdict:
-    """The verdict on a model.
+@dataclass(frozen=True)
+class Condition:
+    """One condition of the verdict.
 
-    Parameters
+    Attributes
     ----------
-    follows : bool or None
-        Whether its closed loop is stable and follows each output with the required fit; None where there is none.
-    explained : bool
-        Whether past inputs explain nothing, or next to nothing, of its residuals.
-    new_data : bool, optional
-        Whether the data are others than those of the estimate: on the same ones every model has reservations.
+    key : str
+        Its name in programs.
+    name : str
+        What is asked.
+    finding : str
+        What was found, with numbers.
+    limit : str
+        What is allowed, with numbers.
+    level : Verdict
+        The best verdict that this finding allows.
+    advice : str
+        What to do; empty if it holds.
     """
-    if not (explained if follows is None else follows):
-        return Verdict.NOT_VALIDATED
-    return Verdict.VALIDATED if explained and new_data else Verdict.RESERVATIONS
+
+    key: str
+    name: str
+    finding: str
+    limit: str
+    level: Verdict = Verdict.VALIDATED
+    advice: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether it holds without reservation."""
+        return self.level is Verdict.VALIDATED
+
+
+def worst_of(conditions: Iterable[Condition]) -> Verdict:
+    """The verdict that all conditions allow."""
+    order = list(Verdict)
+    return max((condition.level for condition in conditions), key=order.index, default=Verdict.NOT_VALIDATED)

@@ -13,7 +13,10 @@ from amb_core.recording.messages.arrays import doubles
 M = TypeVar("M", bound=Any)
 
 STATE_SPACE_MODEL = "amb_msgs/msg/StateSpaceModel"
-_ARRAYS = ("a", "b", "c", "d", "k", "innovation_covariance", "input_offset", "output_offset", "initial_state", "fit")
+_ARRAYS = (
+    "a", "b", "c", "d", "k", "innovation_covariance", "input_offset", "output_offset", "initial_state", "fit",
+    "fingerprint",
+)  # fmt: skip
 
 
 def model_from_message(message: Any) -> StateSpaceModel:
@@ -46,6 +49,7 @@ def model_from_message(message: Any) -> StateSpaceModel:
         source=str(message.source),
         samples=int(message.samples),
         fit=np.asarray(message.fit),
+        fingerprint=np.asarray(getattr(message, "fingerprint", ())),
     )
 
 

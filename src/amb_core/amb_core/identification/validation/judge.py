@@ -1,0 +1,283 @@
+"""The one rule of how far a model is validated: all conditions of it, with their findings, limits and advice.
+
+Every command, service, page and certificate takes its word from `judge`. A finding is significant below a probability
+of 1e-3 for a true model, all alternatives of a condition counted. A deviation that is significant and matters refuses
+a model; one that is significant and small, or a condition that is not known, leaves reservations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from amb_core.identification.controller_check import FOREIGN, NOT_CHECKED
+from amb_core.identification.data import Severity
+from amb_core.identification.data.checks.distortion import LARGE_DISTORTION
+from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED
+from amb_core.identification.validation.ringing import NOTABLE, SHARE
+from amb_core.identification.validation.verdict import Condition, Verdict
+
+if TYPE_CHECKING:
+    from amb_core.identification.validation.validate import Validation
+
+SIGNIFICANT = 1e-3
+"""Probability for a true model below which a finding is significant."""
+SHORT_OF_POSSIBLE = 10.0
+"""Points of fit that a model may lack to what the data allow."""
+OVERLAP = 0.05
+"""Share of the samples of the identification that the data may hold again."""
+
+_RESERVED, _REFUSED = Verdict.RESERVATIONS, Verdict.NOT_VALIDATED
+
+
+def judge(found: Validation) -> tuple[Condition, ...]:
+    """All conditions on a model, in the order of `RULES`."""
+    return tuple(rule(found) for rule, *_ in RULES)
+
+
+def _stable(found: Validation) -> Condition:
+    key, name, limit = "closed_loop", "the closed loop is stable", "all poles inside the unit circle"
+    loop = found.closed_loop
+    if loop is None:
+        why = found.without_loop
+        return Condition(
+            key, name, f"not checked: {why}", limit, _RESERVED,
+            "give the controller of the experiment (--controller), the units of the signals and the reference",
+        )  # fmt: skip
+    finding = f"largest pole {np.abs(loop.poles[0]):.5f}"
+    if loop.stable:
+        return Condition(key, name, finding, limit)
+    return Condition(
+        key, name, finding, limit, _REFUSED,
+        "The bearing's loop is stable: identify from data of region A with all axes excited, and try a higher order",
+    )  # fmt: skip
+
+
+def _controller(found: Validation) -> Condition:
+    key, name = "controller", "the controller computed the recorded currents"
+    limit = f"all but {100.0 * FOREIGN:g} % of them (rms), and no other law fits far better"
+    check = found.controller_check
+    if check.severity is Severity.INFO and not check.what.startswith(NOT_CHECKED):
+        return Condition(key, name, check.what, limit)
+    where = f"{check.where}: " if check.where else ""
+    advice = check.advice or "name the controller of the experiment with --controller"
+    return Condition(key, name, f"{where}{check.what}", limit, _RESERVED, advice)
+
+
+def _sound(found: Validation) -> Condition:
+    key, name = "samples", "the samples are as they were measured"
+    limit = "no check of the recording warns"
+    findings = [one for one in found.findings if one.severity is not Severity.INFO]
+    if not findings:
+        return Condition(key, name, "nothing found", limit)
+    texts = [f"{one.check}: {one.where + ': ' if one.where else ''}{one.what}" for one in findings]
+    advice = "; ".join(dict.fromkeys(one.advice for one in findings if one.advice))
+    return Condition(key, name, "; ".join(texts), limit, _RESERVED, advice)
+
+
+def _followed(found: Validation) -> Condition:
+    key, name = "closed_loop_fit", "the closed loop follows as well as the noise allows"
+    limit = f"{SHORT_OF_POSSIBLE:g} points below what a true model reaches, beside chance"
+    loop, possible = found.closed_loop, found.possible_fit
+    if loop is None or possible is None:
+        level = _RESERVED if loop is None or not loop.stable else _REFUSED
+        return Condition(key, name, "not known", limit, level, "see the condition of a stable closed loop")
+    names = found.model.output_names
+    texts = [
+        f"{axis} {fit:.2f} % of {best:.2f} ± {spread:.2g} %"
+        for axis, fit, best, spread in zip(names, loop.fit, possible.fit, possible.deviation, strict=True)
+    ]
+    short = possible.fit - loop.fit - possible.chance(SIGNIFICANT)
+    if np.all(short <= SHORT_OF_POSSIBLE):
+        return Condition(key, name, ", ".join(texts), limit)
+    return Condition(key, name, ", ".join(texts), limit, _REFUSED, _why_short(found, short > SHORT_OF_POSSIBLE))
+
+
+def _why_short(found: Validation, poor: np.ndarray) -> str:
+    loop = found.closed_loop
+    assert loop is not None
+    spread = np.vstack([record.position for record in loop.measured]).std(axis=0)
+    if np.any(poor & (np.abs(loop.offset) > 0.5 * (1.0 - 0.01 * loop.fit) * spread)):
+        return (
+            "The simulated rotor rests elsewhere: load or operating point differ from those of the identification; "
+            "identify at this operating point, or compare deviations"
+        )
+    best = np.broadcast_to(found.evidence.best_fit, loop.fit.shape)
+    if np.any(poor & (np.nan_to_num(best, nan=100.0) < 100.0 - SHORT_OF_POSSIBLE)):
+        return (
+            f"The response of the loop itself is not linear ({found.evidence.brief}): a linear loop would fit to about "
+            f"{float(np.nanmin(best)):.0f} % at most. Excite less, and see `amb distortion`"
+        )
+    return (
+        "The closed loop follows poorly: see the conditions on the response, raise the order, and use data of region A"
+    )
+
+
+def _predicted(found: Validation) -> Condition:
+    key, name = "one_step_fit", "one step is predicted as well as the data allow"
+    limit = f"{SHORT_OF_POSSIBLE:g} points below what the past of all signals explains"
+    fit, possible = found.one_step_fit, found.possible_one_step_fit
+    rows = zip(found.model.output_names, fit, possible, strict=True)
+    finding = ", ".join(f"{axis} {reached:.2f} % of {best:.2f} %" for axis, reached, best in rows)
+    if np.all(possible - fit <= SHORT_OF_POSSIBLE):
+        return Condition(key, name, finding, limit)
+    return Condition(key, name, finding, limit, _REFUSED, "raise the order, or identify from data of this kind")
+
+
+def _response(found: Validation) -> Condition:
+    key, name = "response", "the frequency response agrees where the data say anything"
+    limit = f"{MATTERS:g} % where the loop acts, up to {MATTERS / LEAST_ACTION:g} % where it hardly does, beside chance"
+    bands = found.band_errors
+    if not bands:
+        return Condition(
+            key, name, "the data say nothing at any frequency", limit, _RESERVED,
+            "excite all axes, independently or in turn, and give the reference",
+        )  # fmt: skip
+    where = f"{bands[0].low:.3g} to {max(band.high for band in bands):.4g} Hz"
+    significant = [band for band in bands if len(bands) * band.p_value < SIGNIFICANT and band.error > 0.0]
+    if not significant:
+        return Condition(key, name, f"no error beside chance from {where}", limit)
+    worst = max(significant, key=lambda band: band.error / band.limit)
+    finding = (
+        f"{worst.error:.3g} % off from {worst.input_name} at {worst.low:.3g} to {worst.high:.3g} Hz, allowed "
+        f"{worst.limit:.3g} %; the data say something from {where}"
+    )
+    level = _REFUSED if worst.error > worst.limit else _RESERVED
+    advice = "excite these frequencies in the identification, at this amplitude, or raise the order"
+    return Condition(key, name, finding, limit, level, advice)
+
+
+def _deviations(found: Validation) -> Condition:
+    key, name = "deviations", "gains, dead times, stiffness and modes agree"
+    limit = "an error of the response as above, beside chance"
+    kinds = found.deviations
+    significant = [one for one in kinds if len(kinds) * one.p_value < SIGNIFICANT]
+    if not significant:
+        return Condition(key, name, f"none of {len(kinds)} kinds deviates", limit)
+    worst = max(significant, key=lambda one: one.size)
+    finding = f"{worst.text}, {worst.size:.2g} times the error that matters"
+    level = _REFUSED if worst.size > 1.0 else _RESERVED
+    return Condition(
+        key, name, finding, limit, level, "is it another bearing or operating point? Otherwise identify anew"
+    )
+
+
+def _ringing(found: Validation) -> Condition:
+    key, name = "ringing", "no mode is missing that noise excites"
+    limit = f"{NOTABLE:g} times the power beside it, with {100.0 * SHARE:g} % of the motion there"
+    one = found.ringing
+    if one is None:
+        return Condition(key, name, "not checked: too few samples", limit, _RESERVED, "record longer")
+    if not (one.p_value < SIGNIFICANT and one.height > NOTABLE and one.share > SHARE):
+        return Condition(key, name, "no narrow peak in the residuals", limit)
+    finding = f"the residuals ring at {one.frequency:.4g} Hz with {one.height:.3g} times the power beside it"
+    return Condition(
+        key, name, finding, limit, _REFUSED, "raise the order, or remove the disturbance of this frequency"
+    )
+
+
+def _independent(found: Validation) -> Condition:
+    key, name = "independence", "the residuals are independent of past inputs"
+    limit = f"chance, p = {SIGNIFICANT:g}"
+    test = found.residuals.independence
+    finding = f"p = {test.p_value:.2g}; past inputs explain {100.0 * test.unexplained:.3g} % of their variance"
+    if test.passed:
+        return Condition(key, name, finding, limit)
+    return Condition(
+        key, name, finding, limit, _RESERVED,
+        "The plant part misses dynamics. Raise the order; if that does not help, the plant is nonlinear, or its "
+        "operating point differs from that of the identification",
+    )  # fmt: skip
+
+
+def _white(found: Validation) -> Condition:
+    key, name = "whiteness", "the residuals are white"
+    limit = f"chance, p = {SIGNIFICANT:g}"
+    test = found.residuals.whiteness
+    finding = f"p = {test.p_value:.2g}; their past explains {100.0 * test.unexplained:.3g} % of their variance"
+    if test.passed:
+        return Condition(key, name, finding, limit)
+    return Condition(
+        key, name, finding, limit, _RESERVED,
+        "The noise part is too simple, or the plant nonlinear. This affects predictions and the stated uncertainty, "
+        "less the design of a controller",
+    )  # fmt: skip
+
+
+def _distortion(found: Validation) -> Condition:
+    key, name = "distortion", "the response is linear"
+    limit = f"{100.0 * LARGE_DISTORTION:g} % beyond the noise, where distortion is measured"
+    measured = found.evidence.distortion
+    if measured is None:
+        return Condition(key, name, found.evidence.brief, limit)
+    by_noise = np.nan_to_num(measured.noise_ratio) ** 2 / measured.periods
+    if not np.any(measured.ratio**2 - by_noise > LARGE_DISTORTION**2):
+        return Condition(key, name, found.evidence.brief, limit)
+    return Condition(key, name, found.evidence.brief, limit, _RESERVED, "excite less, and see `amb distortion`")
+
+
+def _fresh(found: Validation) -> Condition:
+    key, name = "fresh_data", "the data are not those of the identification"
+    limit = f"{100.0 * OVERLAP:g} % of their samples in common"
+    if not found.overlap > OVERLAP:
+        return Condition(key, name, "no samples in common" if found.overlap == 0.0 else "hardly any in common", limit)
+    finding = f"about {100.0 * found.overlap:.0f} % of the samples of the identification are in these data"
+    return Condition(key, name, finding, limit, _RESERVED, "validate on another experiment")
+
+
+def _converged(found: Validation) -> Condition:
+    key, name, limit = "convergence", "the search of the identification converged", "no further step promises anything"
+    search = found.search
+    if search is None:
+        return Condition(key, name, "no search, or that of a model from a file", limit)
+    finding = f"{search.iterations} steps, {100.0 * search.left:.2g} % of the squared error left"
+    if search.converged:
+        return Condition(key, name, finding, limit)
+    return Condition(key, name, finding, limit, _RESERVED, "lower the order, or use data with more noise than rounding")
+
+
+def _decided(found: Validation) -> Condition:
+    key, name = "poles", "the data decide which poles are stable"
+    limit = "no interval of a pole contains 1"
+    if not found.undecided:
+        return Condition(key, name, "they do, or the uncertainty is not known", limit)
+    return Condition(key, name, found.undecided, limit, _RESERVED, "record longer, or excite low frequencies more")
+
+
+Rule = Callable[["Validation"], Condition]
+
+RULES: tuple[tuple[Rule, str, str, str], ...] = (
+    (_stable, "closed loop stable", "poles of model and controller", "refused; not known: reservations"),
+    (_controller, "controller", "recorded currents against those it computes from the recorded positions",
+     "reservations, also if it is not known"),
+    (_sound, "samples", "frozen, missing, repeated, coarse or exchanged signals, outliers, saturation", "reservations"),
+    (_followed, "closed-loop fit", "simulated from the reference alone; compared with what a true model reaches with "
+     f"the noise of the residuals in the loop, each axis: more than {SHORT_OF_POSSIBLE:g} points worse", "refused"),
+    (_predicted, "one-step fit", "compared with what 25 past samples of all signals explain, each axis: more than "
+     f"{SHORT_OF_POSSIBLE:g} points worse", "refused"),
+    (_response, "response by frequency", f"error from each input in bands in which noise leaves less than "
+     f"{RESOLVED:g} % open: significant and above {MATTERS:g} % / |T|, at most {MATTERS / LEAST_ACTION:g} %",
+     "refused; smaller: reservations"),
+    (_deviations, "kinds of deviation", "gain, dead time, stiffness of each axis and of all, frequency of each mode: "
+     "significant, and an error of the response above the same limit", "refused; smaller: reservations"),
+    (_ringing, "missing modes", f"narrow peak of the residuals, {NOTABLE:g} times its neighbourhood and "
+     f"{100.0 * SHARE:g} % of the motion there", "refused"),
+    (_independent, "independence", "score test of the residuals on the inputs of 25 samples before", "reservations"),
+    (_white, "whiteness", "portmanteau test of the residuals over 25 lags", "reservations"),
+    (_distortion, "distortion", f"above {100.0 * LARGE_DISTORTION:g} % beyond the noise, where it can be measured",
+     "reservations"),
+    (_fresh, "other data", f"more than {100.0 * OVERLAP:g} % of the samples of the identification, by content",
+     "reservations"),
+    (_converged, "convergence", "the search of `pem`, right after an identification", "reservations"),
+    (_decided, "stability of poles", "an interval of 99 % of a pole contains 1, right after an identification",
+     "reservations"),
+)  # fmt: skip
+"""Each rule with its name, what is done, and what a failure does: the table of the documentation."""
+
+
+def rule_table() -> str:
+    """The rules as a table in Markdown."""
+    rows = [f"| {name} | {what} | {effect} |" for _, name, what, effect in RULES]
+    return "\n".join(["| condition | what is compared, and what fails | a failure |", "|---|---|---|", *rows])
