@@ -161,17 +161,20 @@ def _deviations(found: Validation) -> Condition:
 
 
 def _ringing(found: Validation) -> Condition:
-    key, name = "ringing", "no mode is missing that noise excites"
-    limit = f"{NOTABLE:g} times the power beside it, with {100.0 * SHARE:g} % of the motion there"
+    key, name = "ringing", "no mode is missing"
+    limit = f"{NOTABLE:g} times what is explained beside it, with {100.0 * SHARE:g} % of the motion there"
     one = found.ringing
     if one is None:
         return Condition(key, name, "not checked: too few samples", limit, _RESERVED, "record longer")
     if not (one.p_value < SIGNIFICANT and one.height > NOTABLE and one.share > SHARE):
-        return Condition(key, name, "no narrow peak in the residuals", limit)
-    finding = f"the residuals ring at {one.frequency:.4g} Hz with {one.height:.3g} times the power beside it"
-    return Condition(
-        key, name, finding, limit, _REFUSED, "raise the order, or remove the disturbance of this frequency"
-    )
+        return Condition(key, name, "no narrow peak in what the past explains of the residuals", limit)
+    finding = f"the residuals ring at {one.frequency:.4g} Hz"
+    advice = "raise the order, or remove a disturbance of this frequency"
+    here = [band for band in found.band_errors if band.low <= one.frequency < band.high]
+    if len(here) == len(found.model.input_names) and all(band.error <= band.limit for band in here):
+        finding += ", where the response agrees"
+        return Condition(key, name, finding, limit, _RESERVED, advice)
+    return Condition(key, name, finding, limit, _REFUSED, advice)
 
 
 def _independent(found: Validation) -> Condition:
@@ -253,12 +256,13 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
     (_predicted, "one-step fit", "compared with what 25 past samples of all signals explain, each axis: more than "
      f"{SHORT_OF_POSSIBLE:g} points worse", "refused"),
     (_response, "response by frequency", f"error from each input in bands in which noise leaves less than "
-     f"{RESOLVED:g} % open: significant and above {MATTERS:g} % / |T|, at most {MATTERS / LEAST_ACTION:g} %",
+     f"{RESOLVED:g} % open: significant and above {MATTERS:g} % / T, at most {MATTERS / LEAST_ACTION:g} %",
      "refused; smaller: reservations"),
     (_deviations, "kinds of deviation", "gain, dead time, stiffness of each axis and of all, frequency of each mode: "
      "significant, and an error of the response above the same limit", "refused; smaller: reservations"),
-    (_ringing, "missing modes", f"narrow peak of the residuals, {NOTABLE:g} times its neighbourhood and "
-     f"{100.0 * SHARE:g} % of the motion there", "refused"),
+    (_ringing, "missing modes", "lightly damped resonators driven by past errors and inputs explain significantly more "
+     f"of the errors at a frequency, {NOTABLE:g} times as much as beside it, with {100.0 * SHARE:g} % of the motion",
+     "refused; reservations where the response agrees"),
     (_independent, "independence", "score test of the residuals on the inputs of 25 samples before", "reservations"),
     (_white, "whiteness", "portmanteau test of the residuals over 25 lags", "reservations"),
     (_distortion, "distortion", f"above {100.0 * LARGE_DISTORTION:g} % beyond the noise, where it can be measured",
