@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from amb_core.identification.data.checks.distortion import LARGE_DISTORTION
+from amb_core.identification.data.checks.distortion import LARGE_DISTORTION, LOW_COHERENCE
 from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED
 from amb_core.identification.validation.ringing import NOTABLE, SHARE
 from amb_core.identification.validation.verdict import Condition, Verdict
@@ -208,9 +208,14 @@ def _white(found: Validation) -> Condition:
 def _distortion(found: Validation) -> Condition:
     key, name = "distortion", "the response is linear"
     limit = f"{100.0 * LARGE_DISTORTION:g} % beyond the noise, where distortion is measured"
-    measured = found.evidence.distortion
+    measured, coherence = found.evidence.distortion, found.evidence.coherence
     if measured is None:
-        return Condition(key, name, found.evidence.brief, limit)
+        noise = found.white and found.independent  # then nothing but noise spoils the coherence
+        if coherence is None or noise or not np.any(coherence.ratio > LOW_COHERENCE):
+            return Condition(key, name, found.evidence.brief, limit)
+        best = float(np.nanmin(found.evidence.best_fit))
+        finding = f"the loop may not be linear: {found.evidence.brief}; a linear one fits to about {best:.0f} % at most"
+        return Condition(key, name, finding, limit, _RESERVED, "excite less, and see `amb distortion`")
     by_noise = np.nan_to_num(measured.noise_ratio) ** 2 / measured.periods
     if not np.any(measured.ratio**2 - by_noise > LARGE_DISTORTION**2):
         return Condition(key, name, found.evidence.brief, limit)
@@ -265,7 +270,8 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
      "refused; reservations where the response agrees"),
     (_independent, "independence", "score test of the residuals on the inputs of 25 samples before", "reservations"),
     (_white, "whiteness", "portmanteau test of the residuals over 25 lags", "reservations"),
-    (_distortion, "distortion", f"above {100.0 * LARGE_DISTORTION:g} % beyond the noise, where it can be measured",
+    (_distortion, "distortion", f"above {100.0 * LARGE_DISTORTION:g} % beyond the noise where it can be measured; else "
+     f"noise and distortion above {100.0 * LOW_COHERENCE:g} % with residuals that are not noise",
      "reservations"),
     (_fresh, "other data", f"more than {100.0 * OVERLAP:g} % of the samples of the identification, by content",
      "reservations"),
