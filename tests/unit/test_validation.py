@@ -25,6 +25,7 @@ from amb_core.identification.validation.verdict import worst_of
 from amb_core.loop.control import ControllerParameters
 from amb_core.report.document import Section, TableBlock, text_of
 from amb_core.report.validation import validation_section, verdict_badge
+from amb_core.robustness import certify
 
 NOISE, FORCE = 2e-8, 0.1  # m, N: rms on sensors and rotor
 CONTROLLER = ControllerParameters()
@@ -459,6 +460,19 @@ def test_the_page_is_never_green_above_a_condition_that_does_not_hold(
             for line in found.report().splitlines():
                 if line.startswith(("    RESERVED", "    FAILED")):
                     assert "VERDICT      validated\n" not in found.report()
+
+
+def test_a_certificate_takes_the_word_of_the_validation(
+    data: IdentificationData, model: StateSpaceModel, validation: Validation
+) -> None:
+    """Without a loop there is none, with reservations it says so."""
+    unknown = certify(model, CONTROLLER, validation=validate(model, data))
+    assert not unknown.checks[0].passed and "controller is not known" in unknown.verdict
+    assert certify(model, CONTROLLER, validation=validation).reserved is False
+    reserved = validate(replace(model, fingerprint=fingerprint_of(data)), data, CONTROLLER)
+    found = certify(model, CONTROLLER, validation=reserved)
+    assert found.checks[0].passed and found.reserved
+    assert any("samples of the identification" in text for text in found.warnings)
 
 
 def test_the_rule_is_on_the_page_about_validation() -> None:
