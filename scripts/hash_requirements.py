@@ -1,6 +1,6 @@
-"""Writes requirements.hashes: the pins of requirements.txt with the hashes of the files that pip installs for them.
+"""Writes requirements.hashes, and one such file of each extra: the pins with the hashes of the files that pip installs.
 
-Run it after a change of requirements.txt; it asks the index for the files of every Python that the workspace runs on.
+Run it after a change of a requirements*.txt; it asks the index for the files of each Python that the workspace runs on.
 `scripts/setup.sh` installs nothing whose hash is another.
 """
 
@@ -16,7 +16,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PYTHONS = ("3.11", "3.12")
-HEADER = "# Made by scripts/hash_requirements.py from requirements.txt, which is the file to change.\n"
+HEADER = "# Made by scripts/hash_requirements.py from {}, which is the file to change.\n"
 
 
 def normal(name: str) -> str:
@@ -24,33 +24,34 @@ def normal(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def hashes(python: str) -> dict[str, str]:
+def hashes(requirements: Path, python: str) -> dict[str, str]:
     """SHA-256 of the file of each package for a version of Python, by normal name."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder, "report.json")
         command = [sys.executable, "-m", "pip", "install", "-qq", "--dry-run", "--ignore-installed", "--no-deps"]
         command += ["--python-version", python, "--target", folder, "--report", str(report)]
-        subprocess.run([*command, "-r", str(ROOT / "requirements.txt")], check=True)
+        subprocess.run([*command, "-r", str(requirements)], check=True)
         items = json.loads(report.read_text())["install"]
     return {
         normal(item["metadata"]["name"]): item["download_info"]["archive_info"]["hashes"]["sha256"] for item in items
     }
 
 
-def main() -> None:
-    """Write the file."""
+def write(requirements: Path) -> None:
+    """Write the file with the hashes of a file of pins."""
     found: defaultdict[str, set[str]] = defaultdict(set)
     for python in PYTHONS:
-        for name, digest in hashes(python).items():
+        for name, digest in hashes(requirements, python).items():
             found[name].add(digest)
-    lines = [HEADER]
-    for line in (ROOT / "requirements.txt").read_text().splitlines():
+    lines = [HEADER.format(requirements.name)]
+    for line in requirements.read_text().splitlines():
         pin = line.split("#")[0].strip()
         if pin:
             digests = sorted(found[normal(re.split(r"[\[=]", pin)[0])])
             lines.append(" \\\n    ".join([pin, *(f"--hash=sha256:{digest}" for digest in digests)]) + "\n")
-    (ROOT / "requirements.hashes").write_text("".join(lines))
+    requirements.with_suffix(".hashes").write_text("".join(lines))
 
 
 if __name__ == "__main__":
-    main()
+    for path in [*sorted(ROOT.glob("requirements*.txt")), ROOT / "docs" / "requirements.txt"]:
+        write(path)

@@ -53,7 +53,7 @@ venv_state() { printf '%s\n%s\n' "$root" "$(cat requirements.txt requirements.ha
 
 extras() { find . -maxdepth 1 -name 'requirements-*.txt' | sed -E 's|^./requirements-(.*)\.txt$|\1|' | LC_ALL=C sort | xargs; }
 
-extra_state() { cat requirements.txt "requirements-$1.txt" | checksum; }
+extra_state() { cat requirements.txt "requirements-$1.txt" "requirements-$1.hashes" | checksum; }
 
 build_state() {  # Python sources count by name only: the build links to them
     local packages=(amb_* src)
@@ -98,7 +98,7 @@ add_extras() {
         [ "$(cat "$stamp" 2>/dev/null)" != "$(extra_state "$name")" ] || continue
         say "adding the extra $name (some minutes)"
         "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check \
-            -r requirements.txt -r "requirements-$name.txt"
+            --require-hashes -r requirements.hashes -r "requirements-$name.hashes"
         extra_state "$name" > "$stamp"
     done
 }

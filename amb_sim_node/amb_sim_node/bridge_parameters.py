@@ -9,7 +9,7 @@ from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.real_time import RealTimeParameters
 from amb_core.parameters import Parameters, choice, quantities, quantity, switch
 from amb_core.rig import ProtectionParameters
-from amb_core.target import PORT
+from amb_core.target import PORT, SILENCE
 
 
 class LinkParameters(Parameters):
@@ -21,6 +21,9 @@ class LinkParameters(Parameters):
     key_file: str = choice("", "file with the shared key, mode 0600; empty: a target on this host, without a key")
     float64: bool = switch(False, "telemetry bit for bit as float64, in twice as many frames, instead of float32")
     timeout: float = quantity(1.0, "s", "longest wait for the reply to a command", 0.05, 60.0)
+    silence: float = quantity(
+        SILENCE, "s", "time without a frame after which the target is taken for gone; it sends one in 100 ms", 0.2, 60.0
+    )
 
 
 class BridgeParameters(ControllerParameters):

@@ -65,7 +65,13 @@ def link_of(parameters: LinkParameters, starting: Callable[[], object]) -> Targe
     if parameters.kind == "amb_udp":
         key = read_key(parameters.key_file) if parameters.key_file else b""
         return AmbUdpLink(
-            parameters.address, parameters.port, key, parameters.float64, timeout=parameters.timeout, starting=starting
+            parameters.address,
+            parameters.port,
+            key,
+            parameters.float64,
+            timeout=parameters.timeout,
+            silence=parameters.silence,
+            starting=starting,
         )
     return _installed_link(parameters.kind)(parameters)
 

@@ -61,8 +61,24 @@ class TargetFuzz(Figures):
     seconds: float
 
 
+class Peers(Figures):
+    """A stranger's node beside a rig; the names of the attacks that succeeded."""
+
+    attacks: int
+    succeeded: int
+    names: list[str]
+
+
+class Pages(Figures):
+    """Hostile names on pages; those that did anything."""
+
+    payloads: int
+    executed: int
+    names: list[str]
+
+
 class Security(Figures):
-    """The fuzz of files, in results/security.json."""
+    """Files, peers and pages of strangers, in results/security.json."""
 
     mutants: int
     crafted: int
@@ -70,3 +86,5 @@ class Security(Figures):
     crashes: int
     over_limits: int
     escaped: int
+    peers: Peers
+    pages: Pages | None = None

@@ -1,8 +1,12 @@
-"""`make fuzz-files`: damaged and hostile files through commands and service; adds to results/security.json."""
+"""`make fuzz-files`: what a stranger can reach; adds to results/security.json.
+
+Damaged and hostile files through commands and service, a stranger's node beside a rig, hostile names on pages.
+"""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import multiprocessing
@@ -23,7 +27,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tests.benchmarks.skipped import Skipped
 from tests.front_door.results import results_file
+from tests.fuzz import pages, peers
 from tests.fuzz.crafted_files import CRAFTED, SECRET, make_secret
 from tests.written_bags import BLOCK
 
@@ -311,7 +317,7 @@ def campaign(
     return found
 
 
-def write_results(counts: dict[str, int], path: Path) -> None:
+def write_results(counts: dict[str, Any], path: Path) -> None:
     """Write the counts; other keys of the file stay."""
     kept: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
     path.write_text(json.dumps(kept | counts, indent=1) + "\n")
@@ -332,7 +338,13 @@ def main() -> int:
     found = campaign(chosen.mutants, chosen.seed, names, lambda line: print(line, flush=True), chosen.minutes)
     print(json.dumps(found.counts))
     if chosen.only is None:
-        write_results(found.counts, results_file("security.json", chosen.quick))
+        others: dict[str, Any] = {"peers": peers.attack(chosen.quick)}
+        with contextlib.suppress(Skipped):  # without Chromium
+            others["pages"] = pages.open_payloads(chosen.quick)
+        print(json.dumps(others))
+        write_results(found.counts | others, results_file("security.json", chosen.quick))
+        blamed = [name for part in others.values() for name in part["names"]]
+        return 1 if found.blamed or blamed else 0
     return 1 if found.blamed else 0
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -32,6 +34,27 @@ UNHURRIED = {
     "limits.host_time": 1e3,
 }
 """An emulator that any machine keeps up with, and that waits for its host."""
+PATIENT = {"timeout": 30.0, "silence": 20.0}
+"""A link (s) that takes no process of a loaded machine, which waits for its turn, for one that has gone."""
+
+
+def free_port() -> int:
+    """A UDP port that nobody uses."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+def unhurried_file(folder: Path) -> Path:
+    """A parameter file for an emulator on a port of its own that any machine keeps up with, and its bridge."""
+    port = free_port()
+    parameters = {
+        "target_emulator": UNHURRIED | {"port": port},
+        "hardware_bridge": {"link.port": port} | {f"link.{name}": value for name, value in PATIENT.items()},
+    }
+    path = folder / "unhurried.yaml"
+    path.write_text(yaml.safe_dump({f"/amb/{node}": {"ros__parameters": it} for node, it in parameters.items()}))
+    return path
 
 
 class Rig:
@@ -62,10 +85,10 @@ class Rig:
             self._bridge["link.port"] = int(self.values("target_emulator")["UDP port"])
         self._bridge |= {
             "link.float64": True,
-            "link.timeout": 30.0,
             "levitation_time": 0.0,
             "landing_time": 0.0,
-        } | (bridge or {})
+        }
+        self._bridge |= {f"link.{name}": value for name, value in PATIENT.items()} | (bridge or {})
         self._arguments = arguments
         self.start_bridge()
 

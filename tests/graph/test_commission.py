@@ -6,7 +6,6 @@ import json
 import os
 import re
 import signal
-import socket
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from amb_bringup.packages import find_executable
 from amb_core.files.parameter_files import RIG_NODES
 from amb_core.model import StateSpaceModel
 from amb_core.recording import Recording
-from tests.graph.rig import config
+from tests.graph.rig import PATIENT, config, free_port
 
 GUIDE = Path(__file__).parents[2] / "docs" / "how-to" / "commission-a-rig.md"
 PARAMETERS, WRONG_SIGN = re.findall(r"^```yaml\n(.*?)^```$", GUIDE.read_text(), re.DOTALL | re.MULTILINE)
@@ -32,9 +31,7 @@ SHORT = ("--observation", "0.5", "--sweep-duration", "4", "--multisine-duration"
 
 def parameters(folder: Path, addition: str = "", machine: Path | None = None) -> Path:
     """The file of the guide, for an emulator slower than real time on a port of its own."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
-        found.bind(("127.0.0.1", 0))
-        port = found.getsockname()[1]
+    port = free_port()
     content = yaml.safe_load(PARAMETERS)
     if machine is not None:
         described = yaml.safe_load(machine.read_text())
@@ -48,7 +45,7 @@ def parameters(folder: Path, addition: str = "", machine: Path | None = None) ->
     if addition:
         emulator |= yaml.safe_load(addition)["/amb/target_emulator"]["ros__parameters"]
     content["/amb/target_emulator"] = {"ros__parameters": emulator}
-    content["/amb/hardware_bridge"]["ros__parameters"]["link"] |= {"port": port, "timeout": 30.0}
+    content["/amb/hardware_bridge"]["ros__parameters"]["link"] |= {"port": port} | PATIENT
     path = folder / "rig.yaml"
     path.write_text(re.sub(r": y$", ': "y"', yaml.safe_dump(content), flags=re.MULTILINE))  # a bare y is a bool in ROS
     return path

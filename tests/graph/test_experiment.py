@@ -19,7 +19,7 @@ from amb_core.excitation import Square
 from amb_core.recording import Recording
 from tests.graph.conftest import Graph
 from tests.graph.limits import TIMEOUT
-from tests.graph.rig import UNHURRIED
+from tests.graph.rig import PATIENT, UNHURRIED
 
 AMB = str(find_executable("amb_bringup", "amb"))
 
@@ -80,7 +80,8 @@ def test_a_rig_is_levitated_excited_and_landed(graph: Graph, tmp_path: Path) -> 
     bag = tmp_path / "bag"
     words = ["multisine", "--amplitude", "2um", "--duration", "1s", "--record", str(bag), "--no-report"]
     unhurried = {f"target_emulator.{name}": value for name, value in UNHURRIED.items() if name != "port"}
-    changes = [f"--set={name}={value}" for name, value in (unhurried | {"hardware_bridge.link.timeout": 30}).items()]
+    patient = {f"hardware_bridge.link.{name}": value for name, value in PATIENT.items()}
+    changes = [f"--set={name}={value}" for name, value in (unhurried | patient).items()]
     command = [AMB, "experiment", *words, "--rig", "--emulator", *changes]
     process = graph.start_command(command, stdout=subprocess.PIPE)
     shown, errors = process.communicate(timeout=2.0 * TIMEOUT)

@@ -20,7 +20,7 @@ from amb_msgs.msg import BridgeState, Excitation, Machine, Trip
 from amb_ros.qos import EVERY_STATE, LATCHED
 from tests.graph.conftest import Graph
 from tests.graph.limits import TIMEOUT
-from tests.graph.rig import EMULATOR, UNHURRIED, Rig, config
+from tests.graph.rig import EMULATOR, UNHURRIED, Rig, config, unhurried_file
 
 GENERATOR = "amb_controller_node.excitation_generator"
 SQUARE = Square(amplitude=10e-6, duration=0.2, frequency=20.0, axes="in_turn")
@@ -315,8 +315,14 @@ def test_a_session_that_is_ended_lands_the_rotor_and_leaves_no_node(
 ) -> None:
     states: list[BridgeState] = []
     graph.node.create_subscription(BridgeState, "/amb/hardware_bridge/state", states.append, EVERY_STATE)
-    process = graph.start_command([str(find_executable("amb_bringup", "amb")), "rig", "demo", "--out", "demo"])
-    graph.wait_until(lambda: any(state.excitation == BridgeState.PLAYING for state in states), "the excitation")
+    amb, parameters = str(find_executable("amb_bringup", "amb")), str(unhurried_file(tmp_path))
+    process = graph.start_command([amb, "rig", "demo", "--out", "demo", "--params", parameters])
+
+    def plays() -> bool:
+        return any(state.excitation == BridgeState.PLAYING for state in states)
+
+    graph.wait_until(lambda: plays() or process.poll() is not None, "the excitation", 3.0 * TIMEOUT)
+    assert plays(), process.said
     process.send_signal(number)
     process.wait_for_end(TIMEOUT)
     assert process.returncode == 130, process.said

@@ -43,6 +43,8 @@ def test_its_telemetry_is_that_of_the_loop_without_ros_bit_for_bit(graph: Graph,
     rig = host_rig(graph, "--params-file", str(file), emulator=LOCK_STEP)
     graph.start(GENERATOR)
     run = rig.levitate()
+    rig.wait_for_step(1_000)  # samples that were lost while off, when nobody waits for the host, are counted by now
+    lost = rig.state.lost
     answer = rig.excite(SQUARE)
     assert answer.success, answer.message
     steps = answer.first_step + answer.steps + 100
@@ -51,7 +53,7 @@ def test_its_telemetry_is_that_of_the_loop_without_ros_bit_for_bit(graph: Graph,
     samples = generate(SQUARE, plant.machine.sample_rate, plant.machine).samples
     law = PdController(controller, len(plant.machine.axes))
     assert record.identical_to(simulate(plant, law, steps, samples, answer.first_step))
-    assert rig.state.lost == 0
+    assert rig.state.lost == lost
     assert rig.change("deactivate"), rig.state.problem
     assert (rig.state.mode, rig.trips) == (BridgeState.OFF, [])
 

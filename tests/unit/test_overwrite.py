@@ -50,9 +50,11 @@ def test_a_folder_of_results_is_written_again(tmp_path: Path) -> None:
     assert identify("--out", str(tmp_path / "new")) == ""
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_that_writes_has_the_option(name: str) -> None:
-    loaded = LateCommand(name, COMMANDS[name][0], "").load()
+@pytest.mark.parametrize(
+    ("name", "place"), [(name, place) for listed in COMMANDS.values() for name, (place, _) in listed.items()]
+)
+def test_every_command_that_writes_has_the_option(name: str, place: str) -> None:
+    loaded = LateCommand(name, place, "", "").load()
     commands = getattr(loaded, "commands", {name: loaded})
     for command in commands.values():
         options = {option for item in command.params for option in item.opts}

@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import functools
 import re
+import runpy
 import sys
+import sysconfig
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -19,6 +21,7 @@ import amb_core
 
 ROOT = Path(__file__).parents[2]
 MANIFESTS = sorted([*ROOT.glob("amb_*/package.xml"), *ROOT.glob("src/amb_*/package.xml")])
+REQUIREMENTS = [*sorted(ROOT.glob("requirements*.txt")), ROOT / "docs" / "requirements.txt"]
 PACKAGES = [path.parent for path in MANIFESTS if (path.parent / "setup.py").exists()]
 FROM_APT = {  # modules that rosdep installs in a version that is new enough, and its keys for them
     "h5py": "python3-h5py",
@@ -129,14 +132,39 @@ def test_the_versions_that_pip_may_take_begin_at_those_of_a_stock_jazzy_and_allo
         assert oldest[name].split(".")[: floor.count(".") + 1] == floor.split(".")
 
 
-def test_every_pin_has_the_hashes_of_its_files() -> None:
-    text = (ROOT / "requirements.hashes").read_text().replace(" \\\n", "")
+@pytest.mark.parametrize("requirements", REQUIREMENTS, ids=lambda path: f"{path.parent.stem}-{path.stem}")
+def test_every_pin_has_the_hashes_of_its_files(requirements: Path) -> None:
+    text = requirements.with_suffix(".hashes").read_text().replace(" \\\n", "")
     hashed = [line.split(" --hash=") for line in text.splitlines() if not line.startswith("#")]
-    pins = [line.split("#")[0].strip() for line in (ROOT / "requirements.txt").read_text().splitlines()]
+    pins = [line.split("#")[0].strip() for line in requirements.read_text().splitlines()]
     assert [pin.strip() for pin, *_ in hashed] == [pin for pin in pins if pin], "run scripts/hash_requirements.py"
     assert all(
         digests and all(re.fullmatch("sha256:[0-9a-f]{64}", one.strip()) for one in digests) for _, *digests in hashed
     )
+
+
+LICENCES = runpy.run_path(str(ROOT / "scripts" / "licences.py"))
+
+
+def licences_of(requirements: Path) -> list[str]:
+    """The rows of a file of pins in the list of licences."""
+    part = LICENCES["PAGE"].read_text().split(f"## {requirements.relative_to(ROOT)}\n")[1].split("\n## ")[0]
+    return [line for line in part.splitlines() if line.startswith("|")][2:]
+
+
+@pytest.mark.parametrize("requirements", REQUIREMENTS, ids=lambda path: f"{path.parent.stem}-{path.stem}")
+def test_the_licence_of_every_pin_is_listed(requirements: Path) -> None:
+    listed = [[cell.strip() for cell in row.split("|")[1:-1]] for row in licences_of(requirements)]
+    versions = {name: version for name, version, *_ in listed}
+    assert versions == LICENCES["pins"](requirements), "run scripts/licences.py"
+    for name, _, licence, reason in listed:
+        assert reason or set(LICENCES["parts"](licence)) <= LICENCES["ALLOWED"], name
+
+
+def test_the_licences_of_the_core_are_those_that_the_installed_packages_name() -> None:
+    folder, share = Path(sysconfig.get_path("purelib")), Path(sys.prefix, "share")
+    rows = LICENCES["rows"](ROOT / "requirements.txt", folder, share)
+    assert [f"| {' | '.join(row)} |" for row in rows] == licences_of(ROOT / "requirements.txt")
 
 
 def test_all_extras_together_have_a_name() -> None:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+import struct
+from dataclasses import dataclass, field
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 
 from amb_bringup.view.guard import Guard, is_loopback
+from amb_bringup.view.hub import Hub
 from amb_bringup.view.orders import Orders, forms
 from amb_bringup.view.picture import KEPT_LINES, KEPT_NODES, SILENCE, Picture
+from amb_bringup.view.samples import FRAME, Seen
 from amb_bringup.view.server import ViewError, ViewServer
 from amb_core.errors import AmbError
 from amb_core.excitation import KINDS
@@ -81,9 +85,9 @@ def test_the_form_of_every_excitation_has_its_declared_settings() -> None:
         assert [field["name"] for field in shown[name]] == list(kind.model_fields)
 
 
-def telemetry(*axes: tuple[str, list[float]]) -> LoopSamples:
+def telemetry(*axes: tuple[str, list[float]], run: int = 1) -> LoopSamples:
     parts = [AxisSamples(name=name, reference=values, position=values, current=values) for name, values in axes]
-    return LoopSamples(run=1, first_step=0, sample_time=1e-4, axes=parts)
+    return LoopSamples(run=run, first_step=0, sample_time=1e-4, axes=parts)
 
 
 @pytest.mark.parametrize(
@@ -109,6 +113,39 @@ def test_a_picture_of_any_region_is_json() -> None:
     picture.take("region", RegionState(region=99), 0)  # refused
     picture.update()
     assert json.loads(json.dumps(picture.sections, allow_nan=False))["region"]["region"] == "B"
+
+
+@dataclass(eq=False)
+class Reader:
+    """A page that keeps what it gets."""
+
+    seen: Seen = field(default_factory=Seen)
+    known: dict[str, int] = field(default_factory=dict)
+    line: int = 0
+    messages: list[str | bytes] = field(default_factory=list)
+
+    def ready(self) -> bool:
+        return True
+
+    def send(self, message: str | bytes) -> None:
+        self.messages.append(message)
+
+
+def test_the_layout_of_a_run_reaches_a_page_before_its_first_samples() -> None:
+    picture, page = Picture(), Reader()
+    hub = Hub(picture)
+    hub.pages.add(page)
+    for run in range(1, 4):  # at another tick each time, and each run over before the next one
+        picture.take("telemetry", telemetry(("x", [1e-6] * 1000), run=run), 0)
+        hub.tick()
+    epochs = []
+    for message in page.messages:
+        if isinstance(message, str):
+            layout = json.loads(message)["sections"].get("layout", {"epoch": None})
+            epochs.append(layout["epoch"])
+        else:
+            assert struct.unpack_from("<2I", message) == (FRAME, epochs[-1])
+    assert len(set(epochs)) == 3
 
 
 def test_log_and_nodes_are_bounded_and_long_texts_cut() -> None:

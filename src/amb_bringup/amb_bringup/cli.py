@@ -19,119 +19,110 @@ from amb_ros import network
 
 PASSING_ON = {"allow_extra_args": True, "allow_interspersed_args": False}
 COMMANDS = {
-    "demo": (
-        "demo:demo",
-        "Levitate the bearing over ROS 2 topics, shake it with square waves, record, identify, validate.",
-    ),
-    "up": (
-        "graph:up",
-        "Start all nodes and show their output, until Ctrl-C.",
-    ),
-    "view": (
-        "view:view",
-        "Show a running graph live in the browser: motion, spectrum, regions, trips and log, until Ctrl-C.",
-    ),
-    "foxglove": (
-        "foxglove:foxglove",
-        "Show a running graph live in Foxglove, every sample of it, until Ctrl-C; needs the extra foxglove.",
-    ),
-    "run": (
-        "graph:run",
-        "Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...).",
-    ),
-    "new": (
-        "new:new",
-        "Write a parameter file of your own bearing, with PD gains that levitate it.",
-    ),
-    "tune": (
-        "tune:app",
-        "Suggest PD gains, or draw which are stable.",
-    ),
-    "experiment": (
-        "experiment:experiment",
-        "Levitate, excite, record, land and report: experiments from start to end.",
-    ),
-    "identify": (
-        "identify:identify",
-        "Identify the plant from the last experiment of each bag, and check the model in closed loop on the same data.",
-    ),
-    "validate": (
-        "validate:validate",
-        "Validate a model: closed loop, distortion, predictions, residuals and frequency response, on one page.",
-    ),
-    "certify": (
-        "certify:certify",
-        "Certify the robustness of a model with a controller: one page with the verdict first, and certificate.json.",
-    ),
-    "compare": (
-        "compare:compare",
-        "Compare models on the same data, the best closed loop first.",
-    ),
-    "map": (
-        "map:region_map",
-        "Find where regions B, C and D begin, amplitude by amplitude, from simulated sweeps.",
-    ),
-    "campbell": (
-        "campbell:campbell",
-        "Identify models at several running speeds, and draw their modes over the computed Campbell diagram.",
-    ),
-    "regions": (
-        "regions:regions",
-        "Show where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions.",
-    ),
-    "report": (
-        "report:report",
-        "Regions, distortion, motion, identified model, frequency response, validation and robustness of a run.",
-    ),
-    "reproduce": (
-        "reproduce:reproduce",
-        "Reproduce every figure and claim of the paper on the simulator; finished studies are not run again.",
-    ),
-    "subharmonics": (
-        "subharmonics:subharmonics",
-        "Add three tones to the reference and find their products in the steady state of the position.",
-    ),
-    "distortion": (
-        "distortion:distortion",
-        "Measure nonlinear distortion: how much of the rotor's motion no linear model can explain.",
-    ),
-    "jitter": (
-        "jitter:jitter",
-        "Show how late the steps of paced nodes come, and how many deadlines they miss, from /diagnostics.",
-    ),
-    "rig": (
-        "rig:app",
-        "Work with a rig behind a real-time target, real or emulated.",
-    ),
-    "commission": (
-        "commission:commission",
-        "Commission a rig: check link, sensors, polarity, levitation, resonance, plant and protection, step by step.",
-    ),
-    "bag": (
-        "bag:app",
-        "Inspect, play, recover and export bags.",
-    ),
-    "model": (
-        "model:app",
-        "Export models.",
-    ),
-    "excitation": (
-        "excitation:app",
-        "Check or design an excitation on a region map.",
-    ),
-    "plant": (
-        "plant:app",
-        "Describe or plot the plant of a parameter file.",
-    ),
+    "Start": {
+        "demo": (
+            "demo:demo",
+            "Levitate the bearing over ROS 2 topics, shake it with square waves, record, identify, validate.",
+        ),
+        "new": ("new:new", "Write a parameter file of your own bearing, with PD gains that levitate it."),
+        "up": ("graph:up", "Start all nodes and show their output, until Ctrl-C."),
+        "view": (
+            "view:view",
+            "Show a running graph live in the browser: motion, spectrum, regions, trips and log, until Ctrl-C.",
+        ),
+        "foxglove": (
+            "foxglove:foxglove",
+            "Show a running graph live in Foxglove, every sample of it, until Ctrl-C; needs the extra foxglove.",
+        ),
+        "run": (
+            "graph:run",
+            "Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...).",
+        ),
+    },
+    "Experiment": {
+        "experiment": (
+            "experiment:experiment",
+            "Levitate, excite, record, land and report: experiments from start to end.",
+        ),
+        "excitation": ("excitation:app", "Check or design an excitation on a region map."),
+        "map": (
+            "map:region_map",
+            "Find where regions B, C and D begin, amplitude by amplitude, from simulated sweeps.",
+        ),
+        "regions": (
+            "regions:regions",
+            "Show where regions B, C and D begin in the telemetry of a bag, and draw the response in its regions.",
+        ),
+        "distortion": (
+            "distortion:distortion",
+            "Measure nonlinear distortion: how much of the rotor's motion no linear model can explain.",
+        ),
+        "subharmonics": (
+            "subharmonics:subharmonics",
+            "Add three tones to the reference and find their products in the steady state of the position.",
+        ),
+    },
+    "Identify": {
+        "identify": (
+            "identify:identify",
+            "Identify the plant from the last experiment of each bag, and check the model in closed loop on the "
+            "same data.",
+        ),
+        "validate": (
+            "validate:validate",
+            "Validate a model: closed loop, distortion, predictions, residuals and frequency response, on one page.",
+        ),
+        "compare": ("compare:compare", "Compare models on the same data, the best closed loop first."),
+        "campbell": (
+            "campbell:campbell",
+            "Identify models at several running speeds, and draw their modes over the computed Campbell diagram.",
+        ),
+        "model": ("model:app", "Export models."),
+    },
+    "Robustness and gains": {
+        "certify": (
+            "certify:certify",
+            "Certify the robustness of a model with a controller: one page with the verdict first, "
+            "and certificate.json.",
+        ),
+        "tune": ("tune:app", "Suggest PD gains, or draw which are stable."),
+    },
+    "Rig": {
+        "commission": (
+            "commission:commission",
+            "Commission a rig: check link, sensors, polarity, levitation, resonance, plant and protection, "
+            "step by step.",
+        ),
+        "rig": ("rig:app", "Work with a rig behind a real-time target, real or emulated."),
+        "jitter": (
+            "jitter:jitter",
+            "Show how late the steps of paced nodes come, and how many deadlines they miss, from /diagnostics.",
+        ),
+    },
+    "Data and reports": {
+        "bag": ("bag:app", "Inspect, play, recover and export bags."),
+        "report": (
+            "report:report",
+            "Regions, distortion, motion, identified model, frequency response, validation and robustness of a run.",
+        ),
+    },
+    "Plant and paper": {
+        "plant": ("plant:app", "Describe or plot the plant of a parameter file."),
+        "reproduce": (
+            "reproduce:reproduce",
+            "Reproduce every figure and claim of the paper on the simulator; finished studies are not run again.",
+        ),
+    },
 }
-"""Where each command is, as `module:function` or, for a group of commands, `module:app`; and its first line of help."""
+"""By purpose: where each command is, as `module:function` or, for a group of commands, `module:app`; and its first line
+of help."""
 
 
 class LateCommand(TyperCommand):
     """A command with a module that is imported only when it is called: a list of the commands needs none of them."""
 
-    def __init__(self, name: str, place: str, help: str) -> None:
-        super().__init__(name, help=help)
+    def __init__(self, name: str, place: str, help: str, purpose: str) -> None:
+        super().__init__(name, help=help, rich_help_panel=purpose)
         self._place = place
 
     def load(self) -> Any:
@@ -161,8 +152,9 @@ class Commands(TyperGroup):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        for name, (place, help) in COMMANDS.items():
-            self.add_command(LateCommand(name, place, help))
+        for purpose, commands in COMMANDS.items():
+            for name, (place, help) in commands.items():
+                self.add_command(LateCommand(name, place, help, purpose))
 
     def invoke(self, ctx: Any) -> Any:  # typer has a copy of click's types of its own
         """Run the requested command."""

@@ -58,12 +58,19 @@ class Hub:
         """Send one frame to every page."""
         self._frames += 1
         pages = [page for page in self.pages if page.ready()]
+        self._send_layout([page for page in pages if page.seen.epoch != self._picture.samples.epoch])
         self._send_samples(pages)
         if self._frames % STATES_EVERY == 0:
             self._picture.update()
             self._send_states(pages)
         if self._frames % SPECTRUM_EVERY == 0:
             self._send_spectrum(pages)
+
+    def _send_layout(self, pages: list[Page]) -> None:
+        """A page draws no frame of a run whose layout it does not have, so that comes first."""
+        if pages:
+            self._picture.update()
+            self._send_states(pages)
 
     def _send_samples(self, pages: list[Page]) -> None:
         made: dict[Any, tuple[bytes | None, Seen]] = {}

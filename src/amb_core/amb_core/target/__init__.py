@@ -1,6 +1,6 @@
 """Real-time targets: the frames of AMB-UDP (docs/reference/target-protocol.md), and the target in this process."""
 
-from amb_core.target.amb_udp import PORT, AmbUdpLink
+from amb_core.target.amb_udp import PORT, SILENCE, AmbUdpLink
 from amb_core.target.answers import Answer, Description, Reply, TargetStatus, TelemetryBlock, Trip, decode, machine_of
 from amb_core.target.commands import Command, CommandWriter
 from amb_core.target.frames import Refusal, Session, hello
@@ -30,6 +30,7 @@ from amb_core.target.upload import Upload, controller_upload, excitation_upload
 __all__ = [
     "LOOPBACK",
     "PORT",
+    "SILENCE",
     "AmbUdpLink",
     "Answer",
     "Code",

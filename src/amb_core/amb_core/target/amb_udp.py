@@ -54,7 +54,7 @@ FIRST_REPEAT, LONGEST_REPEAT = 0.02, 0.1  # s after which a command without a re
 HELLO_PERIOD = 0.05  # s
 HEARTBEAT_PERIOD, EXCITED_HEARTBEAT_PERIOD = 0.1, 0.005  # s; the target waits 20 ms while it is excited
 UNREAD = 10.0  # times longer that silence must last while frames of anybody wait to be read
-SILENCE = 0.4  # s without a frame after which the target is taken for gone; its status comes every 100 ms
+SILENCE = 0.4  # s
 STREAM_TIMEOUT = 0.25  # s without samples after which telemetry is asked for again
 CLOCK_PERIOD = 2.0  # s
 LAWS = {"": Law.PD, "off": Law.HOST, "land": Law.HOST_OR_LAND}  # by what a target does without the host
@@ -79,6 +79,8 @@ class AmbUdpLink(HostLoopLink):
         Steps that may arrive after a missing one before it is given up.
     timeout : float
         Longest wait for the reply to a command (s).
+    silence : float
+        Time without a frame after which the target is taken for gone (s); its status comes every 100 ms.
     starting : callable, optional
         Called first in the thread of the link, to give it a real-time priority for example.
 
@@ -96,12 +98,13 @@ class AmbUdpLink(HostLoopLink):
         float64: bool = False,
         wait: int = 200,
         timeout: float = 1.0,
+        silence: float = SILENCE,
         starting: Callable[[], object] = lambda: None,
     ) -> None:
         require_key(key)
         self._where = f"the target at {address} port {port}"
         self._address, self._key, self._wait, self._timeout = (address, port), key, wait, timeout
-        self._starting = starting
+        self._starting, self._silence = starting, silence
         self._options = TelemetryOption.STATUS | (TelemetryOption.FLOAT64 if float64 else TelemetryOption(0))
         self._known: TargetDescription
         self._with_key: bool
@@ -352,7 +355,7 @@ class AmbUdpLink(HostLoopLink):
 
     def _keep_up(self, now: float, all_read: bool) -> None:
         """What is due by the clock; frames that wait to be read, after a pause of this thread, are no silence."""
-        limit = SILENCE if all_read else UNREAD * SILENCE
+        limit = self._silence if all_read else UNREAD * self._silence
         if self._silent or now - self._heard > limit:  # until it has described itself
             if not self._silent:
                 self._silent, self._pages = True, Pages()
