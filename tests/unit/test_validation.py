@@ -18,6 +18,7 @@ from amb_core.identification.estimate.predictor import kalman_gain
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation import Condition, Verdict, check_residuals, predict
 from amb_core.identification.validation.judge import rule_table
+from amb_core.identification.validation.model_error import response_errors
 from amb_core.identification.validation.overlap import fingerprint_of, overlap
 from amb_core.identification.validation.report import WIDTH
 from amb_core.identification.validation.ringing import find_ringing
@@ -440,6 +441,21 @@ def test_a_mode_that_the_model_lacks_rings_in_the_residuals_and_a_tone_is_none()
     for flat in (white, tone):
         found = find_ringing([flat], [noise], [flat], 1e-4)
         assert found is not None and found.p_value > 1e-3
+
+
+def test_an_input_that_is_still_in_the_longest_experiment_is_no_error(model: StateSpaceModel) -> None:
+    random = np.random.default_rng(4)
+    e, u = random.normal(size=(2, 4_000, 2))
+    u[:, 1] = 0.0
+    assert find_ringing([e], [u], [e], 1e-4) is not None
+    assert find_ringing([e * [1.0, 0.0]], [u], [e], 1e-4) is None
+
+
+def test_references_that_move_together_say_nothing(data: IdentificationData, model: StateSpaceModel) -> None:
+    item = data.experiments[0]
+    together = replace(item, reference=np.repeat(item.inputs[:, :1], 2, axis=1))
+    alike = replace(data, experiments=(together,))
+    assert response_errors(model, alike, predict(model, alike).residuals) == ()
 
 
 def test_the_page_is_never_green_above_a_condition_that_does_not_hold(

@@ -165,7 +165,14 @@ def _ringing(found: Validation) -> Condition:
     limit = f"{NOTABLE:g} times what is explained beside it, with {100.0 * SHARE:g} % of the motion there"
     one = found.ringing
     if one is None:
-        return Condition(key, name, "not checked: too few samples", limit, _RESERVED, "record longer")
+        return Condition(
+            key,
+            name,
+            "not checked: too few samples, or residuals that are multiples of one another",
+            limit,
+            _RESERVED,
+            "record longer",
+        )
     if not (one.p_value < SIGNIFICANT and one.height > NOTABLE and one.share > SHARE):
         return Condition(key, name, "no narrow peak in what the past explains of the residuals", limit)
     finding = f"the residuals ring at {one.frequency:.4g} Hz"

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from amb_core.errors import IdentificationError
 from amb_core.identification.validation.residuals import decorrelated
 
 Arrays = NDArray[np.float64]
@@ -67,7 +68,7 @@ def find_ringing(
     sample_time: float,
     allowance: float = 1.0,
 ) -> Ringing | None:
-    """The most significant peak in the longest experiment; None for a record that is too short.
+    """The most significant peak in the longest experiment; None if it is too short, or its errors are not independent.
 
     Parameters
     ----------
@@ -79,8 +80,12 @@ def find_ringing(
         Variance of what the errors of a model with uncertain parameters explain, relative to a true one's.
     """
     longest = int(np.argmax([len(part) for part in residuals]))
-    (e,) = decorrelated([_without_tones(residuals[longest][:_LONGEST])])
+    try:
+        (e,) = decorrelated([_without_tones(residuals[longest][:_LONGEST])])
+    except IdentificationError:
+        return None
     u = inputs[longest][:_LONGEST]
+    u = u[:, u.std(axis=0) > 0.0]
     u = (u - u.mean(axis=0)) / u.std(axis=0)
     steps, p = e.shape
     duration = steps * sample_time
