@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor quick measured stress soak validate leaving fuzz fuzz-files bench bench-regions bench-ident bench-view bench-robust docs lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor quick measured stress soak validate leaving fuzz fuzz-files bench bench-regions bench-ident bench-view bench-robust bench-verdicts docs lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -82,6 +82,9 @@ RUNS ?= 200
 bench-robust: setup  ## the robustness certificate on RUNS=200 loops and experiments (hours; RUNS=20: minutes); resumes after an interruption; writes results/bench_robust.json
 	@$(RUN) python -m tests.benchmarks.robust.run --runs $(RUNS)
 	@$(RUN) python -m tests.benchmarks.robust.emulator
+
+bench-verdicts: setup  ## verdicts on true and wrong models of random bearings; writes results/bench_verdicts.json
+	@$(RUN) python -m tests.benchmarks.verdicts.run
 
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@

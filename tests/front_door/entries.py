@@ -87,6 +87,9 @@ PROGRAMS = (
         "tests.benchmarks.robust.run", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust",
         seconds=40.0,
     ),
+    Program(
+        "tests.benchmarks.verdicts.run", "bench_verdicts.json", "tests.benchmarks.verdicts.figures:BenchVerdicts",
+    ),
     Program("tests.benchmarks.robust.emulator", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust"),
     Program(
         "tests.validation.run",
@@ -133,6 +136,7 @@ TARGETS: dict[str, tuple[str, ...] | Covered | Left] = {
     "bench-ident": ("tests.benchmarks.ident.run",),
     "bench-view": ("tests.benchmarks.first_hour.run",),
     "bench-robust": ("tests.benchmarks.robust.run", "tests.benchmarks.robust.emulator"),
+    "bench-verdicts": ("tests.benchmarks.verdicts.run",),
     "quick": Left("runs this list"),
     "measured": Covered("tests/unit/test_measured.py::test_make_measured_lists_what_is_stale"),
     "docs": Left(".ci/run runs it before this"),

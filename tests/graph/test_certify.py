@@ -72,7 +72,7 @@ def test_the_last_identification_gets_margins_bounds_and_a_verdict(loop: Loop, r
     written = json.loads(answer.certificate)
     assert written["certified"] == answer.certified == (not answer.reasons)
     assert written["verdict"] == answer.verdict == answer.message
-    assert any("data of the identification" in text for text in answer.warnings)
+    assert any("samples of the identification" in text for text in answer.warnings)
     assert {name.split()[0] for name in written["inputs"]} == {"model", "data", "controller"}
 
 
@@ -159,5 +159,5 @@ def test_the_client_certifies_on_another_experiment(loop: Loop, record: LoopReco
         )
         with pytest.raises(ClientError, match="unknown setting 'sensors'"):
             amb.certify(sensors=0.1)
-    assert not any("data of the identification" in text for text in answer.warnings)
+    assert not any("samples of the identification" in text for text in answer.warnings)
     assert Path(answer.page).is_file()

@@ -49,7 +49,7 @@ COLUMNS = ("--inputs", "1-4", "--outputs", "5-8", "--sample-time", 0.5)
 
 def test_a_process_of_four_inputs_and_outputs_is_identified_by_one_command(process: Path, tmp_path: Path) -> None:
     shown = run("identify", process, *COLUMNS, "--order", 6, "--out", tmp_path / "run")
-    assert "6; 4 inputs, 4 outputs" in shown and "controller" not in shown
+    assert "6; 4 inputs, 4 outputs" in shown and "closed-loop fit" not in shown
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert list(summary["innovation_rms"]) == ["y1", "y2", "y3", "y4"] and summary["unstable_poles"] == 0
     assert PROCESS.response_error(StateSpaceModel.load(tmp_path / "run" / "model.json")) < 0.04

@@ -84,6 +84,7 @@ def published(model: StateSpaceModel) -> bytes:
         "output_offset",
         "initial_state",
         "fit",
+        "fingerprint",
     ):
         setattr(message, name, np.asarray(getattr(message, name)))
     return bytes(TYPES.serialize_cdr(message, MODEL))

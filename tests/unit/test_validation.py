@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from amb_core.identification.data import detrend, merge
 from amb_core.identification.estimate.predictor import kalman_gain
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation import Condition, Verdict, check_residuals, predict
+from amb_core.identification.validation.judge import rule_table
+from amb_core.identification.validation.model_error import response_errors
 from amb_core.identification.validation.overlap import fingerprint_of, overlap
 from amb_core.identification.validation.report import WIDTH
 from amb_core.identification.validation.ringing import find_ringing
@@ -23,6 +26,7 @@ from amb_core.identification.validation.verdict import worst_of
 from amb_core.loop.control import ControllerParameters
 from amb_core.report.document import Section, TableBlock, text_of
 from amb_core.report.validation import validation_section, verdict_badge
+from amb_core.robustness import certify
 
 NOISE, FORCE = 2e-8, 0.1  # m, N: rms on sensors and rotor
 CONTROLLER = ControllerParameters()
@@ -428,15 +432,30 @@ def test_another_controller_is_a_reservation(data: IdentificationData, model: St
 
 def test_a_mode_that_the_model_lacks_rings_in_the_residuals_and_a_tone_is_none() -> None:
     random = np.random.default_rng(2)
-    white = random.normal(size=(10_000, 1))
+    white, noise = random.normal(size=(2, 10_000, 1))
     pole = 0.995 * np.exp(2j * np.pi * 0.08)
     ringing = white + 0.05 * lfilter([1.0], np.real([1.0, -2.0 * pole.real, abs(pole) ** 2]), white, axis=0)
-    found = find_ringing([ringing], [ringing], 1e-4)
-    assert found is not None and found.p_value < 1e-6 and found.frequency == pytest.approx(800.0, rel=0.03)
+    found = find_ringing([ringing], [noise], [ringing], 1e-4)
+    assert found is not None and found.p_value < 1e-6 and found.frequency == pytest.approx(800.0, rel=0.1)
     tone = white + 0.5 * np.sin(2.0 * np.pi * 0.08 * np.arange(10_000))[:, np.newaxis]
     for flat in (white, tone):
-        found = find_ringing([flat], [flat], 1e-4)
+        found = find_ringing([flat], [noise], [flat], 1e-4)
         assert found is not None and found.p_value > 1e-3
+
+
+def test_an_input_that_is_still_in_the_longest_experiment_is_no_error(model: StateSpaceModel) -> None:
+    random = np.random.default_rng(4)
+    e, u = random.normal(size=(2, 4_000, 2))
+    u[:, 1] = 0.0
+    assert find_ringing([e], [u], [e], 1e-4) is not None
+    assert find_ringing([e * [1.0, 0.0]], [u], [e], 1e-4) is None
+
+
+def test_references_that_move_together_say_nothing(data: IdentificationData, model: StateSpaceModel) -> None:
+    item = data.experiments[0]
+    together = replace(item, reference=np.repeat(item.inputs[:, :1], 2, axis=1))
+    alike = replace(data, experiments=(together,))
+    assert response_errors(model, alike, predict(model, alike).residuals) == ()
 
 
 def test_the_page_is_never_green_above_a_condition_that_does_not_hold(
@@ -457,6 +476,24 @@ def test_the_page_is_never_green_above_a_condition_that_does_not_hold(
             for line in found.report().splitlines():
                 if line.startswith(("    RESERVED", "    FAILED")):
                     assert "VERDICT      validated\n" not in found.report()
+
+
+def test_a_certificate_takes_the_word_of_the_validation(
+    data: IdentificationData, model: StateSpaceModel, validation: Validation
+) -> None:
+    """Without a loop there is none, with reservations it says so."""
+    unknown = certify(model, CONTROLLER, validation=validate(model, data))
+    assert not unknown.checks[0].passed and "controller is not known" in unknown.verdict
+    assert certify(model, CONTROLLER, validation=validation).reserved is False
+    reserved = validate(replace(model, fingerprint=fingerprint_of(data)), data, CONTROLLER)
+    found = certify(model, CONTROLLER, validation=reserved)
+    assert found.checks[0].passed and found.reserved
+    assert any("samples of the identification" in text for text in found.warnings)
+
+
+def test_the_rule_is_on_the_page_about_validation() -> None:
+    page = Path(__file__).parents[2] / "docs" / "explanation" / "validation.md"
+    assert rule_table() in page.read_text(encoding="utf-8"), "put in what rule_table() returns"
 
 
 def text_of_section(section: Section) -> str:

@@ -17,6 +17,7 @@ from scipy.signal import cont2discrete
 
 from amb_core.identification import IdentificationData, StateSpaceModel
 from amb_core.identification.estimate.predictor import kalman_gain
+from amb_core.identification.validation import predict
 from amb_core.loop.control import ControllerParameters
 from amb_core.units import UM
 from tests.benchmarks.ident.linear_loop import SAMPLE_TIME, LinearLoop, model_of
@@ -130,11 +131,15 @@ def draw_bearing(random: np.random.Generator, axes: int | None = None) -> Bearin
             return found
 
 
-def draw_data(bearing: Bearing, random: np.random.Generator, steps: int) -> tuple[IdentificationData, str]:
-    """An experiment of 1 to 20 um on a bearing, and in words what it was."""
+def draw_data(
+    bearing: Bearing, random: np.random.Generator, steps: int, like: IdentificationData | None = None
+) -> tuple[IdentificationData, str]:
+    """An experiment of 1 to 20 um on a bearing, or one with the reference of another; and in words what it was."""
     kind = str(random.choice(KINDS))
     amplitude = 1e-6 * 10.0 ** random.uniform(0.0, np.log10(20.0))
     reference = amplitude * _excitation(kind, bearing.axes, steps, random)
+    if like is not None and like.experiments[0].reference is not None:
+        reference = like.experiments[0].reference
     inputs, outputs = bearing.loop().run(reference, random)
     names = tuple(f"{axis + 1}" for axis in range(bearing.axes))
     data = IdentificationData.from_arrays(
@@ -224,8 +229,6 @@ def oracle(true: StateSpaceModel, wrong: StateSpaceModel, data: IdentificationDa
 
     Both have the covariance of innovations that suits them best.
     """
-    from amb_core.identification.validation import predict
-
     sizes = []
     for model in (true, wrong):
         errors = predict(model, data).residuals[0]

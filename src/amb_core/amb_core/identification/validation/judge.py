@@ -14,7 +14,7 @@ import numpy as np
 
 from amb_core.identification.controller_check import FOREIGN, NOT_CHECKED
 from amb_core.identification.data import Severity
-from amb_core.identification.data.checks.distortion import LARGE_DISTORTION
+from amb_core.identification.data.checks.distortion import LARGE_DISTORTION, LOW_COHERENCE
 from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED
 from amb_core.identification.validation.ringing import NOTABLE, SHARE
 from amb_core.identification.validation.verdict import Condition, Verdict
@@ -165,17 +165,27 @@ def _deviations(found: Validation) -> Condition:
 
 
 def _ringing(found: Validation) -> Condition:
-    key, name = "ringing", "no mode is missing that noise excites"
-    limit = f"{NOTABLE:g} times the power beside it, with {100.0 * SHARE:g} % of the motion there"
+    key, name = "ringing", "no mode is missing"
+    limit = f"{NOTABLE:g} times what is explained beside it, with {100.0 * SHARE:g} % of the motion there"
     one = found.ringing
     if one is None:
-        return Condition(key, name, "not checked: too few samples", limit, _RESERVED, "record longer")
+        return Condition(
+            key,
+            name,
+            "not checked: too few samples, or residuals that are multiples of one another",
+            limit,
+            _RESERVED,
+            "record longer",
+        )
     if not (one.p_value < SIGNIFICANT and one.height > NOTABLE and one.share > SHARE):
-        return Condition(key, name, "no narrow peak in the residuals", limit)
-    finding = f"the residuals ring at {one.frequency:.4g} Hz with {one.height:.3g} times the power beside it"
-    return Condition(
-        key, name, finding, limit, _REFUSED, "raise the order, or remove the disturbance of this frequency"
-    )
+        return Condition(key, name, "no narrow peak in what the past explains of the residuals", limit)
+    finding = f"the residuals ring at {one.frequency:.4g} Hz"
+    advice = "raise the order, or remove a disturbance of this frequency"
+    here = [band for band in found.band_errors if band.low <= one.frequency < band.high]
+    if len(here) == len(found.model.input_names) and all(band.error <= band.limit for band in here):
+        finding += ", where the response agrees"
+        return Condition(key, name, finding, limit, _RESERVED, advice)
+    return Condition(key, name, finding, limit, _REFUSED, advice)
 
 
 def _independent(found: Validation) -> Condition:
@@ -209,9 +219,14 @@ def _white(found: Validation) -> Condition:
 def _distortion(found: Validation) -> Condition:
     key, name = "distortion", "the response is linear"
     limit = f"{100.0 * LARGE_DISTORTION:g} % beyond the noise, where distortion is measured"
-    measured = found.evidence.distortion
+    measured, coherence = found.evidence.distortion, found.evidence.coherence
     if measured is None:
-        return Condition(key, name, found.evidence.brief, limit)
+        noise = found.white and found.independent  # then nothing but noise spoils the coherence
+        if coherence is None or noise or not np.any(coherence.ratio > LOW_COHERENCE):
+            return Condition(key, name, found.evidence.brief, limit)
+        best = float(np.nanmin(found.evidence.best_fit))
+        finding = f"the loop may not be linear: {found.evidence.brief}; a linear one fits to about {best:.0f} % at most"
+        return Condition(key, name, finding, limit, _RESERVED, "excite less, and see `amb distortion`")
     by_noise = np.nan_to_num(measured.noise_ratio) ** 2 / measured.periods
     if not np.any(measured.ratio**2 - by_noise > LARGE_DISTORTION**2):
         return Condition(key, name, found.evidence.brief, limit)
@@ -258,15 +273,17 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
     (_predicted, "one-step fit", "compared with what 25 past samples of all signals explain, each axis: more than "
      f"{SHORT_OF_POSSIBLE:g} points worse", "refused"),
     (_response, "response by frequency", f"error from each input in bands in which noise leaves less than "
-     f"{RESOLVED:g} % open: significant and above {MATTERS:g} % / |T|, at most {MATTERS / LEAST_ACTION:g} %",
+     f"{RESOLVED:g} % open: significant and above {MATTERS:g} % / T, at most {MATTERS / LEAST_ACTION:g} %",
      "refused; smaller: reservations"),
     (_deviations, "kinds of deviation", "gain, dead time, stiffness of each axis and of all, frequency of each mode: "
      "significant, and an error of the response above the same limit", "refused; smaller: reservations"),
-    (_ringing, "missing modes", f"narrow peak of the residuals, {NOTABLE:g} times its neighbourhood and "
-     f"{100.0 * SHARE:g} % of the motion there", "refused"),
+    (_ringing, "missing modes", "lightly damped resonators driven by past errors and inputs explain significantly more "
+     f"of the errors at a frequency, {NOTABLE:g} times as much as beside it, with {100.0 * SHARE:g} % of the motion",
+     "refused; reservations where the response agrees"),
     (_independent, "independence", "score test of the residuals on the inputs of 25 samples before", "reservations"),
     (_white, "whiteness", "portmanteau test of the residuals over 25 lags", "reservations"),
-    (_distortion, "distortion", f"above {100.0 * LARGE_DISTORTION:g} % beyond the noise, where it can be measured",
+    (_distortion, "distortion", f"above {100.0 * LARGE_DISTORTION:g} % beyond the noise where it can be measured; else "
+     f"noise and distortion above {100.0 * LOW_COHERENCE:g} % with residuals that are not noise",
      "reservations"),
     (_fresh, "other data", f"more than {100.0 * OVERLAP:g} % of the samples of the identification, by content",
      "reservations"),

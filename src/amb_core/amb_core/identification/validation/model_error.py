@@ -104,7 +104,10 @@ def response_errors(
         lines = (frequency >= low) & (frequency < high)
         if np.sum(np.abs(r[lines]) ** 2) <= _LEAST_POWER * power:
             continue
-        estimate = _estimate(r[lines], u[lines], e[lines])
+        try:
+            estimate = _estimate(r[lines], u[lines], e[lines])
+        except np.linalg.LinAlgError:  # the references do not separate the inputs at all
+            continue
         if estimate is None:
             continue
         x, variance, free = estimate

@@ -232,7 +232,13 @@ def validate(
         known = controller if loop.closed_loop is not None else None
         errors = response_errors(model, data, prediction.residuals, known, open_loop=in_open_loop(data))
         deviations = find_deviations(model, data, prediction, known)
-        ringing = find_ringing(prediction.residuals, [item.outputs for item in data.experiments], data.sample_time)
+        ringing = find_ringing(
+            prediction.residuals,
+            [item.inputs for item in data.experiments],
+            [item.outputs for item in data.experiments],
+            data.sample_time,
+            1.0 + (data.samples / model.samples if model.samples else 0.0),
+        )
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
     return Validation(
         model,

@@ -1,0 +1,41 @@
+"""Benchmark of the verdict on models; `make bench-verdicts` writes results/bench_verdicts.json.
+
+Each part draws its own population from seeds and returns its numbers. A part that is not run keeps its last ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from typing import Any
+
+from tests.benchmarks.verdicts.models import true_models, wrong_models
+from tests.benchmarks.verdicts.size import SMALLEST, Size
+from tests.front_door.results import results_file
+
+PARTS: dict[str, Callable[[Size], dict[str, Any]]] = {
+    "true": true_models,
+    "wrong": wrong_models,
+}
+"""What is measured, by the name of its key; see `figures.BenchVerdicts`."""
+
+
+def main() -> None:
+    """Run the parts and write the file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--parts", nargs="*", default=list(PARTS), choices=list(PARTS))
+    parser.add_argument("--models", type=int, default=200, help="true models; twice as many wrong ones")
+    parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
+    chosen = parser.parse_args()
+    size = SMALLEST if chosen.quick else Size(chosen.models)
+    path = results_file("bench_verdicts.json", chosen.quick)
+    results = json.loads(path.read_text()) if path.exists() else {}
+    for name in chosen.parts:
+        results[name] = PARTS[name](size)
+        path.write_text(json.dumps(results, indent=2) + "\n")
+        print(f"{name}: {json.dumps(results[name])}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
