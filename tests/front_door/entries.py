@@ -80,7 +80,7 @@ PROGRAMS = (
         "tests.benchmarks.first_hour.run",
         "first_hour.json",
         "tests.benchmarks.first_hour.figures:FirstHour",
-        ("files", "live_page", "new", "pages", "player"),
+        ("files", "live_page", "new", "pages", "player", "wishes"),
         20.0,
     ),
     Program(
@@ -89,6 +89,7 @@ PROGRAMS = (
     ),
     Program(
         "tests.benchmarks.verdicts.run", "bench_verdicts.json", "tests.benchmarks.verdicts.figures:BenchVerdicts",
+        ("after_stop", "bad_data", "controllers"),
     ),
     Program("tests.benchmarks.robust.emulator", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust"),
     Program(

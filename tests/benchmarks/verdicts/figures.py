@@ -30,8 +30,25 @@ class WrongModels(Figures):
     tellable_by_kind: dict[str, int]
 
 
+class Named(Figures):
+    """Cases of a fault, and those in which it is named."""
+
+    cases: int
+    named: int
+
+
+class BadData(Named):
+    """Records with a fault, and clean ones of which something is said."""
+
+    clean: int
+    accused: int
+
+
 class BenchVerdicts(Figures):
     """All of it."""
 
     true: TrueModels
     wrong: WrongModels
+    controllers: Named
+    bad_data: BadData
+    after_stop: Named

@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from tests.benchmarks.verdicts import after_stop, bad_data, controllers
 from tests.benchmarks.verdicts.models import true_models, wrong_models
 from tests.benchmarks.verdicts.size import SMALLEST, Size
 from tests.front_door.results import results_file
@@ -17,8 +18,15 @@ from tests.front_door.results import results_file
 PARTS: dict[str, Callable[[Size], dict[str, Any]]] = {
     "true": true_models,
     "wrong": wrong_models,
+    "controllers": lambda size: controllers.run(size == SMALLEST, quietly),
+    "bad_data": lambda size: bad_data.run(size == SMALLEST, quietly),
+    "after_stop": lambda size: after_stop.run(size == SMALLEST, quietly),
 }
 """What is measured, by the name of its key; see `figures.BenchVerdicts`."""
+
+
+def quietly(_done: int, _cases: int) -> None:
+    """Show no progress: each part prints its line when it is done."""
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import PlantError
+from amb_core.errors import ParameterError, PlantError
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.parameters import flatten, validate
 from amb_core.plant import Plant, PlantParameters, linearize
@@ -99,7 +99,7 @@ def tune(
     try:
         chosen = choose_gains(plant, given).controller
         gains: tuple[float, float] | None = _first_gains(chosen)
-    except PlantError:
+    except (PlantError, ParameterError):  # none stable, or beyond what a controller takes
         require_carrying(family.model, given)
         gains = None
     if gains is None or family.exact_peak(*gains) > highest_peak:

@@ -16,13 +16,16 @@ import numpy as np
 from amb_core.linear.peak import h_infinity_norm
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.loop.linear_control import linear_law
-from amb_core.parameters import flatten, part_of, validate
+from amb_core.parameters import declarations, flatten, part_of, validate
 from amb_core.plant.linearise import Linearization, close_loop
 
 FREQUENCIES = 400
 """On the grid: 66 in a decade, the last at half the sample rate; at the first, 1e-6 of that, a soft loop is at rest."""
 WITHOUT_LISTS: dict[str, tuple[float, ...]] = {"proportional_gains": (), "derivative_gains": ()}
 """No gains of single axes."""
+_MOST = {item.name: item.maximum or np.inf for item in declarations(ControllerParameters)}
+LARGEST = _MOST["proportional_gain"], _MOST["derivative_gain"]
+"""Gains that a controller takes (A/m, A s/m)."""
 
 
 class LoopFamily:
@@ -71,8 +74,11 @@ class LoopFamily:
         return bool(np.abs(np.linalg.eigvals(a)).max() < 1.0)
 
     def peak(self, proportional: float, derivative: float) -> float:
-        """Largest singular value of the sensitivity on the grid (-); infinite if the loop is unstable."""
-        if not self.stable(proportional, derivative):
+        """Largest singular value of the sensitivity on the grid (-).
+
+        Infinite if the loop is unstable, or these gains are beyond what a controller takes.
+        """
+        if proportional > LARGEST[0] or derivative > LARGEST[1] or not self.stable(proportional, derivative):
             return np.inf
         law = np.multiply.outer(self._derivative, self._radial * derivative + self._fixed[1])
         law = law + self._radial * proportional + self._fixed[0]
