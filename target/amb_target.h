@@ -20,7 +20,7 @@
  * starts, after its counter. HELLO_LENGTH: payload of a hello, never shorter than the answer to it. */
 enum {
     AMB_VERSION = 1, AMB_FRAME = 1472, AMB_HEADER = 24, AMB_SEALED = 32, AMB_TAG = 16, AMB_CRC = 4, AMB_NONCE = 16,
-    AMB_KEY = 64, AMB_CHUNK = 1408, AMB_HELLO_LENGTH = 1024
+    AMB_KEY = 64, AMB_SHORTEST_KEY = 16, AMB_CHUNK = 1408, AMB_HELLO_LENGTH = 1024
 };
 
 enum amb_type {
@@ -123,7 +123,8 @@ struct amb_target {
     uint8_t block[2][AMB_FRAME], io[AMB_FRAME];
 };
 
-/* False if the configuration is for another machine than this code is compiled for. */
+/* False if the configuration is for another machine than this code is compiled for, has a number that is none, a limit
+ * that is not positive, or a key of fewer than 16 bytes. */
 bool amb_init(struct amb_target *t, const struct amb_config *config, void *board);
 void amb_control_step(struct amb_target *t); /* once per sample, at the highest priority */
 void amb_poll(struct amb_target *t);         /* as often as possible, in the background: receives and sends */

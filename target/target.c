@@ -3,9 +3,32 @@
 
 enum { ROWS = AMB_HEADER + 8, FLOAT64 = 1, COILS = 2, STATUS = 4 };
 
+static bool usable(double value) { return value > 0.0 && isfinite(value); }
+
+/* Whether axes of one bearing agree about it, and all numbers are such that every comparison with them means something.
+ * A limit may be infinite: never. Axial positions may be unknown (NaN). */
+static bool sound(const struct amb_config *config) {
+    bool right = config->axes && config->axes <= AMB_AXES && config->coils <= 2 * AMB_AXES && config->key_length <= AMB_KEY;
+    if (!right || (config->key_length && config->key_length < AMB_SHORTEST_KEY)) return false;
+    if (!usable(config->sample_rate) || (config->waveform_size && !config->waveform)) return false;
+    for (size_t i = 0; i < AMB_LIMITS; i++)
+        if (!(config->limits[i] > 0.0)) return false;
+    for (const struct amb_axis *axis = config->axis; axis < config->axis + config->axes; axis++) {
+        const double *gains = config->gains[axis - config->axis];
+        if (!usable(axis->number[AMB_CLEARANCE])) return false;
+        for (size_t i = AMB_DIRECTION; i < AMB_CLEARANCE; i++)
+            if (!isfinite(axis->number[i])) return false;
+        for (size_t i = 0; i < AMB_GAINS; i++)
+            if (!(gains[i] >= 0.0) || !isfinite(gains[i])) return false;
+        for (const struct amb_axis *other = config->axis; other < axis; other++)
+            if (!memcmp(other->bearing, axis->bearing, 16) && other->number[AMB_CLEARANCE] != axis->number[AMB_CLEARANCE])
+                return false;
+    }
+    return true;
+}
+
 bool amb_init(struct amb_target *t, const struct amb_config *config, void *board) {
-    if (!config->axes || config->axes > AMB_AXES || config->coils > 2 * AMB_AXES || config->key_length > AMB_KEY ||
-        !(config->sample_rate > 0.0)) return false;
+    if (!sound(config)) return false;
     memset(t, 0, sizeof *t);
     t->config = config;
     t->board = board;

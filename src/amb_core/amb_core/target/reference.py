@@ -162,7 +162,10 @@ class ReferenceTarget:
             raise TargetError(f"nonce {drawn.hex()}; allowed: {NONCE} bytes, not all of the first four 0")
         self.steps = 0
         if not self._library.hosted_init(self._address, ctypes.byref(self._config), drawn):
-            raise TargetError(f"the library has no room for a machine with {self._config.axes} axes")
+            raise TargetError(
+                f"the target does not start with this configuration of {self._config.axes} axes: no room in the library, "
+                "or a number that is not allowed"
+            )
 
     def step(self, time: int | None = None, temperature: float = 0.0, amplifier_fault: bool = False) -> bool:
         """One control step with `position` and `coil_current`; sets `current`. Returns whether the amplifiers are on.
