@@ -8,8 +8,8 @@ static bool usable(double value) { return value > 0.0 && isfinite(value); }
 /* Whether axes of one bearing agree about it, and all numbers are such that every comparison with them means something.
  * A limit may be infinite: never. Axial positions may be unknown (NaN). */
 static bool sound(const struct amb_config *config) {
-    bool right = config->axes && config->axes <= AMB_AXES && config->coils <= 2 * AMB_AXES && config->key_length <= AMB_KEY;
-    if (!right || (config->key_length && config->key_length < AMB_SHORTEST_KEY)) return false;
+    if (!config->axes || config->axes > AMB_AXES || config->coils > 2 * AMB_AXES) return false;
+    if (config->key_length > AMB_KEY || (config->key_length && config->key_length < AMB_SHORTEST_KEY)) return false;
     if (!usable(config->sample_rate) || (config->waveform_size && !config->waveform)) return false;
     for (size_t i = 0; i < AMB_LIMITS; i++)
         if (!(config->limits[i] > 0.0)) return false;
@@ -21,8 +21,8 @@ static bool sound(const struct amb_config *config) {
         for (size_t i = 0; i < AMB_GAINS; i++)
             if (!(gains[i] >= 0.0) || !isfinite(gains[i])) return false;
         for (const struct amb_axis *other = config->axis; other < axis; other++)
-            if (!memcmp(other->bearing, axis->bearing, 16) && other->number[AMB_CLEARANCE] != axis->number[AMB_CLEARANCE])
-                return false;
+            if (!memcmp(other->bearing, axis->bearing, 16) &&
+                other->number[AMB_CLEARANCE] != axis->number[AMB_CLEARANCE]) return false;
     }
     return true;
 }
@@ -43,13 +43,23 @@ bool amb_init(struct amb_target *t, const struct amb_config *config, void *board
     return true;
 }
 
-void amb_ramp(struct amb_target *t, enum amb_state state, double seconds) {
+void amb_move(struct amb_target *t, const double *to, double seconds) {
+    double steps = amb_steps(t, seconds);
     for (size_t a = 0; a < t->config->axes; a++)
-        t->from[a] = state == AMB_LEVITATING ? t->sensors.position[a] : t->reference[a] - t->value[a];
+        steps = fmax(steps, ceil(fabs(to[a] - t->from[a]) * t->config->sample_rate / t->limits[AMB_REFERENCE_SLEW]));
+    t->ramp = t->ramp_left = steps < AMB_FOREVER ? (uint32_t)steps : AMB_FOREVER;
+}
+
+void amb_ramp(struct amb_target *t, enum amb_state state, double seconds) {
+    bool up = state == AMB_LEVITATING;
+    for (size_t a = 0; a < t->config->axes; a++)
+        t->from[a] = up ? t->sensors.position[a] : t->reference[a] - t->value[a];
     amb_disarm(t);
     t->answered = t->step - 1;
     t->state = state;
-    t->ramp = t->ramp_left = amb_steps(t, seconds);
+    if (up) t->debt = 0.0;
+    if (up && seconds == 0.0) t->ramp_left = 0; /* nothing moves yet: the reference begins as the nominal one */
+    else amb_move(t, up ? t->nominal : t->landing, seconds);
     t->settle_left = amb_steps(t, t->limits[AMB_SETTLE_TIME]);
 }
 
@@ -73,8 +83,11 @@ void amb_apply(struct amb_target *t) {
         if (!(fabs(t->current[a]) <= t->limits[AMB_CURRENT_LIMIT])) amb_trip(t, AMB_LAW, a, t->current[a]);
     if (!amb_levitating(t)) {
         memset(t->current, 0, sizeof t->current);
+        memset(t->value, 0, sizeof t->value);
         t->begun = false; /* the law forgets the past */
+        t->excitation = AMB_NONE;
     }
+    board_enable(t->board, amb_levitating(t));
     board_write_currents(t->board, t->current, amb_levitating(t));
 }
 
@@ -107,6 +120,7 @@ void amb_control_step(struct amb_target *t) {
     amb_protect(t);
     amb_excite(t);
     set_reference(t);
+    amb_tune(t);
     if (amb_levitating(t)) amb_law(t);
     amb_apply(t);
     record(t);

@@ -134,7 +134,8 @@ def test_a_late_clock_is_missed_steps_and_beyond_the_limit_a_trip_of_the_watchdo
         step = bench.emulator.steps
         bench.run(10)
         (trip,) = bench.command(commands.heartbeat()).status.trips
-        assert (trip.reason, trip.step, trip.value) == (TripReason.WATCHDOG, step, 20.0)
+        assert (trip.reason, trip.step) == (TripReason.WATCHDOG, step)
+        assert 38.0 < trip.value < 39.0  # both misses, less what the steps in between have paid back
 
 
 def test_a_wrong_key_is_refused_and_the_right_one_taken() -> None:

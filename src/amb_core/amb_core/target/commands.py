@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -37,11 +38,19 @@ class CommandWriter:
     def __init__(self, session: Session, counter: int = 0) -> None:
         self.session = session
         self.counter = counter
+        self._writing = threading.Lock()
 
     def write(self, command: Command) -> bytes:
         """Frame of a command, with the next counter. If its reply is lost, send the same frame again."""
-        self.counter += 1
-        return seal(self.session, command.type, self.counter, command.body, self.counter & 0xFFFFFFFF, command.step)
+        with self._writing:
+            self.counter += 1
+            counter = self.counter
+        return seal(self.session, command.type, counter, command.body, counter & 0xFFFFFFFF, command.step)
+
+    def catch_up(self, counter: int) -> None:
+        """Go on after a counter that the target has accepted, from this host or another."""
+        with self._writing:
+            self.counter = max(self.counter, counter)
 
 
 def heartbeat() -> Command:
