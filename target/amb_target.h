@@ -20,7 +20,7 @@
  * starts, after its counter. HELLO_LENGTH: shortest payload of a hello, at least as long as the answer to it. */
 enum {
     AMB_VERSION = 2, AMB_FRAME = 1472, AMB_HEADER = 24, AMB_SEALED = 32, AMB_TAG = 16, AMB_CRC = 4, AMB_NONCE = 16,
-    AMB_CHALLENGE = 16,    AMB_KEY = 64, AMB_SHORTEST_KEY = 16, AMB_CHUNK = 1408, AMB_HELLO_LENGTH = 1152
+    AMB_CHALLENGE = 16, AMB_KEY = 64, AMB_SHORTEST_KEY = 16, AMB_CHUNK = 1408, AMB_HELLO_LENGTH = 1152
 };
 
 enum amb_type {

@@ -123,7 +123,7 @@ class AmbUdpLink(HostLoopLink):
         # Times of the monotonic clock (s)
         self._next_hello = self._next_heartbeat = self._next_clock = -math.inf
         self._heard = self._sealed = self._sampled = -math.inf
-        self._known_step = 0  # in the latest sealed reply
+        self._known_step = self._answered = 0  # step in the latest sealed reply, and the counter of its command
         self._frame_steps = self._reached = 0  # steps of a frame of telemetry; the step after the last sample
         self._clock: tuple[int, int] | None = None  # of host and target (ns), when the session began
         self._last_known: object = None  # state, excitation and trips in the latest reply
@@ -370,7 +370,10 @@ class AmbUdpLink(HostLoopLink):
             if (answer.state, answer.excitation, answer.trips) != self._last_known:
                 self._next_heartbeat = now
             return
-        self._sealed, self._searching, self._known_step = now, False, answer.status.step
+        if answer.counter <= self._answered:  # again, by the network or by somebody in it
+            return
+        self._answered, self._sealed, self._searching = answer.counter, now, False
+        self._known_step = answer.status.step
         self._note_clock(answer)
         if answer.counter == self._awaited and not self._replied.is_set():
             self._reply = answer
@@ -470,7 +473,7 @@ class AmbUdpLink(HostLoopLink):
         version = ".".join(map(str, page.firmware_version))
         room = page.waveform_bytes // (8 * page.axes)
         self._known = TargetDescription(machine_of(pages), page.limits, f"{page.firmware} {version}", room, page.nonce)
-        self._sent, self._known_step = None, 0
+        self._sent, self._known_step, self._answered = None, 0, 0
         return self._known
 
     # -- frames
