@@ -46,8 +46,12 @@ static bool within(double value, double low, double high) { return value >= low 
 static enum amb_code levitate(struct amb_target *t, double seconds) {
     if (t->trips) return AMB_LATCHED;
     if (t->state != AMB_OFF || !t->measured) return AMB_WRONG_STATE;
-    bool lies = true; /* within its bearings */
-    for (size_t a = 0; a < t->config->axes; a++) lies = lies && t->share[t->group[a]] <= t->limits[AMB_CONTACT_SHARE];
+    bool lies = true, held = true; /* within its bearings; by a law with stiffness */
+    for (size_t a = 0; a < t->config->axes; a++) {
+        lies = lies && t->share[t->group[a]] <= t->limits[AMB_CONTACT_SHARE];
+        held = held && (t->law == AMB_STATE_SPACE || t->gains[a][AMB_PROPORTIONAL] > 0.0);
+    }
+    if (!held) return AMB_BAD_VALUE;
     if (!lies || !amb_keeps_distance(t, t->nominal, t->limits, false)) return AMB_BEYOND_LIMIT;
     amb_ramp(t, AMB_LEVITATING, seconds);
     return AMB_DONE;
@@ -99,7 +103,7 @@ static enum amb_code new_limits(const struct amb_target *t, const double *value)
 }
 
 static enum amb_code new_reference(const struct amb_target *t, bool landing, const double *value) {
-    double whole[AMB_LIMITS] = {[AMB_ALARM_SHARE] = 1.0};
+    double whole[AMB_LIMITS] = {[AMB_ALARM_SHARE] = 1.0, [AMB_TRIP_SHARE] = 1.0};
     bool excited = !landing && t->excitation != AMB_NONE;
     if (!amb_keeps_distance(t, value, landing ? whole : t->limits, false)) return AMB_BAD_VALUE;
     if (t->state != AMB_OFF && t->state != AMB_LEVITATED) return AMB_WRONG_STATE;

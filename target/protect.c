@@ -56,7 +56,9 @@ double amb_radius(const struct amb_target *t, size_t bearing, const double *at, 
 bool amb_keeps_distance(const struct amb_target *t, const double *nominal, const double *limits, bool excited) {
     for (size_t a = 0; a < t->config->axes; a++) {
         double clearance = t->config->axis[a].number[AMB_CLEARANCE], radius = amb_radius(t, a, nominal, NULL);
-        if (!(radius <= limits[AMB_ALARM_SHARE] * clearance)) return false;
+        if (t->state == AMB_LEVITATED) /* it may still be on its way from there */
+            radius = fmax(radius, amb_radius(t, a, t->reference, t->value) * (1.0 - 1e-9));
+        if (!(radius <= fmin(limits[AMB_ALARM_SHARE], limits[AMB_TRIP_SHARE]) * clearance)) return false;
         if (excited && !(radius + t->upload.reach[a] <= limits[AMB_TRIP_SHARE] * clearance)) return false;
     }
     return true;

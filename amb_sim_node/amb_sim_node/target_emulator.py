@@ -60,6 +60,7 @@ class TargetEmulatorNode(Node):
                 settings.real_time_factor,
                 settings.real_time,
                 settings.host_patience,
+                settings.plant_waits,
             )
         )
         self._ended = self._logged = ""

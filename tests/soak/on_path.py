@@ -125,7 +125,11 @@ def _changed_replies(path: OnPath, frame: bytes, extra: bool) -> list[bytes]:
     """Replies with other codes and counters, before the genuine ones."""
     if extra or frame[5] != FrameType.REPLY:
         return leave_alone(path, frame, extra)
-    return [resummed(frame[:24] + bytes([frame[24] ^ 1]) + frame[25:]), resummed(frame[:33] + b"\1" + frame[34:]), frame]
+    return [
+        resummed(frame[:24] + bytes([frame[24] ^ 1]) + frame[25:]),
+        resummed(frame[:33] + b"\1" + frame[34:]),
+        frame,
+    ]
 
 
 def _repeated_replies(path: OnPath, frame: bytes, extra: bool) -> list[bytes]:

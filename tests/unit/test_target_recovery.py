@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import socket
 import struct
@@ -151,7 +152,7 @@ def test_what_it_changes_afterwards_is_sent_and_moves_slowly(served: ServedEmula
         link.configure(TargetSettings(moved, description.limits, ()))
         listener.wait_for(lambda: bool(listener.blocks) and listener.blocks[-1].reference[-1, 1] == 40e-6)
         reference = [row for block in listener.blocks for row in block.reference[:, 1].tolist()]
-        assert max(abs(after - before) for before, after in zip(reference, reference[1:], strict=False)) < 1.01e-6
+        assert max(abs(after - before) for before, after in itertools.pairwise(reference)) < 1.01e-6
     finally:
         link.close()
 
