@@ -78,7 +78,7 @@ struct amb_upload {
     uint8_t kind;
     bool complete;
     uint16_t order, inputs;
-    uint32_t id, size, crc, steps, chunks, checked, sum;
+    uint32_t id, size, crc, steps, chunks, arrived, checked, sum;
     double amplitude, slew;  /* infinite amplitude: a number is not finite */
     double reach[AMB_AXES];  /* radially, of each bearing (m) */
     uint8_t bitmap[(AMB_CHUNKS + 7) / 8];
@@ -104,7 +104,7 @@ struct amb_target {
     double wanted[AMB_AXES][2], former[AMB_AXES][2];
     /* Controllers */
     enum { AMB_PD, AMB_STATE_SPACE, AMB_HOST, AMB_HOST_OR_LAND } law; /* without the host: off, or the PD lands */
-    bool matrices_ready, begun;
+    bool matrices_ready, begun; /* the background copies matrices without the lock: while nothing uses them */
     double gains[AMB_AXES][AMB_GAINS], derivative[AMB_AXES], differentiated[AMB_AXES];
     uint16_t order, inputs;
     uint64_t answered, spent; /* steps of the latest current of the host, and of the latest that was genuine */

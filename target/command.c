@@ -233,6 +233,7 @@ void amb_receive(struct amb_target *t, size_t length, const struct amb_peer *fro
         if (judgement == AMB_REPLAYED && !memcmp(t->io + end, t->last_tag, AMB_TAG)) reply(t, true, from);
         return;
     }
+    if (type == AMB_COMMIT && end == AMB_SEALED + 4) amb_copy_matrices(t, amb_get32(body));
     board_lock(t->board);
     if (type == AMB_CURRENT) {
         if (amb_take_current(t, step, body, end - AMB_SEALED)) t->last_heard = t->step;

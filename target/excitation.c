@@ -42,6 +42,7 @@ enum amb_code amb_data(struct amb_target *t, const uint8_t *body, size_t length)
     if (received(t, index)) return AMB_SILENT; /* it may have been checked, and must not change any more */
     memcpy(t->config->waveform + first, body + 8, length - 8);
     t->upload.bitmap[index / 8] = (uint8_t)(t->upload.bitmap[index / 8] | 1 << index % 8);
+    t->upload.arrived++;
     return AMB_SILENT;
 }
 
@@ -70,17 +71,25 @@ void amb_digest(struct amb_target *t) {
     t->upload.checked++;
 }
 
+/* Without the lock, since it takes long: only the background can levitate a rotor with matrices. */
+void amb_copy_matrices(struct amb_target *t, uint32_t id) {
+    bool whole = t->upload.id && id == t->upload.id && t->upload.checked == t->upload.chunks && isfinite(t->upload.amplitude);
+    if (!whole || t->upload.kind != STATE_SPACE || t->upload.sum != t->upload.crc) return;
+    board_lock(t->board);
+    bool used = amb_levitating(t) && t->law == AMB_STATE_SPACE;
+    board_unlock(t->board);
+    for (size_t i = 0; i < t->upload.size / 8 && !used; i++) t->matrices[i] = number(t, i);
+}
+
 enum amb_code amb_commit(struct amb_target *t, uint32_t id) {
     if (!t->upload.id || id != t->upload.id) return AMB_NO_UPLOAD;
-    for (uint32_t i = t->upload.checked; i < t->upload.chunks; i++)
-        if (!received(t, i)) return AMB_INCOMPLETE;
+    if (t->upload.arrived < t->upload.chunks) return AMB_INCOMPLETE;
     if (t->upload.checked < t->upload.chunks) return AMB_BUSY;
     if (t->upload.sum != t->upload.crc) return AMB_CHECKSUM;
     if (isinf(t->upload.amplitude)) return AMB_BAD_VALUE;
     if (t->upload.kind == STATE_SPACE) {
         if (amb_levitating(t) && t->law == AMB_STATE_SPACE) return AMB_WRONG_STATE;
         t->order = t->upload.order, t->inputs = t->upload.inputs;
-        for (size_t i = 0; i < t->upload.size / 8; i++) t->matrices[i] = number(t, i);
         t->matrices_ready = true;
     } else if (beyond_limit(t)) return AMB_BEYOND_LIMIT;
     t->upload.complete = true;

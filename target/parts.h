@@ -44,6 +44,7 @@ uint32_t amb_steps(const struct amb_target *t, double seconds);
 enum amb_code amb_begin(struct amb_target *t, const uint8_t *body);
 enum amb_code amb_data(struct amb_target *t, const uint8_t *body, size_t length);
 void amb_digest(struct amb_target *t);
+void amb_copy_matrices(struct amb_target *t, uint32_t id); /* of an upload that can be committed, before the lock */
 enum amb_code amb_commit(struct amb_target *t, uint32_t id);
 enum amb_code amb_arm(struct amb_target *t, uint64_t step, uint32_t id);
 void amb_disarm(struct amb_target *t);

@@ -34,7 +34,7 @@ void amb_watch(struct amb_target *t) {
     t->count[AMB_MISSED] += (uint32_t)missed + (unanswered > 0);
     if (!amb_levitating(t)) t->debt = 0.0;
     else if (lost(t, missed + (unanswered > 0))) {
-        if (unanswered && t->law == AMB_HOST_OR_LAND) gone = true, t->debt = 0.0;
+        if (unanswered && !missed && t->law == AMB_HOST_OR_LAND) gone = true, t->debt = 0.0;
         else amb_trip(t, AMB_WATCHDOG, 0, t->debt);
     }
     gone = gone && amb_levitating(t) && t->state != AMB_LANDING;
@@ -55,6 +55,7 @@ double amb_radius(const struct amb_target *t, size_t bearing, const double *at, 
 
 bool amb_keeps_distance(const struct amb_target *t, const double *nominal, const double *limits, bool excited) {
     for (size_t a = 0; a < t->config->axes; a++) {
+        if (t->group[a] != a) continue;
         double clearance = t->config->axis[a].number[AMB_CLEARANCE], radius = amb_radius(t, a, nominal, NULL);
         if (t->state == AMB_LEVITATED) /* it may still be on its way from there */
             radius = fmax(radius, amb_radius(t, a, t->reference, t->value) * (1.0 - 1e-9));

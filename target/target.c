@@ -143,30 +143,44 @@ void amb_send(struct amb_target *t, uint8_t *frame, const uint8_t *end, uint8_t 
               const struct amb_peer *to) {
     size_t length = amb_close(t, frame, end, type, step);
     t->sequence++;
-    if (!board_send(t->board, frame, length, to)) t->count[AMB_UNSENT]++;
+    if (board_send(t->board, frame, length, to)) return;
+    board_lock(t->board);
+    t->count[AMB_UNSENT]++;
+    board_unlock(t->board);
 }
 
+/* The sample interrupt leaves a block alone as long as it is pending. */
 static void send_telemetry(struct amb_target *t) {
-    uint8_t *block = t->block[t->filling ^ 1], *p = block + AMB_HEADER;
+    board_lock(t->board);
+    bool pending = t->pending;
+    size_t full = t->filling ^ 1;
+    uint64_t first = t->first[full];
+    board_unlock(t->board);
+    if (!pending) return;
+    uint8_t *block = t->block[full], *p = block + AMB_HEADER;
     uint32_t coils = t->options & COILS ? t->config->coils : 0u;
     p = amb_put(p, t->options | (uint32_t)t->config->axes << 8 | coils << 16, 4);
     p = amb_put(p, t->per_frame | (uint32_t)t->row << 16, 4) + (size_t)t->per_frame * t->row;
-    amb_send(t, block, p, AMB_TELEMETRY, t->first[t->filling ^ 1], &t->peer);
+    amb_send(t, block, p, AMB_TELEMETRY, first, &t->peer);
+    board_lock(t->board);
     t->pending = false;
+    board_unlock(t->board);
 }
 
 void amb_poll(struct amb_target *t) {
     struct amb_peer from;
     size_t length = 1;
     for (int frames = 0; frames < 8 && length; frames++) {
-        if (t->pending) send_telemetry(t);
+        send_telemetry(t);
         length = board_receive(t->board, t->io, sizeof t->io, &from);
         if (length) amb_receive(t, length, &from);
         amb_digest(t);
     }
     uint64_t step;
+    board_lock(t->board);
     bool report = t->report; /* taken back before the status is read, so that no trip is missed in between */
     t->report = false;
+    board_unlock(t->board);
     uint8_t *end = amb_put_status(t, t->io + AMB_HEADER, &step);
     if (!t->per_frame || (!report && step - t->last_status < amb_steps(t, 0.1))) return;
     t->last_status = step;
