@@ -29,18 +29,19 @@ void amb_watch(struct amb_target *t) {
     uint64_t now = board_time(t->board), since = now - t->last_time + t->period / 2;
     uint64_t missed = t->step && since >= 2 * t->period ? since / t->period - 1 : 0;
     uint64_t unanswered = amb_by_host(t) ? t->step - 1 - t->answered : 0, silence = t->step - t->last_heard;
+    double owed = 0.0;
     bool gone = (double)silence / t->config->sample_rate >= t->limits[AMB_LAND_TIME];
     t->last_time = now;
     t->count[AMB_MISSED] += (uint32_t)missed + (unanswered > 0);
     if (!amb_levitating(t)) t->debt = 0.0;
     else if (lost(t, missed + (unanswered > 0))) {
-        if (unanswered && !missed && t->law == AMB_HOST_OR_LAND) gone = true, t->debt = 0.0;
+        if (unanswered && !missed && t->law == AMB_HOST_OR_LAND) gone = true, owed = t->debt, t->debt = 0.0;
         else amb_trip(t, AMB_WATCHDOG, 0, t->debt);
     }
     gone = gone && amb_levitating(t) && t->state != AMB_LANDING;
     bool excited = t->excitation == AMB_ARMED || t->excitation == AMB_PLAYING;
     if (gone || (excited && silence >= amb_steps(t, t->limits[AMB_HOST_TIME])))
-        amb_trip(t, AMB_HOST_SILENT, 0, (double)(silence > unanswered ? silence : unanswered));
+        amb_trip(t, AMB_HOST_SILENT, 0, fmax((double)silence, owed));
     if (gone) amb_ramp(t, AMB_LANDING, t->limits[AMB_SETTLE_TIME]);
 }
 

@@ -31,6 +31,11 @@ class TargetEmulatorParameters(Parameters):
         0.0,
         60.0,
     )
+    ideal: bool = switch(
+        False,
+        "whether the plant is that of the simulation, bit for bit; otherwise its rotor lies on the backup bearing "
+        "while it is off, and bounces on it, and its sensors have noise and quantisation",
+    )
     plant_waits: bool = switch(
         False,
         "whether the plant stands still in steps that a late machine has missed; otherwise it moves on with the "

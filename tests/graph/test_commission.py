@@ -45,6 +45,7 @@ def parameters(folder: Path, addition: str = "", machine: Path | None = None) ->
         "real_time_factor": 0.4,
         "limits": {"missed_steps": 1e9, "host_time": 1e3},
         "plant_waits": True,
+        "ideal": True,
     }
     if addition:
         emulator |= yaml.safe_load(addition)["/amb/target_emulator"]["ros__parameters"]

@@ -110,7 +110,7 @@ def trips(folder: Path, machine: Path, each: int = 50) -> dict[str, Any]:
     tried: Counter[str] = Counter()
     right: Counter[str] = Counter()
     for number, (kinds, of_target, of_bridge) in enumerate(rigs):
-        emulator = {"limits": of_target, "plant_waits": True}
+        emulator = {"limits": of_target, "plant_waits": True, "ideal": True}
         bridge = {"levitation_time": 0.0, **of_bridge}
         with Session(folder, machine, target_emulator=emulator, hardware_bridge=bridge) as session:
             session.amb.rig.connect()

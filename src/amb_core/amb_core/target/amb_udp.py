@@ -457,10 +457,9 @@ class AmbUdpLink(HostLoopLink):
                 self.count.refused += 1
                 return
         self._writer.catch_up(pages[0].counter)
-        self._silent, self._heard, self._sealed = False, now, now
-        self._sampled = -math.inf if rebooted else now if silent else self._sampled
-        self._next_heartbeat = now
+        self._silent, self._sealed, self._next_heartbeat = False, now, now
         if silent or rebooted:
+            self._heard, self._sampled = now, -math.inf if rebooted else now
             self._listener.on_return(known, rebooted)
 
     def _begin_session(self) -> TargetDescription:
