@@ -210,7 +210,7 @@ class AmbUdpLink(HostLoopLink):
         by_host = bool(settings.without_host)
         if levitated and status.by_host != by_host:
             raise TargetError("the rotor is levitated in the other mode of the loop; land it first")
-        wanted = _commands(settings, law, axes)
+        wanted = commands.settings(settings, law, axes)
         if levitated and self._sent is None:
             self._waiting_settings = settings
         else:
@@ -503,18 +503,3 @@ class AmbUdpLink(HostLoopLink):
         except OSError:  # nobody listens at the target's port
             time.sleep(RECEIVE_TIMEOUT)
             return None
-
-
-def _commands(settings: TargetSettings, law: KnownController, axes: int) -> dict[str, Command]:
-    """Limits, gains and references, in the order in which they are sent."""
-    none = (0.0,) * axes
-    if isinstance(law, LinearControl):
-        nominal, gains = law.parameters.nominal_reference, {}
-    else:
-        nominal, gains = law.nominal_reference, {"gains": commands.gains(law, axes)}
-    return {
-        "limits": commands.limits(settings.limits),
-        **gains,
-        "nominal": commands.nominal_reference(nominal or none),
-        "landing": commands.landing_reference(settings.landing_reference or none),
-    }

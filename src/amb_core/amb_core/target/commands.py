@@ -10,9 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.pd_parameters import ControllerParameters, pack_gains
 from amb_core.target.frames import Session, seal
 from amb_core.target.layout import FrameType, Law, Limits, ParameterKind
+from amb_core.target.link import TargetSettings
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,22 @@ def landing_reference(position: Sequence[float]) -> Command:
 def limits(values: Limits) -> Command:
     """Limits; none may be above that of the target's configuration."""
     return Command(FrameType.PARAMETERS, struct.pack("<Q", ParameterKind.LIMITS) + values.to_bytes())
+
+
+def settings(wanted: TargetSettings, law: KnownController, axes: int) -> dict[str, Command]:
+    """Limits, gains of a PD law, and references, by kind and in the order in which they are sent."""
+    gains_of_pd: dict[str, Command] = {}
+    if isinstance(law, LinearControl):
+        nominal = law.parameters.nominal_reference
+    else:
+        nominal, gains_of_pd = law.nominal_reference, {"gains": gains(law, axes)}
+    none = (0.0,) * axes
+    return {
+        "limits": limits(wanted.limits),
+        **gains_of_pd,
+        "nominal": nominal_reference(nominal or none),
+        "landing": landing_reference(wanted.landing_reference or none),
+    }
 
 
 def controller(law: Law) -> Command:
