@@ -58,9 +58,11 @@ bool amb_keeps_distance(const struct amb_target *t, const double *nominal, const
     for (size_t a = 0; a < t->config->axes; a++) {
         if (t->group[a] != a) continue;
         double clearance = t->config->axis[a].number[AMB_CLEARANCE], radius = amb_radius(t, a, nominal, NULL);
+        double farthest = fmin(limits[AMB_ALARM_SHARE], limits[AMB_TRIP_SHARE]) * clearance, present = 0.0;
         if (t->state == AMB_LEVITATED) /* it may still be on its way from there */
-            radius = fmax(radius, amb_radius(t, a, t->reference, t->value) * (1.0 - 1e-9));
-        if (!(radius <= fmin(limits[AMB_ALARM_SHARE], limits[AMB_TRIP_SHARE]) * clearance)) return false;
+            present = amb_radius(t, a, t->reference, t->value) * (1.0 - 1e-9);
+        if (!(radius <= farthest) || !(present <= farthest)) return false; /* NaN too, which fmax would hide */
+        radius = fmax(radius, present);
         if (excited && !(radius + t->upload.reach[a] <= limits[AMB_TRIP_SHARE] * clearance)) return false;
     }
     return true;

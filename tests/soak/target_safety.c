@@ -72,6 +72,7 @@ static void check(bool on, const double *measured) {
     breaks(!on && (t->excitation != AMB_NONE || t->value[0] != 0.0), "an excitation while off");
     for (size_t a = 0; a < AXES; a++) {
         radius += measured[a] * measured[a], wanted += t->reference[a] * t->reference[a];
+        breaks(!isfinite(t->reference[a]) || !isfinite(t->nominal[a]), "a reference that is no number");
         breaks(!(fabs(current[a]) <= t->limits[AMB_CURRENT_LIMIT]) || (!on && current[a] != 0.0), "current");
         breaks(on && !(fabs(measured[a]) <= t->limits[AMB_SENSOR_LIMIT]), "on with a sensor out of its range");
         saturated[a] = on && fabs(current[a]) >= t->limits[AMB_CURRENT_LIMIT] ? saturated[a] + 1 : 0;

@@ -98,7 +98,8 @@ OVERFLOW = {"law": Kind(Trip.LAW, lambda session: None, axis="x", steps=100)}
 
 def trips(folder: Path, machine: Path, each: int = 50) -> dict[str, Any]:
     """So many trips of every kind: reason, axis, latched, and the second before it in the bag."""
-    limits = {"missed_steps": float(MISSED), "missed_share": 1.0, "host_time": HOST_TIME, "saturation_time": 100.0}
+    limits = {"missed_steps": float(MISSED), "missed_share": 1.0, "host_time": HOST_TIME}
+    limits |= {"saturation_time": 100.0, "lock_time": 1e-3}
     weak = {**limits, "coil_current": 5.0, "settle_time": 100.0, "lift_time": 100.0}
     law = folder / "overflow.json"
     overflowing(pd_as_linear(controller_of(machine))).save(law)

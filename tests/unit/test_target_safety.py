@@ -137,6 +137,13 @@ def test_the_nominal_reference_is_checked_radially() -> None:
     assert code(rig, commands.landing_reference((200e-6, 200e-6))) == Code.BAD_VALUE
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_reference_that_is_no_number_is_refused_in_every_state(value: float) -> None:
+    for rig in (Rig(2), levitated()):
+        for write in (commands.nominal_reference, commands.landing_reference):
+            assert code(rig, write((0.0, value))) == Code.BAD_VALUE
+
+
 def armed(rig: Rig, samples: np.ndarray, number: int = 1) -> Code:
     assert rig.upload(excitation_upload(number, samples)).code == Code.DONE
     return code(rig, commands.arm(number, rig.target.steps + 20))
