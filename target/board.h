@@ -1,4 +1,4 @@
-/* What a port implements: eight functions. `board` is the pointer that was given to amb_init. */
+/* What a port implements: nine functions. `board` is the pointer that was given to amb_init. */
 #ifndef AMB_BOARD_H
 #define AMB_BOARD_H
 
@@ -9,6 +9,9 @@ void board_read_sensors(void *board, struct amb_sensors *sensors);
 /* Sample interrupt, and locked background for currents of the host: control current references (A), added to the bias.
  * `enabled` false: all coils without current, bias included. Also the place to serve the hardware watchdog. */
 void board_write_currents(void *board, const double *current, bool enabled);
+/* Sample interrupt, and locked background: output for the enable of the amplifiers in hardware, on a path of its own,
+ * beside `enabled` above. Off before the currents are, on before they flow. */
+void board_enable(void *board, bool on);
 /* Monotonic time (ns); may start anywhere. */
 uint64_t board_time(void *board);
 /* Numbers that nobody can predict, different at every boot. */

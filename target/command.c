@@ -5,7 +5,7 @@ uint8_t *amb_put_status(struct amb_target *t, uint8_t *p, uint64_t *step) {
     board_lock(t->board);
     *step = t->step;
     unsigned flags = (unsigned)t->alarm | (unsigned)t->excitation << 1 | (t->per_frame ? 16u : 0u) |
-                     (t->upload.complete ? 32u : 0u) | (t->matrices_ready ? 64u : 0u);
+                     (t->upload.complete ? 32u : 0u) | (t->lock_left ? 8u : 0u) | (t->matrices_ready ? 64u : 0u);
     p = amb_put(p, (unsigned)t->state | (unsigned)t->law << 8 | (unsigned)t->trips << 16 | flags << 24, 4);
     for (size_t i = 0; i < AMB_COUNTS; i++) p = amb_put(p, t->count[i], 4);
     p = amb_put(p, t->counter, 8);
@@ -22,8 +22,9 @@ static void describe(struct amb_target *t, const struct amb_peer *to) {
     const struct amb_config *config = t->config;
     size_t axes = config->axes, first = t->io[AMB_HEADER] < axes ? t->io[AMB_HEADER] : 0;
     size_t count = axes - first < 8 ? axes - first : 8;
-    uint8_t *p = amb_put_bytes(t->io + AMB_HEADER, t->nonce, AMB_NONCE);
-    p = amb_put(p, t->counter, 8);
+    uint8_t *p = t->io + AMB_HEADER;
+    memmove(p, p + 8, AMB_CHALLENGE); /* of the hello, so that nobody can answer it with what was true before */
+    p = amb_put(amb_put_bytes(p + AMB_CHALLENGE, t->nonce, AMB_NONCE), t->counter, 8);
     p = amb_put_bytes(amb_put_bytes(p, config->machine, 32), config->firmware, 32);
     p = amb_put_double(p, config->sample_rate);
     p = amb_put(amb_put(p, config->firmware_version, 4), config->waveform_size, 4);
@@ -35,41 +36,111 @@ static void describe(struct amb_target *t, const struct amb_peer *to) {
         p = amb_put_bytes(amb_put_bytes(p, axis->name, 16), axis->bearing, 16);
         for (size_t i = 0; i < AMB_NUMBERS; i++) p = amb_put_double(p, axis->number[i]);
     }
-    amb_send(t, t->io, p, AMB_DESCRIPTION, 0, to);
+    amb_close(t, t->io, p + AMB_TAG, AMB_DESCRIPTION, 0); /* the tag protects the header, too */
+    amb_tag(t, t->io, (size_t)(p - t->io), p);
+    amb_send(t, t->io, p + AMB_TAG, AMB_DESCRIPTION, 0, to);
 }
 
 static bool within(double value, double low, double high) { return value >= low && value <= high; /* not NaN */ }
 
-static enum amb_code set_motion(struct amb_target *t, uint8_t type, double seconds) {
-    bool up = type == AMB_LEVITATE;
-    if (!within(seconds, 0.0, 60.0)) return AMB_BAD_VALUE;
-    if (up && t->trips) return AMB_LATCHED;
-    if (up ? t->state != AMB_OFF || t->step == 0 : !amb_levitating(t)) return AMB_WRONG_STATE;
-    if (t->state != AMB_LANDING) amb_ramp(t, up ? AMB_LEVITATING : AMB_LANDING, seconds);
+static enum amb_code levitate(struct amb_target *t, double seconds) {
+    if (t->trips) return AMB_LATCHED;
+    if (t->state != AMB_OFF || !t->measured) return AMB_WRONG_STATE;
+    bool lies = true, held = true; /* within its bearings; by a law with stiffness */
+    for (size_t a = 0; a < t->config->axes; a++) {
+        lies = lies && t->share[t->group[a]] <= t->limits[AMB_CONTACT_SHARE];
+        held = held && (t->law == AMB_STATE_SPACE || t->gains[a][AMB_PROPORTIONAL] > 0.0);
+    }
+    if (!held) return AMB_BAD_VALUE;
+    if (!lies || !amb_keeps_distance(t, t->nominal, t->limits, false)) return AMB_BEYOND_LIMIT;
+    amb_ramp(t, AMB_LEVITATING, seconds);
     return AMB_DONE;
 }
 
-static bool allowed(const struct amb_target *t, uint8_t kind, size_t index, double value) {
+/* In no time: off, at once, whatever goes on. A landing can be shortened, but not drawn out. */
+static enum amb_code land(struct amb_target *t, double seconds) {
+    if (seconds == 0.0) {
+        if (amb_levitating(t)) t->state = AMB_OFF;
+        amb_apply(t);
+        return AMB_DONE;
+    }
+    if (!amb_levitating(t)) return AMB_WRONG_STATE;
+    if (t->state != AMB_LANDING || amb_steps(t, seconds) < t->ramp_left) amb_ramp(t, AMB_LANDING, seconds);
+    return AMB_DONE;
+}
+
+/* Gains of a levitated rotor stay within half and twice what they are; the filter of the derivative stays. */
+static enum amb_code new_gains(const struct amb_target *t, const double *value) {
     static const double most[AMB_GAINS] = {1e6, 1e4, 1.0, 1e7, 1.0};
-    size_t gain = index % AMB_GAINS;
-    if (kind == 1) return within(value, 0.0, most[gain]) && (gain != AMB_ON_ERROR || value == 0.0 || value == 1.0);
-    if (kind == 4) return value > 0.0 && value <= t->config->limits[index];
-    double reach = (kind == 2 ? t->limits[AMB_ALARM_SHARE] : 1.0) * t->config->axis[index].number[AMB_CLEARANCE];
-    return within(value, -reach, reach);
+    for (size_t i = 0; i < t->config->axes * AMB_GAINS; i++) {
+        size_t gain = i % AMB_GAINS;
+        double now = t->gains[i / AMB_GAINS][gain];
+        if (!within(value[i], 0.0, most[gain]) || (gain == AMB_ON_ERROR && value[i] != 0.0 && value[i] != 1.0))
+            return AMB_BAD_VALUE;
+        if (!amb_levitating(t)) continue;
+        if (gain > AMB_DERIVATIVE && value[i] != now) return AMB_WRONG_STATE;
+        if (gain <= AMB_DERIVATIVE && !within(value[i], 0.5 * now, 2.0 * now)) return AMB_BEYOND_LIMIT;
+    }
+    return AMB_DONE;
+}
+
+/* While the rotor is levitated only those limits change with which nothing can move it. */
+static enum amb_code new_limits(const struct amb_target *t, const double *value) {
+    static const uint32_t passive = 1u << AMB_ALARM_SHARE | 1u << AMB_TRIP_SHARE | 1u << AMB_AMPLITUDE_LIMIT |
+                                    1u << AMB_SLEW_LIMIT | 1u << AMB_HOST_TIME | 1u << AMB_LAND_TIME |
+                                    1u << AMB_FADE_TIME;
+    bool settled = t->state == AMB_LEVITATED && !t->settle_left, excited = t->excitation != AMB_NONE;
+    for (size_t i = 0; i < AMB_LIMITS; i++)
+        if (!(value[i] > 0.0 && value[i] <= t->config->limits[i])) return AMB_BAD_VALUE;
+    if (value[AMB_LOCK_TIME] != t->config->limits[AMB_LOCK_TIME]) return AMB_BAD_VALUE; /* less of it protects less */
+    if (!amb_levitating(t)) return AMB_DONE;
+    for (size_t i = 0; i < AMB_LIMITS; i++)
+        if (value[i] != t->limits[i] && !(passive >> i & 1)) return AMB_WRONG_STATE;
+    for (size_t a = 0; a < t->config->axes; a++)
+        if (settled && t->group[a] == a && !(t->share[a] <= value[AMB_TRIP_SHARE])) return AMB_BEYOND_LIMIT;
+    if (excited && t->upload.amplitude > 60.0 * value[AMB_SLEW_LIMIT]) return AMB_BEYOND_LIMIT; /* it could not fade */
+    return amb_keeps_distance(t, t->nominal, value, excited) ? AMB_DONE : AMB_BEYOND_LIMIT;
+}
+
+static enum amb_code new_reference(const struct amb_target *t, bool landing, const double *value) {
+    double whole[AMB_LIMITS] = {[AMB_ALARM_SHARE] = 1.0, [AMB_TRIP_SHARE] = 1.0};
+    bool excited = !landing && t->excitation != AMB_NONE;
+    if (!amb_keeps_distance(t, value, landing ? whole : t->limits, false)) return AMB_BAD_VALUE;
+    if (t->state != AMB_OFF && t->state != AMB_LEVITATED) return AMB_WRONG_STATE;
+    return amb_keeps_distance(t, value, landing ? whole : t->limits, excited) ? AMB_DONE : AMB_BEYOND_LIMIT;
+}
+
+static void use_gains(struct amb_target *t, const double *value) {
+    if (!amb_levitating(t)) {
+        memcpy(t->gains, value, t->config->axes * sizeof *t->gains);
+        t->gain_left = 0;
+        return;
+    }
+    for (size_t a = 0; a < t->config->axes; a++) {
+        memcpy(t->former[a], t->gains[a], sizeof t->former[a]);
+        memcpy(t->wanted[a], value + a * AMB_GAINS, sizeof t->wanted[a]);
+    }
+    t->gain_ramp = t->gain_left = amb_steps(t, t->limits[AMB_SETTLE_TIME]) + 1;
 }
 
 /* All values are checked before the first is used. */
 static enum amb_code set_parameters(struct amb_target *t, const uint8_t *body, size_t length) {
-    size_t axes = t->config->axes;
-    uint8_t kind = body[0];
-    double *values = kind == 1 ? t->gains[0] : kind == 2 ? t->nominal : kind == 3 ? t->landing : t->limits;
-    size_t count = kind == 1 ? axes * AMB_GAINS : kind == 4 ? AMB_LIMITS : axes;
-    if (kind < 1 || kind > 4) return AMB_UNKNOWN;
+    double value[AMB_AXES * AMB_GAINS];
+    size_t axes = t->config->axes, count = body[0] == 1 ? axes * AMB_GAINS : body[0] == 4 ? AMB_LIMITS : axes;
+    if (body[0] < 1 || body[0] > 4) return AMB_UNKNOWN;
     if (length != 8 + 8 * count) return AMB_BAD_LENGTH;
-    for (size_t i = 0; i < count; i++)
-        if (!allowed(t, kind, i, amb_get_double(body + 8 + 8 * i))) return AMB_BAD_VALUE;
-    if (kind > 1 && kind < 4 && t->state != AMB_OFF && t->state != AMB_LEVITATED) return AMB_WRONG_STATE;
-    for (size_t i = 0; i < count; i++) values[i] = amb_get_double(body + 8 + 8 * i);
+    for (size_t i = 0; i < count; i++) value[i] = amb_get_double(body + 8 + 8 * i);
+    enum amb_code code = body[0] == 1   ? new_gains(t, value)
+                         : body[0] == 4 ? new_limits(t, value)
+                                        : new_reference(t, body[0] == 3, value);
+    if (code != AMB_DONE) return code;
+    if (body[0] == 1) use_gains(t, value);
+    else if (body[0] == 2 && amb_levitating(t)) {
+        for (size_t a = 0; a < axes; a++) t->from[a] = t->reference[a] - t->value[a];
+        amb_move(t, value, 0.0);
+    }
+    double *into = body[0] == 2 ? t->nominal : body[0] == 3 ? t->landing : t->limits;
+    if (body[0] > 1) memcpy(into, value, count * sizeof *value);
     return AMB_DONE;
 }
 
@@ -80,10 +151,12 @@ static enum amb_code choose_controller(struct amb_target *t, const uint8_t *body
     return AMB_DONE;
 }
 
+/* What is still so in the next measurement is latched again, and before it there is no levitation. */
 static enum amb_code fault_reset(struct amb_target *t) {
+    if (t->lock_left) return AMB_LOCKED;
     t->trips = 0;
     if (t->state == AMB_TRIPPED) t->state = AMB_OFF;
-    amb_protect(t); /* what is still so in the latest measurement is latched again before a levitation */
+    t->measured = false;
     return AMB_DONE;
 }
 
@@ -96,7 +169,9 @@ static enum amb_code execute(struct amb_target *t, uint8_t type, const uint8_t *
     switch (type) {
     case AMB_STREAM: return amb_stream(t, body, from);
     case AMB_LEVITATE:
-    case AMB_DELEVITATE: return set_motion(t, type, amb_get_double(body));
+    case AMB_DELEVITATE:
+        if (!within(amb_get_double(body), 0.0, 60.0)) return AMB_BAD_VALUE;
+        return type == AMB_LEVITATE ? levitate(t, amb_get_double(body)) : land(t, amb_get_double(body));
     case AMB_FAULT_RESET: return fault_reset(t);
     case AMB_BEGIN: return amb_begin(t, body);
     case AMB_DATA: return amb_data(t, body, length);
@@ -138,7 +213,7 @@ static int judged(const struct amb_target *t, size_t end, const struct amb_peer 
     for (size_t i = 0; i < AMB_TAG; i++) difference = (uint8_t)(difference | (tag[i] ^ t->io[end + i]));
     if (difference) return AMB_FORGED;
     bool current = t->io[5] == AMB_CURRENT;
-    uint64_t number = amb_get64(t->io + (current ? 16 : AMB_HEADER)), last = current ? t->answered : t->counter;
+    uint64_t number = amb_get64(t->io + (current ? 16 : AMB_HEADER)), last = current ? t->spent : t->counter;
     return number <= last ? AMB_REPLAYED : AMB_COUNTS;
 }
 
@@ -147,7 +222,7 @@ void amb_receive(struct amb_target *t, size_t length, const struct amb_peer *fro
     size_t end = sealed ? length - AMB_CRC - AMB_TAG : 0;
     uint8_t type = t->io[5], *body = t->io + AMB_SEALED;
     uint64_t step = amb_get64(t->io + 16);
-    if (valid && type == AMB_HELLO && length == AMB_HEADER + AMB_HELLO_LENGTH + AMB_CRC) { /* of any version */
+    if (valid && type == AMB_HELLO && length >= AMB_HEADER + AMB_HELLO_LENGTH + AMB_CRC) { /* of any version */
         describe(t, from);
         return;
     }
@@ -158,10 +233,12 @@ void amb_receive(struct amb_target *t, size_t length, const struct amb_peer *fro
         if (judgement == AMB_REPLAYED && !memcmp(t->io + end, t->last_tag, AMB_TAG)) reply(t, true, from);
         return;
     }
+    if (type == AMB_COMMIT && end == AMB_SEALED + 4) amb_copy_matrices(t, amb_get32(body));
     board_lock(t->board);
-    t->last_heard = t->step;
-    if (type == AMB_CURRENT) amb_take_current(t, step, body, end - AMB_SEALED);
-    else {
+    if (type == AMB_CURRENT) {
+        if (amb_take_current(t, step, body, end - AMB_SEALED)) t->last_heard = t->step;
+    } else {
+        t->last_heard = t->step;
         t->counter = amb_get64(t->io + AMB_HEADER);
         t->last_type = type;
         t->last_code = (uint8_t)execute(t, type, body, end - AMB_SEALED, step, from);

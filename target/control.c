@@ -7,6 +7,14 @@ static double limited(double value, double limit) {
     return limit < value ? limit : value;
 }
 
+void amb_tune(struct amb_target *t) {
+    if (!t->gain_left) return;
+    t->gain_left = amb_levitating(t) ? t->gain_left - 1 : 0;
+    double share = (double)t->gain_left / (double)t->gain_ramp;
+    for (size_t a = 0; a < t->config->axes; a++)
+        for (size_t i = 0; i < 2; i++) t->gains[a][i] = t->wanted[a][i] + (t->former[a][i] - t->wanted[a][i]) * share;
+}
+
 static void pd(struct amb_target *t) {
     for (size_t a = 0; a < t->config->axes; a++) {
         const double *gains = t->gains[a];
@@ -64,11 +72,15 @@ void amb_law(struct amb_target *t) {
     if (amb_by_host(t)) memcpy(t->current, held, sizeof held);
 }
 
-/* The current of the host for a step that has been measured flows at once. */
-void amb_take_current(struct amb_target *t, uint64_t step, const uint8_t *values, size_t length) {
-    if (!amb_by_host(t) || step >= t->step || length != 8u * t->config->axes) return;
+/* The current of the host for a step that has been measured flows at once. One that was refused is spent, too. */
+bool amb_take_current(struct amb_target *t, uint64_t step, const uint8_t *values, size_t length) {
+    /* No host sends it so early; the target must not be deaf until then. */
+    if ((double)step > (double)t->step + 20.0 * t->config->sample_rate) return false;
+    t->spent = step;
+    if (!amb_by_host(t) || step <= t->answered || step >= t->step || length != 8u * t->config->axes) return false;
     t->answered = step;
     for (size_t a = 0; a < t->config->axes; a++)
         t->current[a] = limited(amb_get_double(values + 8 * a), t->limits[AMB_CURRENT_LIMIT]);
     amb_apply(t);
+    return true;
 }

@@ -7,8 +7,10 @@ static double number(const struct amb_target *t, size_t i) { return amb_get_doub
 
 static bool received(const struct amb_target *t, uint32_t i) { return t->upload.bitmap[i / 8] >> i % 8 & 1; }
 
+/* It must fade within a minute, too, wherever it is stopped. */
 static bool beyond_limit(const struct amb_target *t) {
-    return t->upload.amplitude > t->limits[AMB_AMPLITUDE_LIMIT] || t->upload.slew > t->limits[AMB_SLEW_LIMIT];
+    return t->upload.amplitude > t->limits[AMB_AMPLITUDE_LIMIT] || t->upload.slew > t->limits[AMB_SLEW_LIMIT] ||
+           t->upload.amplitude > 60.0 * t->limits[AMB_SLEW_LIMIT];
 }
 
 enum amb_code amb_begin(struct amb_target *t, const uint8_t *body) {
@@ -40,7 +42,16 @@ enum amb_code amb_data(struct amb_target *t, const uint8_t *body, size_t length)
     if (received(t, index)) return AMB_SILENT; /* it may have been checked, and must not change any more */
     memcpy(t->config->waveform + first, body + 8, length - 8);
     t->upload.bitmap[index / 8] = (uint8_t)(t->upload.bitmap[index / 8] | 1 << index % 8);
+    t->upload.arrived++;
     return AMB_SILENT;
+}
+
+/* How far a row of all axes reaches in each bearing. */
+static void take_reach(struct amb_target *t, size_t first) {
+    double row[AMB_AXES];
+    for (size_t a = 0; a < t->config->axes; a++) row[a] = number(t, first + a);
+    for (size_t a = 0; a < t->config->axes; a++)
+        if (t->group[a] == a) t->upload.reach[a] = fmax(t->upload.reach[a], amb_radius(t, a, row, NULL));
 }
 
 /* Take the next chunk into checksum and peaks; the change from and to the zero around the signal counts too. One chunk
@@ -55,21 +66,30 @@ void amb_digest(struct amb_target *t) {
         double value = i < end ? number(t, i) : 0.0, last = i < axes ? 0.0 : number(t, i - axes);
         t->upload.amplitude = isfinite(value) ? fmax(t->upload.amplitude, fabs(value)) : INFINITY;
         t->upload.slew = fmax(t->upload.slew, fabs(value - last) * t->config->sample_rate);
+        if (i % axes == axes - 1 && i < end) take_reach(t, i - axes + 1);
     }
     t->upload.checked++;
 }
 
+/* Without the lock, since it takes long: only the background can levitate a rotor with matrices. */
+void amb_copy_matrices(struct amb_target *t, uint32_t id) {
+    bool whole = t->upload.id && id == t->upload.id && t->upload.checked == t->upload.chunks && isfinite(t->upload.amplitude);
+    if (!whole || t->upload.kind != STATE_SPACE || t->upload.sum != t->upload.crc) return;
+    board_lock(t->board);
+    bool used = amb_levitating(t) && t->law == AMB_STATE_SPACE;
+    board_unlock(t->board);
+    for (size_t i = 0; i < t->upload.size / 8 && !used; i++) t->matrices[i] = number(t, i);
+}
+
 enum amb_code amb_commit(struct amb_target *t, uint32_t id) {
     if (!t->upload.id || id != t->upload.id) return AMB_NO_UPLOAD;
-    for (uint32_t i = t->upload.checked; i < t->upload.chunks; i++)
-        if (!received(t, i)) return AMB_INCOMPLETE;
+    if (t->upload.arrived < t->upload.chunks) return AMB_INCOMPLETE;
     if (t->upload.checked < t->upload.chunks) return AMB_BUSY;
     if (t->upload.sum != t->upload.crc) return AMB_CHECKSUM;
     if (isinf(t->upload.amplitude)) return AMB_BAD_VALUE;
     if (t->upload.kind == STATE_SPACE) {
         if (amb_levitating(t) && t->law == AMB_STATE_SPACE) return AMB_WRONG_STATE;
         t->order = t->upload.order, t->inputs = t->upload.inputs;
-        for (size_t i = 0; i < t->upload.size / 8; i++) t->matrices[i] = number(t, i);
         t->matrices_ready = true;
     } else if (beyond_limit(t)) return AMB_BEYOND_LIMIT;
     t->upload.complete = true;
@@ -80,7 +100,7 @@ enum amb_code amb_arm(struct amb_target *t, uint64_t step, uint32_t id) {
     if (t->trips) return AMB_LATCHED;
     if (t->state != AMB_LEVITATED || t->excitation != AMB_NONE || amb_by_host(t)) return AMB_WRONG_STATE;
     if (t->upload.kind != EXCITATION || !t->upload.complete || id != t->upload.id) return AMB_NO_UPLOAD;
-    if (beyond_limit(t)) return AMB_BEYOND_LIMIT;
+    if (beyond_limit(t) || !amb_keeps_distance(t, t->nominal, t->limits, true)) return AMB_BEYOND_LIMIT;
     if (step < t->step) return AMB_TOO_LATE; /* t->step is the one that comes next */
     t->start = step;
     t->excitation = AMB_ARMED;
@@ -90,21 +110,25 @@ enum amb_code amb_arm(struct amb_target *t, uint64_t step, uint32_t id) {
 void amb_disarm(struct amb_target *t) {
     if (t->excitation == AMB_ARMED) t->excitation = AMB_NONE;
     if (t->excitation != AMB_PLAYING) return;
-    double steps = amb_steps(t, t->limits[AMB_FADE_TIME]);
+    double steps = fmin(amb_steps(t, t->limits[AMB_FADE_TIME]), 60.0 * t->config->sample_rate);
     for (size_t a = 0; a < t->config->axes; a++)
         steps = fmax(steps, fabs(t->value[a]) * t->config->sample_rate / t->limits[AMB_SLEW_LIMIT]);
-    t->fade_left = steps < 1e9 ? (uint32_t)ceil(steps) : 1000000000u;
+    t->fade_left = steps < AMB_FOREVER ? (uint32_t)ceil(steps) : AMB_FOREVER;
     t->excitation = AMB_FADING;
 }
 
 static void play(struct amb_target *t) {
     uint64_t index = t->step - t->start;
-    if (index >= t->upload.steps) t->excitation = AMB_NONE;
+    bool ends = index >= t->upload.steps;
+    double next[AMB_AXES], fastest = t->limits[AMB_SLEW_LIMIT] * (1.0 + 1e-9) / t->config->sample_rate;
     for (size_t a = 0; a < t->config->axes && t->excitation == AMB_PLAYING; a++) {
-        double next = number(t, (size_t)index * t->config->axes + a);
-        if (fabs(next) <= t->limits[AMB_AMPLITUDE_LIMIT]) t->value[a] = next;
-        else amb_trip(t, AMB_EXCITATION, a, next); /* the limit was lowered meanwhile */
+        next[a] = ends ? 0.0 : number(t, (size_t)index * t->config->axes + a);
+        if (!(fabs(next[a]) <= t->limits[AMB_AMPLITUDE_LIMIT]) || !(fabs(next[a] - t->value[a]) <= fastest))
+            amb_trip(t, AMB_EXCITATION, a, next[a]); /* a limit was lowered meanwhile */
     }
+    if (t->excitation != AMB_PLAYING) return;
+    memcpy(t->value, next, t->config->axes * sizeof *next);
+    if (ends) t->excitation = AMB_NONE;
 }
 
 void amb_excite(struct amb_target *t) {

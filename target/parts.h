@@ -7,6 +7,8 @@
 
 #include "board.h"
 
+#define AMB_FOREVER 4000000000u /* steps */
+
 /* frame.c: little-endian numbers at any address; those that write return the address after what they wrote */
 uint16_t amb_get16(const uint8_t *p);
 uint32_t amb_get32(const uint8_t *p);
@@ -25,19 +27,24 @@ bool amb_valid(const uint8_t *frame, size_t length);
 void amb_tag(const struct amb_target *t, const uint8_t *frame, size_t count, uint8_t tag[AMB_TAG]);
 /* control.c */
 void amb_law(struct amb_target *t);
+void amb_tune(struct amb_target *t); /* the gains of this step */
 bool amb_by_host(const struct amb_target *t); /* whether the currents are those of the host */
-void amb_take_current(struct amb_target *t, uint64_t step, const uint8_t *values, size_t length);
+bool amb_take_current(struct amb_target *t, uint64_t step, const uint8_t *values, size_t length);
 size_t amb_matrix_count(size_t axes, size_t order, size_t inputs);
 /* protect.c */
 bool amb_levitating(const struct amb_target *t);
 void amb_trip(struct amb_target *t, enum amb_reason reason, size_t axis, double value);
 void amb_watch(struct amb_target *t);   /* control steps, or currents of the host, that were missed */
 void amb_protect(struct amb_target *t); /* measured values against the limits */
+double amb_radius(const struct amb_target *t, size_t bearing, const double *at, const double *around); /* (m) */
+/* Whether a nominal reference, and with it an excitation that is armed or uploaded, keeps its distance. */
+bool amb_keeps_distance(const struct amb_target *t, const double *nominal, const double *limits, bool excited);
 uint32_t amb_steps(const struct amb_target *t, double seconds);
 /* excitation.c */
 enum amb_code amb_begin(struct amb_target *t, const uint8_t *body);
 enum amb_code amb_data(struct amb_target *t, const uint8_t *body, size_t length);
 void amb_digest(struct amb_target *t);
+void amb_copy_matrices(struct amb_target *t, uint32_t id); /* of an upload that can be committed, before the lock */
 enum amb_code amb_commit(struct amb_target *t, uint32_t id);
 enum amb_code amb_arm(struct amb_target *t, uint64_t step, uint32_t id);
 void amb_disarm(struct amb_target *t);
@@ -48,6 +55,7 @@ void amb_apply(struct amb_target *t); /* the currents, or none */
 void amb_send(struct amb_target *t, uint8_t *frame, const uint8_t *end, uint8_t type, uint64_t step,
               const struct amb_peer *to); /* closes it, too */
 void amb_ramp(struct amb_target *t, enum amb_state state, double seconds); /* to levitation, or to the landing */
+void amb_move(struct amb_target *t, const double *to, double seconds);     /* from `from`, no faster than allowed */
 /* command.c */
 void amb_receive(struct amb_target *t, size_t length, const struct amb_peer *from);
 uint8_t *amb_put_status(struct amb_target *t, uint8_t *p, uint64_t *step);

@@ -3,9 +3,32 @@
 
 enum { ROWS = AMB_HEADER + 8, FLOAT64 = 1, COILS = 2, STATUS = 4 };
 
+static bool usable(double value) { return value > 0.0 && isfinite(value); }
+
+/* Whether axes of one bearing agree about it, and all numbers are such that every comparison with them means something.
+ * A limit may be infinite: never. Axial positions may be unknown (NaN). */
+static bool sound(const struct amb_config *config) {
+    if (!config->axes || config->axes > AMB_AXES || config->coils > 2 * AMB_AXES) return false;
+    if (config->key_length > AMB_KEY || (config->key_length && config->key_length < AMB_SHORTEST_KEY)) return false;
+    if (!usable(config->sample_rate) || (config->waveform_size && !config->waveform)) return false;
+    for (size_t i = 0; i < AMB_LIMITS; i++)
+        if (!(config->limits[i] > 0.0)) return false;
+    for (const struct amb_axis *axis = config->axis; axis < config->axis + config->axes; axis++) {
+        const double *gains = config->gains[axis - config->axis];
+        if (!usable(axis->number[AMB_CLEARANCE])) return false;
+        for (size_t i = AMB_DIRECTION; i < AMB_CLEARANCE; i++)
+            if (!isfinite(axis->number[i])) return false;
+        for (size_t i = 0; i < AMB_GAINS; i++)
+            if (!(gains[i] >= 0.0) || !isfinite(gains[i])) return false;
+        for (const struct amb_axis *other = config->axis; other < axis; other++)
+            if (!memcmp(other->bearing, axis->bearing, 16) &&
+                other->number[AMB_CLEARANCE] != axis->number[AMB_CLEARANCE]) return false;
+    }
+    return true;
+}
+
 bool amb_init(struct amb_target *t, const struct amb_config *config, void *board) {
-    if (!config->axes || config->axes > AMB_AXES || config->coils > 2 * AMB_AXES || config->key_length > AMB_KEY ||
-        !(config->sample_rate > 0.0)) return false;
+    if (!sound(config)) return false;
     memset(t, 0, sizeof *t);
     t->config = config;
     t->board = board;
@@ -20,13 +43,23 @@ bool amb_init(struct amb_target *t, const struct amb_config *config, void *board
     return true;
 }
 
-void amb_ramp(struct amb_target *t, enum amb_state state, double seconds) {
+void amb_move(struct amb_target *t, const double *to, double seconds) {
+    double steps = amb_steps(t, seconds);
     for (size_t a = 0; a < t->config->axes; a++)
-        t->from[a] = state == AMB_LEVITATING ? t->sensors.position[a] : t->reference[a] - t->value[a];
+        steps = fmax(steps, ceil(fabs(to[a] - t->from[a]) * t->config->sample_rate / t->limits[AMB_REFERENCE_SLEW]));
+    t->ramp = t->ramp_left = steps < AMB_FOREVER ? (uint32_t)steps : AMB_FOREVER;
+}
+
+void amb_ramp(struct amb_target *t, enum amb_state state, double seconds) {
+    bool up = state == AMB_LEVITATING;
+    for (size_t a = 0; a < t->config->axes; a++)
+        t->from[a] = up ? t->sensors.position[a] : t->reference[a] - t->value[a];
     amb_disarm(t);
     t->answered = t->step - 1;
     t->state = state;
-    t->ramp = t->ramp_left = amb_steps(t, seconds);
+    if (up) t->debt = 0.0;
+    if (up && seconds == 0.0) t->ramp_left = 0; /* nothing moves yet: the reference begins as the nominal one */
+    else amb_move(t, up ? t->nominal : t->landing, seconds);
     t->settle_left = amb_steps(t, t->limits[AMB_SETTLE_TIME]);
 }
 
@@ -50,8 +83,11 @@ void amb_apply(struct amb_target *t) {
         if (!(fabs(t->current[a]) <= t->limits[AMB_CURRENT_LIMIT])) amb_trip(t, AMB_LAW, a, t->current[a]);
     if (!amb_levitating(t)) {
         memset(t->current, 0, sizeof t->current);
+        memset(t->value, 0, sizeof t->value);
         t->begun = false; /* the law forgets the past */
+        t->excitation = AMB_NONE;
     }
+    board_enable(t->board, amb_levitating(t));
     board_write_currents(t->board, t->current, amb_levitating(t));
 }
 
@@ -84,6 +120,7 @@ void amb_control_step(struct amb_target *t) {
     amb_protect(t);
     amb_excite(t);
     set_reference(t);
+    amb_tune(t);
     if (amb_levitating(t)) amb_law(t);
     amb_apply(t);
     record(t);
@@ -106,30 +143,44 @@ void amb_send(struct amb_target *t, uint8_t *frame, const uint8_t *end, uint8_t 
               const struct amb_peer *to) {
     size_t length = amb_close(t, frame, end, type, step);
     t->sequence++;
-    if (!board_send(t->board, frame, length, to)) t->count[AMB_UNSENT]++;
+    if (board_send(t->board, frame, length, to)) return;
+    board_lock(t->board);
+    t->count[AMB_UNSENT]++;
+    board_unlock(t->board);
 }
 
+/* The sample interrupt leaves a block alone as long as it is pending. */
 static void send_telemetry(struct amb_target *t) {
-    uint8_t *block = t->block[t->filling ^ 1], *p = block + AMB_HEADER;
+    board_lock(t->board);
+    bool pending = t->pending;
+    size_t full = t->filling ^ 1;
+    uint64_t first = t->first[full];
+    board_unlock(t->board);
+    if (!pending) return;
+    uint8_t *block = t->block[full], *p = block + AMB_HEADER;
     uint32_t coils = t->options & COILS ? t->config->coils : 0u;
     p = amb_put(p, t->options | (uint32_t)t->config->axes << 8 | coils << 16, 4);
     p = amb_put(p, t->per_frame | (uint32_t)t->row << 16, 4) + (size_t)t->per_frame * t->row;
-    amb_send(t, block, p, AMB_TELEMETRY, t->first[t->filling ^ 1], &t->peer);
+    amb_send(t, block, p, AMB_TELEMETRY, first, &t->peer);
+    board_lock(t->board);
     t->pending = false;
+    board_unlock(t->board);
 }
 
 void amb_poll(struct amb_target *t) {
     struct amb_peer from;
     size_t length = 1;
     for (int frames = 0; frames < 8 && length; frames++) {
-        if (t->pending) send_telemetry(t);
+        send_telemetry(t);
         length = board_receive(t->board, t->io, sizeof t->io, &from);
         if (length) amb_receive(t, length, &from);
         amb_digest(t);
     }
     uint64_t step;
+    board_lock(t->board);
     bool report = t->report; /* taken back before the status is read, so that no trip is missed in between */
     t->report = false;
+    board_unlock(t->board);
     uint8_t *end = amb_put_status(t, t->io + AMB_HEADER, &step);
     if (!t->per_frame || (!report && step - t->last_status < amb_steps(t, 0.1))) return;
     t->last_status = step;

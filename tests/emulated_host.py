@@ -43,6 +43,7 @@ class Bench:
         limits: dict[str, float] | None = None,
         key: bytes = b"",
         host_key: bytes | None = None,
+        plant_waits: bool = True,
         **faults: Any,
     ) -> None:
         self.faults = validate(FaultParameters, faults)
@@ -53,6 +54,7 @@ class Bench:
             self.faults,
             reference_library(),
             Address(port=0, key=key),
+            plant_waits=plant_waits,
         )
         self._key = key if host_key is None else host_key
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

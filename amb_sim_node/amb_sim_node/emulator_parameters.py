@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from amb_core.emulation import LOCALHOST, FaultParameters, LimitParameters
 from amb_core.loop.real_time import RealTimeParameters
-from amb_core.parameters import Parameters, choice, quantity
+from amb_core.parameters import Parameters, choice, quantity, switch
 from amb_core.target import PORT
 
 
@@ -30,6 +30,16 @@ class TargetEmulatorParameters(Parameters):
         "time stands still; 0 for none",
         0.0,
         60.0,
+    )
+    ideal: bool = switch(
+        False,
+        "whether the plant is that of the simulation, bit for bit; otherwise its rotor lies on the backup bearing "
+        "while it is off, and bounces on it, and its sensors have noise and quantisation",
+    )
+    plant_waits: bool = switch(
+        False,
+        "whether the plant stands still in steps that a late machine has missed; otherwise it moves on with the "
+        "currents held, as a rotor does",
     )
     real_time: RealTimeParameters = RealTimeParameters()
     limits: LimitParameters = LimitParameters()

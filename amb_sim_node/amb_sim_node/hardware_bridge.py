@@ -138,6 +138,8 @@ class HardwareBridgeNode(ManagedNode):
             f"machine {machine.name!r}, axes {', '.join(machine.axis_names)}, {machine.sample_rate:g} Hz, firmware "
             f"{description.firmware}"
         )
+        if self._levitated(link.status()):
+            self.get_logger().info("the rotor is levitated: the target keeps its settings until it has landed")
         self._note_state()
 
     def activate(self) -> None:
@@ -181,8 +183,12 @@ class HardwareBridgeNode(ManagedNode):
         self._note_state()
 
     def _land(self, link: TargetLink) -> None:
-        if self._watch.reachable and link.status().state in (TargetState.LEVITATING, TargetState.LEVITATED):
+        if self._watch.reachable and self._levitated(link.status()):
             link.land(self._settings.landing_time)
+
+    @staticmethod
+    def _levitated(status: TargetStatus) -> bool:
+        return status.state in (TargetState.LEVITATING, TargetState.LEVITATED)
 
     def clean_up(self) -> None:
         """Leave the target as it is."""

@@ -219,13 +219,14 @@ class RigWatch:
         with self.lock:
             before = runs.before(trip.step)
             step, within = runs.step_of(trip.step), runs.holds(trip.step)
+            lacking = runs.lacking_before(trip.step) if within else ""
         message = TripMessage(target_step=trip.step, reason=int(trip.reason), value=float(trip.value))
         message.axis = axis_of(trip, machine)
         if within:
             message.run, message.step = runs.run, step
             message.before = [fill_loop_samples(LoopSamples(), AxisSamples, runs.run, record) for record in before]
         where = f"step {step} of run {runs.run}" if message.run else f"step {trip.step} of the target, outside of runs"
-        message.text = f"{describe(trip, machine)}, at {where}"
+        message.text = "; ".join(filter(None, (f"{describe(trip, machine)}, at {where}", lacking)))
         message.header.stamp = self._wall_clock.now().to_msg()
         self._trip_publisher.publish(message)
         self._node.get_logger().error(message.text)

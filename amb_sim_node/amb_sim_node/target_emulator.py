@@ -12,7 +12,7 @@ from functools import partial
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from amb_core.emulation import Address, EmulatorProcess, EmulatorReport, EmulatorSettings
+from amb_core.emulation import Address, EmulatorProcess, EmulatorReport, EmulatorSettings, as_on_a_rig
 from amb_core.emulation.faulty_sensors import faulty_axes
 from amb_core.emulation.load import ENOUGH
 from amb_core.errors import TargetError
@@ -60,6 +60,7 @@ class TargetEmulatorNode(Node):
                 settings.real_time_factor,
                 settings.real_time,
                 settings.host_patience,
+                settings.plant_waits,
             )
         )
         self._ended = self._logged = ""
@@ -79,6 +80,8 @@ class TargetEmulatorNode(Node):
             namespace = self.get_namespace()
             self._file = machine_file(settings.parameter_file, self._arguments, namespace)
             self._plant, self._controller = machine_parameters(self._file, namespace)
+            if not settings.ideal:
+                self._plant = as_on_a_rig(self._plant)
             self._axes = machine_of(self._plant).axis_names
         faulty_axes(settings.faults.sensor, self._axes)
 

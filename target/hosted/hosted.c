@@ -27,6 +27,8 @@ bool hosted_feed(struct hosted *h, const uint8_t *frame, size_t length, const st
     return h->enabled;
 }
 
+bool hosted_hardware_enable(const struct hosted *h) { return h->hardware_enable; }
+
 bool hosted_waits(const struct hosted *h) {
     return amb_by_host(&h->target) && h->target.answered + 1 != h->target.step;
 }
@@ -52,6 +54,8 @@ void board_write_currents(void *board, const double *current, bool enabled) {
     memcpy(h->current, current, h->target.config->axes * sizeof *current);
     h->enabled = enabled;
 }
+
+void board_enable(void *board, bool on) { ((struct hosted *)board)->hardware_enable = on; }
 
 uint64_t board_time(void *board) { return ((struct hosted *)board)->time; }
 

@@ -11,7 +11,7 @@ struct hosted {
     uint8_t random[AMB_NONCE];
     const double *position, *coil;
     double temperature, *current;
-    bool fault, enabled;
+    bool fault, enabled, hardware_enable;
     uint64_t time;
     const uint8_t *received;
     size_t length, first, stop, lengths[HOSTED_FRAMES];
@@ -26,6 +26,7 @@ bool hosted_step(struct hosted *h, const double *position, const double *coil, d
                  uint64_t time, double *current);
 /* Take a datagram; whether the amplifiers are on. */
 bool hosted_feed(struct hosted *h, const uint8_t *frame, size_t length, const struct amb_peer *from);
+bool hosted_hardware_enable(const struct hosted *h); /* the output of board_enable */
 bool hosted_waits(const struct hosted *h); /* for the current of the host for the latest step */
 size_t hosted_take(struct hosted *h, uint8_t *frame, struct amb_peer *to); /* length; 0: no more */
 

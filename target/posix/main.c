@@ -1,5 +1,6 @@
-/* The target on Linux, for tests of a link over real UDP: amb_target PORT [KEY IN HEX]. Its rotor is a point mass in each
- * axis on linear magnets; timing is as good as the scheduler's. */
+/* The target on Linux, for tests of a link over real UDP: amb_target PORT [KEY_FILE [ADDRESS]]. The file has the key in
+ * hexadecimal digits; ADDRESS, by default 127.0.0.1, is where it listens. Its rotor is a point mass in each axis on linear
+ * magnets; timing is as good as the scheduler's. */
 #define _POSIX_C_SOURCE 200809L
 
 #include <arpa/inet.h>
@@ -20,7 +21,7 @@ static struct amb_target target;
 static struct amb_config config = {
     .machine = "point_mass", .firmware = "posix", .sample_rate = RATE, .firmware_version = 0x010000, .axes = AXES,
     .axis = {{"x", "a", {0, 0, 1, 0, 0, 2.5, 2.5, 250e-6}}, {"y", "a", {0, 0, 0, 1, 0, 2.5, 2.5, 250e-6}}},
-    .limits = {3, 10, 1e-3, 0.4, 0.5, 100e-6, 10, 1e-3, 0.02, 100, 0.02, 1e9, 0.01, 0.2, 100},
+    .limits = {3, 10, 1e-3, 0.4, 0.5, 100e-6, 10, 1e-3, 0.02, 100, 0.02, 1e9, 0.01, 0.2, 100, 0.01, 1.2, 0.2, 0.05, 0.05, 0.2},
     .gains = {{20000, 38, 0, RATE, 1}, {20000, 38, 0, RATE, 1}}, .waveform = waveform, .waveform_size = sizeof waveform};
 static double position[AXES] = {-20e-6, 10e-6}, velocity[AXES];
 static int udp;
@@ -38,6 +39,8 @@ void board_write_currents(void *board, const double *current, bool enabled) {
         position[i] += velocity[i] / RATE;
     }
 }
+
+void board_enable(void *board, bool on) { (void)board, (void)on; /* a pin, on a board that has one */ }
 
 uint64_t board_time(void *board) {
     struct timespec now;
@@ -75,19 +78,31 @@ bool board_send(void *board, const uint8_t *frame, size_t length, const struct a
 void board_lock(void *board) { (void)board; }
 void board_unlock(void *board) { (void)board; }
 
+/* Without a message that could show a part of it. */
+static bool read_key(const char *path) {
+    FILE *file = fopen(path, "r");
+    unsigned byte;
+    if (!file) return false;
+    while (config.key_length < AMB_KEY && fscanf(file, "%2x", &byte) == 1) config.key[config.key_length++] = (uint8_t)byte;
+    bool whole = fscanf(file, " %*c") == EOF && config.key_length >= AMB_SHORTEST_KEY;
+    fclose(file);
+    return whole;
+}
+
 int main(int count, char **arguments) {
     struct sockaddr_in address = {.sin_family = AF_INET};
-    const char *hex = count > 2 ? arguments[2] : "";
-    unsigned byte;
-    for (; config.key_length < AMB_KEY && sscanf(hex, "%2x", &byte) == 1; hex += 2)
-        config.key[config.key_length++] = (uint8_t)byte;
-    if (*hex) {
-        fprintf(stderr, "amb_target: key %s; allowed: up to %d bytes in hex\n", arguments[2], AMB_KEY);
+    const char *where = count > 3 ? arguments[3] : "127.0.0.1";
+    if (count > 2 && !read_key(arguments[2])) {
+        fprintf(stderr, "amb_target: no key in %s; allowed: %d to %d bytes in hexadecimal digits\n", arguments[2],
+                AMB_SHORTEST_KEY, AMB_KEY);
+        return 1;
+    }
+    if (inet_pton(AF_INET, where, &address.sin_addr) != 1) {
+        fprintf(stderr, "amb_target: address %s; allowed: an IPv4 address\n", where);
         return 1;
     }
     udp = socket(AF_INET, SOCK_DGRAM, 0);
     address.sin_port = htons((uint16_t)(count > 1 ? strtoul(arguments[1], NULL, 10) : 0));
-    address.sin_addr.s_addr = htonl(config.key_length ? INADDR_ANY : INADDR_LOOPBACK);
     socklen_t size = sizeof address;
     if (udp < 0 || bind(udp, (struct sockaddr *)&address, size) || !amb_init(&target, &config, NULL)) {
         perror("amb_target");

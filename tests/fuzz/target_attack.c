@@ -19,7 +19,7 @@ static double current[AXES];
 static struct amb_config config = {
     .machine = "attacked", .firmware = "fuzz", .sample_rate = 10000, .axes = AXES, .coils = COILS, .key_length = 32,
     .axis = {{"x", "a", {0, 0, 1, 0, 0, 2.5, 3, 250e-6}}, {"y", "a", {0, 0, 0, 1, 0, 2.5, 3, 250e-6}}},
-    .limits = {3, 12, 1e-3, 0.4, 0.5, 100e-6, 10, 1e-3, 0.02, 120, 0.02, 1e9, 0.01, 0.5, 20},
+    .limits = {3, 12, 1e-3, 0.4, 0.5, 100e-6, 10, 1e-3, 0.02, 120, 0.02, 1e9, 0.01, 0.5, 20, 0.01, 1.2, 0.2, 0.05, 0.05, 0.2},
     .gains = {{20000, 38, 0, 10000, 1}, {20000, 38, 0, 10000, 1}}, .waveform_size = WAVEFORM};
 
 static uint64_t draw(void) { /* xorshift64*, G. Marsaglia 2003, S. Vigna 2016 */
@@ -132,8 +132,9 @@ static void genuine(size_t number) {
     if (frame[5] == AMB_CURRENT) { /* for the latest step; numbered by it, and not by the counter */
         amb_put(frame + 16, host.target.step - 1, 8);
         sign(frame, length, &host.target, 0);
+        bool spent = host.target.spent >= host.target.step - 1; /* by the host gone mad */
         feed(frame, length);
-        if (!amb_by_host(&host.target)) return;
+        if (spent || !amb_by_host(&host.target)) return;
         require(host.target.answered == host.target.step - 1, "a current was refused", number);
         currents++;
         return;
@@ -161,7 +162,7 @@ static size_t forge(uint8_t *frame) {
         sign(frame, length, &host.target, counter ? 1 + draw() % counter : 0);
         if (frame[5] == AMB_HELLO) frame[5] = AMB_HEARTBEAT, sign(frame, length, &host.target, 0);
         if (frame[5] == AMB_CURRENT) { /* out of order by its step */
-            amb_put(frame + 16, draw() % (host.target.answered + 1), 8);
+            amb_put(frame + 16, draw() % (host.target.spent + 1), 8);
             sign(frame, length, &host.target, 0);
         }
         return length;

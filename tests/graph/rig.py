@@ -31,6 +31,8 @@ UNHURRIED = {
     "port": 0,
     "real_time_factor": 0.3,
     "limits.missed_steps": 1e9,
+    "plant_waits": True,
+    "ideal": True,
     "limits.host_time": 1e3,
 }
 """An emulator that any machine keeps up with, and that waits for its host."""

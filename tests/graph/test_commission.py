@@ -41,6 +41,8 @@ def parameters(folder: Path, addition: str = "", machine: Path | None = None) ->
         "port": port,
         "real_time_factor": 0.4,
         "limits": {"missed_steps": 1e9, "host_time": 1e3},
+        "plant_waits": True,
+        "ideal": True,
     }
     if addition:
         emulator |= yaml.safe_load(addition)["/amb/target_emulator"]["ros__parameters"]

@@ -25,7 +25,7 @@ from tests.graph.processes import NodeProcess
 
 RIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config" / "rig.yaml"
 MODULE = "amb_sim_node.target_emulator"
-UNHURRIED = {"port": 0, "real_time_factor": 0.02, "limits.missed_steps": 1e9}
+UNHURRIED = {"port": 0, "real_time_factor": 0.02, "limits.missed_steps": 1e9, "plant_waits": True, "ideal": True}
 
 
 class Emulated:

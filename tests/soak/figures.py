@@ -100,6 +100,22 @@ class Forged(Figures):
     accepted: int
 
 
+class Safety(Figures):
+    """Random sequences of commands, faults and times against the C target."""
+
+    sequences: int
+    jumps: int
+    limits_broken: int
+
+
+class Recovery(Figures):
+    """Hosts under attack, who lost the counter, or whose target started anew."""
+
+    attacks: int
+    recovered: int
+    longest_s: float
+
+
 class Soak(Figures):
     """All of it."""
 
@@ -112,3 +128,5 @@ class Soak(Figures):
     kills: Kills
     fuzz: Fuzz
     forged: Forged
+    safety: Safety
+    recovery: Recovery

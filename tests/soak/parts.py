@@ -33,7 +33,7 @@ ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "src" / "amb_bringup" / "config"
 RIGID = ROOT / "tests" / "benchmarks" / "rigid.yaml"  # four axes, PWM and all, without hysteresis
 PAPER = CONFIG / "paper.yaml"
-PATIENT = {"limits": {"missed_steps": 1e9, "host_time": 0.2}}
+PATIENT = {"limits": {"missed_steps": 1e9, "host_time": 0.2}, "plant_waits": True, "ideal": True}
 MULTISINE = Multisine(
     amplitude=1e-6, axes="orthogonal", duration=4.0, periods=2, frequency_start=2.0, frequency_end=600.0, odd=True
 )

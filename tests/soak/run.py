@@ -17,7 +17,7 @@ from typing import Any
 
 from tests.front_door.results import results_file
 from tests.fuzz import target
-from tests.soak import parts, trips
+from tests.soak import parts, recovery, safety, trips
 
 Part = Callable[..., dict[str, Any]]
 PARTS: dict[str, tuple[Part, dict[str, float]]] = {
@@ -28,6 +28,8 @@ PARTS: dict[str, tuple[Part, dict[str, float]]] = {
     "lifecycle": (parts.lifecycle, {"count": 9}),
     "trips": (lambda folder, **size: trips.trips(folder, parts.PAPER, **size), {"each": 1}),
     "kills": (parts.kills, {"rounds": 1}),
+    "safety": (lambda folder, **size: safety.safety(**size), {"sequences": 2_000}),
+    "recovery": (lambda folder, **size: recovery.recovery(**size), {"rounds": 1}),
     "bridge_fuzz": (parts.bridge_fuzz, {"frames": 2_000}),
     "target_fuzz": (lambda folder, **size: target_fuzz(**size), {"frames": 20_000}),
 }

@@ -98,8 +98,9 @@ OVERFLOW = {"law": Kind(Trip.LAW, lambda session: None, axis="x", steps=100)}
 
 def trips(folder: Path, machine: Path, each: int = 50) -> dict[str, Any]:
     """So many trips of every kind: reason, axis, latched, and the second before it in the bag."""
-    limits = {"missed_steps": float(MISSED), "host_time": HOST_TIME}
-    weak = {**limits, "coil_current": 5.0, "settle_time": 100.0}
+    limits = {"missed_steps": float(MISSED), "missed_share": 1.0, "host_time": HOST_TIME}
+    limits |= {"saturation_time": 100.0, "lock_time": 1e-3}
+    weak = {**limits, "coil_current": 5.0, "settle_time": 100.0, "lift_time": 100.0}
     law = folder / "overflow.json"
     overflowing(pd_as_linear(controller_of(machine))).save(law)
     rigs: list[tuple[dict[str, Kind], dict[str, float], dict[str, Any]]] = [
@@ -110,7 +111,8 @@ def trips(folder: Path, machine: Path, each: int = 50) -> dict[str, Any]:
     tried: Counter[str] = Counter()
     right: Counter[str] = Counter()
     for number, (kinds, of_target, of_bridge) in enumerate(rigs):
-        emulator, bridge = {"limits": of_target}, {"levitation_time": 0.0, **of_bridge}
+        emulator = {"limits": of_target, "plant_waits": True, "ideal": True}
+        bridge = {"levitation_time": 0.0, **of_bridge}
         with Session(folder, machine, target_emulator=emulator, hardware_bridge=bridge) as session:
             session.amb.rig.connect()
             bag = Path(session.amb.start_recording(folder / f"trips_{number}"))

@@ -97,6 +97,18 @@ def test_the_second_before_a_step_is_kept_within_its_run() -> None:
     assert np.array_equal(np.concatenate([record.position[:, 0] for record in before]), np.arange(2_510, 12_510))
 
 
+def test_what_is_missing_of_the_second_before_a_step_is_named() -> None:
+    taken = runs()
+    for first in range(0, 9_000, 100):
+        taken.add(samples(first, [LEVITATED] * 100))
+    assert taken.lacking_before(9_000) == ""
+    taken.add(samples(9_500, [LEVITATED] * 500))  # after a gap
+    assert taken.lacking_before(10_000) == "500 of the 10000 steps before it are missing here"
+    for first in range(10_000, 60_000, 100):  # news that come four seconds late
+        taken.add(samples(first, [LEVITATED] * 100))
+    assert taken.lacking_before(20_000) == "10000 of the 10000 steps before it are missing here"
+
+
 def test_the_second_before_a_step_is_there_although_it_becomes_known_two_seconds_later() -> None:
     taken = runs()
     for first in range(0, 32_000, 1_000):

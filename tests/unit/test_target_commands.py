@@ -96,7 +96,7 @@ def test_a_hello_of_a_later_version_is_answered_with_ours() -> None:
     later = hello()[:4] + b"\x07" + hello()[5:-4]
     rig.target.feed(later + struct.pack("<I", zlib.crc32(later)), HOST)
     ((answer, _),) = rig.target.take()
-    assert answer[4] == 1
+    assert answer[4] == 2
 
 
 def test_telemetry_goes_to_whoever_asked_for_it_with_the_key() -> None:

@@ -11,7 +11,8 @@ from amb_core.target import Code, Law, Limits, TargetState, commands, controller
 from tests.target_rig import Rig, small_controller
 
 STEPS = 2_000
-STILL = Limits(excitation_amplitude=1.0, sensor_range=1.0, trip_share=1e9, alarm_share=1.0)
+STILL = Limits(excitation_amplitude=1.0, sensor_range=1.0, trip_share=1e9, alarm_share=1.0, contact_share=1e9,
+               saturation_time=1e9)  # fmt: skip
 
 
 def positions(axes: int) -> np.ndarray:
@@ -70,6 +71,9 @@ def test_gains_change_while_levitated_and_the_state_is_kept() -> None:
     differing(rig, law)
     law.configure(changed := ControllerParameters(proportional_gain=25_000.0))
     assert rig.command(commands.gains(changed, 2)).code == Code.DONE
+    rig.noise(round(STILL.settle_time * 10_000.0))  # on the way to them
+    rig.step(np.zeros(2))
+    law.update((0.0, 0.0), (0.0, 0.0))  # which remembers the latest position
     for position in positions(2)[:10]:
         rig.step(position)
         assert law.update(position, (0.0, 0.0)).tobytes() == rig.target.current.tobytes()
@@ -119,7 +123,7 @@ def test_values_that_are_not_allowed_change_nothing(command) -> None:
 
 
 def test_levitation_ramps_from_where_the_rotor_lies_to_its_reference() -> None:
-    rig = Rig(2)
+    rig = Rig(2, Limits(reference_slew=0.5))
     rig.command(commands.stream(4, 1))
     rig.step((-200e-6, 100e-6))
     rig.command(commands.levitate(0.0004))

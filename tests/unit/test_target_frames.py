@@ -55,11 +55,11 @@ def test_host_and_target_send_the_recorded_bytes() -> None:
 def test_frames_are_as_the_document_lays_them_out(item: Exchanged) -> None:
     frame = item.frame
     magic, version, kind, length, session = struct.unpack_from("<4sBBHI", frame)
-    assert (magic, version, len(frame)) == (b"AMBU", 1, 24 + length + 4)
+    assert (magic, version, len(frame)) == (b"AMBU", 2, 24 + length + 4)
     assert len(frame) <= 1472
     assert struct.unpack("<I", frame[-4:])[0] == zlib.crc32(frame[:-4])
     assert (kind < 0x80) == item.from_host
-    if kind not in (0x01, 0x81, 0x90, 0x91):  # commands and replies
+    if kind not in (0x01, 0x90, 0x91):  # commands, replies and the description
         expected = hmac.new(KEY, NONCE + frame[:-20], hashlib.sha256).digest()[:16]
         assert (frame[-20:-4], session) == (expected, struct.unpack("<I", NONCE[:4])[0])
 
@@ -120,7 +120,7 @@ def test_a_status_names_the_trips_with_their_steps() -> None:
         (lambda frame: b"X" + frame[1:], "magic"),
         (lambda frame: frame[:-1], "its header gives it"),
         (lambda frame: frame[:30] + bytes([frame[30] ^ 1]) + frame[31:], "checksum"),
-        (lambda frame: resummed(frame[:4] + b"\2" + frame[5:]), "version 2"),
+        (lambda frame: resummed(frame[:4] + b"\7" + frame[5:]), "version 7"),
         (lambda frame: resummed(frame[:5] + b"\x33" + frame[6:]), "unknown type 0x33"),
         (lambda frame: resummed(frame[:8] + b"1234" + frame[12:]), "session"),
         (lambda frame: resummed(frame[:23] + b"\x80" + frame[24:]), "of step"),

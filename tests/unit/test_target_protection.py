@@ -17,7 +17,7 @@ from amb_core.target import (
 )
 from tests.target_rig import Rig
 
-NO_SETTLING = Limits(settle_time=1e-4, stuck_time=5e-4, coil_time=3e-4)
+NO_SETTLING = Limits(settle_time=1e-4, stuck_time=5e-4, coil_time=3e-4, lock_time=2e-3)
 
 
 def levitated(coils: int = 0) -> Rig:
@@ -123,6 +123,7 @@ def test_a_trip_stays_until_a_reset_and_refuses_levitation() -> None:
     assert rig.command(commands.levitate()).code == Code.LATCHED
     assert rig.command(commands.fault_reset()).status.state == TargetState.OFF
     assert rig.status().trips == ()
+    rig.noise(1)
     assert rig.command(commands.levitate()).code == Code.DONE
 
 
@@ -136,8 +137,10 @@ def test_a_cause_that_persists_trips_again_after_a_reset() -> None:
 
 def test_what_the_latest_measurement_shows_is_not_levitated_from_after_a_reset() -> None:
     rig = levitated()
-    rig.step((1e308, 0.0))
-    assert rig.command(commands.fault_reset()).status.state == TargetState.TRIPPED
+    rig.step((0.0, np.inf))
+    assert rig.command(commands.fault_reset()).status.state == TargetState.OFF
+    assert rig.command(commands.levitate()).code == Code.WRONG_STATE
+    rig.step((0.0, np.inf))
     assert rig.command(commands.levitate()).code == Code.LATCHED
 
 

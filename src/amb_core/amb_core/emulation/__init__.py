@@ -7,6 +7,7 @@ from amb_core.emulation.load import Load, measure_load
 from amb_core.emulation.paced import PacedEmulator
 from amb_core.emulation.parameters import FaultParameters, LimitParameters, LinkFaults, SensorFaultParameters
 from amb_core.emulation.process import EmulatorProcess, EmulatorReport, EmulatorSettings
+from amb_core.emulation.real_rig import as_on_a_rig
 
 __all__ = [
     "LOCALHOST",
@@ -24,6 +25,7 @@ __all__ = [
     "PacedEmulator",
     "SensorFaultParameters",
     "TargetEmulator",
+    "as_on_a_rig",
     "measure_load",
     "reference_library",
 ]

@@ -23,6 +23,7 @@ from amb_core.target.layout import LARGEST_FRAME, NONCE
 
 LOCALHOST = "127.0.0.1"
 MOST_RECEIVED = 64  # datagrams taken between two blocks of steps: a flood does not stop the control steps
+LONGEST_PAUSE = 10_000  # steps; what the rotor does in a longer one makes no difference any more
 _OFFSET_OF_TYPE = 5  # in a frame
 
 
@@ -73,6 +74,9 @@ class TargetEmulator:
         The C code, from `reference_library`.
     address : Address
         Where it listens.
+    plant_waits : bool
+        Whether the plant stands still in steps that are missed; otherwise it moves with the currents held, as a
+        rotor does.
     host_patience : float
         Where the host closes the loop: longest wait of wall-clock time for its current after each step (s), in which
         the emulated time stands still; 0 for none. After a wait in vain the steps go on until it is back.
@@ -113,6 +117,7 @@ class TargetEmulator:
         library: Path,
         address: Address,
         host_patience: float = 0.0,
+        plant_waits: bool = False,
     ) -> None:
         self.plant = Plant(plant)
         self._machine = self.plant.machine
@@ -131,6 +136,7 @@ class TargetEmulator:
         self.from_host = FaultyLink(faults.from_host, (faults.seed, 2))
         self._faults = faults
         self._patience, self.waited = host_patience, 0.0
+        self._plant_waits = plant_waits
         self._in_vain = False  # the latest wait for the host
         self.steps, self.boots, self._shift, self.unsent, self.trouble = 0, 0, 0.0, 0, ""
         self._open(address)
@@ -185,7 +191,12 @@ class TargetEmulator:
 
     def shift(self, seconds: float) -> None:
         """Let the clock of the target run ahead of its steps: by so much (s) the next step is late."""
+        before = self.time
         self._shift += 1e9 * seconds
+        if self._plant_waits or not self._target.enabled:
+            return
+        for _ in range(min(round((self.time - before) / self._period), LONGEST_PAUSE)):
+            self._amplified.advance(True, self._target.current)
 
     @property
     def time(self) -> int:

@@ -49,7 +49,29 @@ class LimitParameters(Parameters):
     )
     # Ordinary operating systems stop a process for some milliseconds now and then.
     missed_steps: float = quantity(
-        1_000.0, "-", "control steps missed at a time: trip; those of a late machine count too", 1.0, 1e9
+        1_000.0, "-", "control steps missed lately: trip; those of a late machine count too", 1.0, 1e9
+    )
+    reference_slew: float = quantity(
+        _LIMITS.reference_slew, "m/s", "fastest change of the reference, the excitation apart", 1e-6, 1e3
+    )
+    contact_share: float = quantity(
+        _LIMITS.contact_share, "-", "as trip_share, while levitating, landing or settling", 1e-3, 100.0
+    )
+    lift_time: float = quantity(
+        _LIMITS.lift_time,
+        "s",
+        "how long the rotor may be farther than trip_share from its reference: trip",
+        1e-4,
+        100.0,
+    )
+    saturation_time: float = quantity(
+        _LIMITS.saturation_time, "s", "how long a control current may be at its limit: trip", 1e-4, 100.0
+    )
+    missed_share: float = quantity(
+        _LIMITS.missed_share, "-", "share of missed control steps from which on they add up to missed_steps", 1e-6, 1.0
+    )
+    lock_time: float = quantity(
+        _LIMITS.lock_time, "s", "time after a trip by displacement in which faults are not reset", 1e-4, 1e9
     )
 
     def with_current(self, control_current: float) -> Limits:

@@ -48,6 +48,7 @@ class EmulatorSettings:
     real_time_factor: float
     real_time: RealTimeParameters
     host_patience: float = 0.0
+    plant_waits: bool = False
 
     def __post_init__(self) -> None:
         least = self.block_steps / (self.plant.integration.sample_rate * LONGEST_BLOCK)

@@ -33,6 +33,7 @@ def _serve(connection: Connection) -> None:
             reference_library(),
             settings.address,
             settings.host_patience,
+            settings.plant_waits,
         )
         load = measure_load(settings.plant, settings.controller, settings.real_time_factor)
     except AmbError as problem:

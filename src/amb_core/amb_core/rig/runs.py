@@ -116,6 +116,12 @@ class Runs:
         records = [samples.record for samples in whole if samples.run == self.run]
         return [part for record in records for part in _between(record, stop - self._before_steps, stop)]
 
+    def lacking_before(self, target_step: int) -> str:
+        """How much of the second before a step of the target, within the present run, is missing; empty: nothing."""
+        wanted = min(self.step_of(target_step), self._before_steps)
+        missing = wanted - sum(record.steps for record in self.before(target_step))
+        return f"{missing} of the {wanted} steps before it are missing here" if missing > 0 else ""
+
     def _take(self, samples: TelemetryBlock, levitated: bool) -> list[RunSamples]:
         """Samples with one and the same state."""
         if not levitated:

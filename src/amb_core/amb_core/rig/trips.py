@@ -23,15 +23,17 @@ _TEXTS: dict[int, str] = {
     TripReason.OVER_CURRENT: "over-current in coil {number}: {value:.3g} A",
     TripReason.TEMPERATURE: "temperature: {value:.4g} deg C",
     TripReason.AMPLIFIER: "the amplifiers report a fault",
-    TripReason.WATCHDOG: "watchdog: {value:.0f} control steps, or currents of the host, missed at a time",
+    TripReason.WATCHDOG: "watchdog: {value:.0f} control steps, or currents of the host, missed lately",
     TripReason.LAW: "control current of {axis} not finite",
     TripReason.HOST_SILENT: "no command of the host for {value:.0f} steps: the excitation fades, the rotor may land",
+    TripReason.SATURATED: "control current of {axis} at its limit for too long: {value:.3g} A",
     TripReason.EXCITATION: "excitation of {axis} beyond a limit: {um:.4g} um; it fades, the loop stays",
     BridgeTrip.LINK_LOST: "the target does not answer; whether the rotor is levitated is not known",
     BridgeTrip.REBOOT: "the target started anew; the rotor is not levitated",
 }
 _OF_AN_AXIS = {
     TripReason.DISPLACEMENT, TripReason.SENSOR_RANGE, TripReason.SENSOR_STUCK, TripReason.LAW, TripReason.EXCITATION,
+    TripReason.SATURATED,
 }  # fmt: skip
 
 

@@ -1,8 +1,9 @@
 """Real-time targets: the frames of AMB-UDP (docs/reference/target-protocol.md), and the target in this process."""
 
 from amb_core.target.amb_udp import PORT, SILENCE, AmbUdpLink
-from amb_core.target.answers import Answer, Description, Reply, TargetStatus, TelemetryBlock, Trip, decode, machine_of
+from amb_core.target.answers import Answer, Reply, TargetStatus, TelemetryBlock, Trip, decode
 from amb_core.target.commands import Command, CommandWriter
+from amb_core.target.description import Description, machine_of
 from amb_core.target.frames import Refusal, Session, hello
 from amb_core.target.in_order import InOrder, TelemetryCount
 from amb_core.target.layout import (

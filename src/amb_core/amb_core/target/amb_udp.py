@@ -18,20 +18,19 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import TargetError
-from amb_core.loop.known_controller import LinearControl
+from amb_core.errors import AmbError, TargetError, one_line
+from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.target import commands
 from amb_core.target.answers import (
     Answer,
-    Description,
     Reply,
     TargetStatus,
     TelemetryBlock,
     decode,
-    machine_of,
 )
 from amb_core.target.commands import Command, CommandWriter
-from amb_core.target.frames import Refusal, hello, require_key
+from amb_core.target.description import Description, machine_of
+from amb_core.target.frames import Refusal, require_key
 from amb_core.target.in_order import InOrder
 from amb_core.target.layout import (
     CHECKSUM,
@@ -44,8 +43,8 @@ from amb_core.target.layout import (
     TelemetryOption,
 )
 from amb_core.target.link import HostLoopLink, LinkCount, LinkListener, TargetDescription, TargetSettings
-from amb_core.target.pages import Pages
 from amb_core.target.refusals import require_done
+from amb_core.target.search import Search
 from amb_core.target.upload import Upload, controller_upload, excitation_upload
 
 PORT = 47_000
@@ -55,9 +54,11 @@ HELLO_PERIOD = 0.05  # s
 HEARTBEAT_PERIOD, EXCITED_HEARTBEAT_PERIOD = 0.1, 0.005  # s; the target waits 20 ms while it is excited
 UNREAD = 10.0  # times longer that silence must last while frames of anybody wait to be read
 SILENCE = 0.4  # s
+UNSEALED = 0.25  # s without a sealed reply after which it is asked for its boot and counter; all else can be forged
 STREAM_TIMEOUT = 0.25  # s without samples after which telemetry is asked for again
 CLOCK_PERIOD = 2.0  # s
 LAWS = {"": Law.PD, "off": Law.HOST, "land": Law.HOST_OR_LAND}  # by what a target does without the host
+FORESEEN = 10.0  # s after the latest step that a sealed reply has named: no later one can have been measured
 BURST = 48  # chunks of an upload before the target is asked which have arrived: less than any receive buffer holds
 RECEIVE_BUFFER = 1 << 22  # bytes: half a second of telemetry of 16 axes
 
@@ -107,7 +108,6 @@ class AmbUdpLink(HostLoopLink):
         self._starting, self._silence = starting, silence
         self._options = TelemetryOption.STATUS | (TelemetryOption.FLOAT64 if float64 else TelemetryOption(0))
         self._known: TargetDescription
-        self._with_key: bool
         self._by_sample = False  # a frame of telemetry for every sample, since the host closes the loop
         self.count = LinkCount()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -119,10 +119,14 @@ class AmbUdpLink(HostLoopLink):
         self._reply: Reply | None = None
         self._awaited = 0  # counter of the open command
         self._uploads = itertools.count(random.randrange(1, 1 << 30))
-        self._pages = Pages()
+        self._search, self._searching = Search(key), True
         self._silent = False
+        self._sent: dict[str, Command] | None = None  # settings of this boot, by kind
+        self._waiting_settings: TargetSettings | None = None  # until that rotor has landed
         # Times of the monotonic clock (s)
-        self._next_hello = self._next_heartbeat = self._next_clock = self._heard = self._sampled = -math.inf
+        self._next_hello = self._next_heartbeat = self._next_clock = -math.inf
+        self._heard = self._sealed = self._sampled = -math.inf
+        self._known_step = self._answered = 0  # step in the latest sealed reply, and the counter of its command
         self._frame_steps = self._reached = 0  # steps of a frame of telemetry; the step after the last sample
         self._clock: tuple[int, int] | None = None  # of host and target (ns), when the session began
         self._last_known: object = None  # state, excitation and trips in the latest reply
@@ -145,26 +149,38 @@ class AmbUdpLink(HostLoopLink):
             self.close()
             raise TargetError(f"{self._where} cannot be reached: {problem.strerror or problem}") from None
         self._socket.settimeout(RECEIVE_TIMEOUT)
-        deadline = time.monotonic() + self._timeout
-        while self._pages.complete is None:
-            if time.monotonic() > deadline:
-                self.close()
-                raise TargetError(f"no answer from {self._where} within {self._timeout:g} s; is it on?")
-            self._say_hello(time.monotonic())
-            datagram = self._receive()
-            answer = None if datagram is None else decode(datagram)
-            if isinstance(answer, Description):
-                self._pages.add(answer)
-        description = self._begin_session()
-        self._heard = self._sampled = time.monotonic()
+        try:
+            self._find()
+            description = self._begin_session()
+        except AmbError as problem:
+            self.close()
+            raise TargetError(one_line(problem)) from None
+        self._heard = self._sealed = self._sampled = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="amb_udp", daemon=True)
         self._thread.start()
         try:
             self._command(self._stream())
-        except TargetError as problem:
+        except TargetError:
             self.close()
-            raise TargetError(f"{problem}{'; is the key right?' if self._with_key else ''}") from None
+            raise
         return description
+
+    def _find(self) -> None:
+        """Wait for the description; what came instead is the reason if it does not come."""
+        deadline = time.monotonic() + self._timeout
+        reason = ""
+        while self._search.complete is None:
+            if time.monotonic() > deadline:
+                if reason:
+                    raise TargetError(f"{self._where} answers, but cannot be used: {reason}")
+                raise TargetError(f"no answer from {self._where} within {self._timeout:g} s; is it on?")
+            self._say_hello(time.monotonic())
+            datagram = self._receive()
+            answer = None if datagram is None else decode(datagram)
+            if isinstance(answer, Refusal):
+                reason = answer.reason
+            elif isinstance(answer, Description):
+                reason = self._search.add(answer)
 
     def close(self) -> None:
         """Leave the target as it is, and end."""
@@ -176,7 +192,10 @@ class AmbUdpLink(HostLoopLink):
     # -- commands
 
     def configure(self, settings: TargetSettings) -> None:
-        """Send controller, limits and references. A state-space controller in use stays as it is while levitated.
+        """Send controller, limits and references.
+
+        A rotor that is levitated when the host connects stays as it is: nothing is sent until it has landed. Later,
+        only what has changed since then is; a state-space controller in use stays.
 
         Raises
         ------
@@ -187,36 +206,47 @@ class AmbUdpLink(HostLoopLink):
         """
         machine = self._known.machine
         axes = len(machine.axes)
-        status = self._command(commands.limits(settings.limits)).status
-        levitated = status.state not in (TargetState.OFF, TargetState.TRIPPED)
         law = settings.controller.at_rate(machine.sample_rate)
         law.require_axes(axes)
-        if isinstance(law, LinearControl):
-            given = law.parameters.nominal_reference
-            if not (levitated and status.state_space):
-                self._bring(controller_upload(next(self._uploads), law.model), lambda: False)
-                self._command(commands.controller(Law.STATE_SPACE))
+        status = self.status()
+        levitated = status.state not in (TargetState.OFF, TargetState.TRIPPED)
+        by_host = bool(settings.without_host)
+        if levitated and status.by_host != by_host:
+            raise TargetError("the rotor is levitated in the other mode of the loop; land it first")
+        wanted = commands.settings(settings, law, axes)
+        if levitated and self._sent is None:
+            self._waiting_settings = settings
         else:
-            given = law.nominal_reference
-            self._command(commands.gains(law, axes))
+            before = self._sent if levitated and self._sent is not None else {}
+            for kind, command in wanted.items():
+                if before.get(kind) != command:
+                    self._command(command)
             if not levitated:
-                self._command(commands.controller(LAWS[settings.without_host]))
-            elif status.by_host != bool(settings.without_host):
-                raise TargetError("the rotor is levitated in the other mode of the loop; land it first")
-            if settings.without_host and not self._by_sample:
-                self._by_sample, self._wait, self._order = True, 0, InOrder(0, self.count.samples)
-                self._options |= TelemetryOption.FLOAT64
-                self._command(self._stream())
-        if status.state in (TargetState.OFF, TargetState.LEVITATED):
-            self._command(commands.nominal_reference(given or (0.0,) * axes))
-            self._command(commands.landing_reference(settings.landing_reference or (0.0,) * axes))
+                self._choose(law, settings)
+        if by_host and not self._by_sample:
+            self._by_sample, self._wait, self._order = True, 0, InOrder(0, self.count.samples)
+            self._options |= TelemetryOption.FLOAT64
+            self._command(self._stream())
+        self._sent = wanted
+
+    def _choose(self, law: KnownController, settings: TargetSettings) -> None:
+        """Choose who sets the currents; a rotor that is not levitated has all settings then."""
+        chosen = LAWS[settings.without_host]
+        if isinstance(law, LinearControl):
+            self._bring(controller_upload(next(self._uploads), law.model), lambda: False)
+            chosen = Law.STATE_SPACE
+        self._command(commands.controller(chosen))
+        self._waiting_settings = None
 
     def send_current(self, step: int, current: Sequence[float]) -> None:
-        """Send the currents for a step that was measured."""
-        self._send(commands.current(self._session, step, current))
+        """Send the currents for a step that was measured, and not for one that somebody in the network has made up."""
+        if step < self._known_step + FORESEEN * self._known.machine.sample_rate:
+            self._send(commands.current(self._session, step, current))
 
     def levitate(self, seconds: float) -> None:
         """Close the loop in so many seconds."""
+        if self._waiting_settings is not None:
+            self.configure(self._waiting_settings)
         self._command(commands.levitate(seconds))
 
     def land(self, seconds: float) -> None:
@@ -240,8 +270,13 @@ class AmbUdpLink(HostLoopLink):
         self._command(commands.disarm())
 
     def reset_faults(self) -> None:
-        """Forget latched trips."""
-        self._command(commands.fault_reset())
+        """Forget latched trips, and wait until the target has measured anew."""
+        step = self._command(commands.fault_reset()).status.step
+        until = time.monotonic() + self._timeout
+        while self.status().step == step:
+            if time.monotonic() > until:
+                raise TargetError(f"{self._where} has measured nothing since the reset")
+            time.sleep(RECEIVE_TIMEOUT)
 
     def status(self) -> TargetStatus:
         """The state of the target now."""
@@ -267,8 +302,8 @@ class AmbUdpLink(HostLoopLink):
     def _exchanged(self, command: Command) -> Reply:
         """The reply to a command, which is sent again, byte for byte, until it is there."""
         frame = self._writer.write(command)
-        self._replied.clear()
         self._awaited = self._writer.counter
+        self._replied.clear()
         began = time.monotonic()
         pause, sent = FIRST_REPEAT, began
         self._send(frame)
@@ -277,6 +312,9 @@ class AmbUdpLink(HostLoopLink):
                 raise TargetError(f"no reply from {self._where} to {command.type.name}")
             pause, sent = min(2.0 * pause, LONGEST_REPEAT), math.nan
             self.count.resent += 1
+            if self._writer.counter != self._awaited:  # the target has taken later ones, of another host
+                frame = self._writer.write(command)
+                self._awaited = self._writer.counter
             self._send(frame)
         if not math.isnan(sent):
             self.count.round_trip = time.monotonic() - sent
@@ -335,6 +373,10 @@ class AmbUdpLink(HostLoopLink):
             if (answer.state, answer.excitation, answer.trips) != self._last_known:
                 self._next_heartbeat = now
             return
+        if answer.counter <= self._answered:  # again, by the network or by somebody in it
+            return
+        self._answered, self._sealed, self._searching = answer.counter, now, False
+        self._known_step = answer.status.step
         self._note_clock(answer)
         if answer.counter == self._awaited and not self._replied.is_set():
             self._reply = answer
@@ -358,16 +400,26 @@ class AmbUdpLink(HostLoopLink):
         limit = self._silence if all_read else UNREAD * self._silence
         if self._silent or now - self._heard > limit:  # until it has described itself
             if not self._silent:
-                self._silent, self._pages = True, Pages()
+                self._silent = True
                 self._deliver(self._order.flush())
                 self._listener.on_silence()
-            self._say_hello(now)
-        elif now >= self._next_heartbeat and self._exchange.acquire(blocking=False):
+            self._ask(now)
+            return
+        if now - self._sealed > UNSEALED:
+            self._ask(now)
+        if now >= self._next_heartbeat and self._exchange.acquire(blocking=False):
             try:  # not answered by anybody who waits: the status in the reply is what it is for
                 self._send(self._writer.write(self._due(now, all_read)))
             finally:
                 self._exchange.release()
             self._next_heartbeat = now + (EXCITED_HEARTBEAT_PERIOD if self._excited else HEARTBEAT_PERIOD)
+
+    def _ask(self, now: float) -> None:
+        """Ask the target for its boot and its counter, in a search of its own until something sealed has come."""
+        if not self._searching:
+            self._search.begin()
+            self._searching = True
+        self._say_hello(now)
 
     def _due(self, now: float, all_read: bool) -> Command:
         """What shows the target that the host is there: telemetry if it stopped, its clock at times, else nothing."""
@@ -391,21 +443,30 @@ class AmbUdpLink(HostLoopLink):
             self.count.clock_drift = 1e6 * ((target - self._clock[1]) / since - 1.0)
 
     def _recognise(self, description: Description, now: float) -> None:
-        """The target answers again: the same boot, or another."""
-        if not self._silent:
+        """The target has answered a search: the same boot, where its counter is now, or another boot."""
+        if not self._searching or self._search.add(description):
+            self.count.refused += 1
             return
-        self._pages.add(description)
-        if self._pages.complete is None:
+        if (pages := self._search.complete) is None:
             return
-        rebooted = self._pages.complete[0].nonce != self._session.nonce
-        with self._exchange:  # an open command has ended, or ends at once, since the target is silent
-            known = self._begin_session() if rebooted else self._known
-        self._silent, self._heard, self._sampled = False, now, -math.inf if rebooted else now
-        self._next_heartbeat = now
-        self._listener.on_return(known, rebooted)
+        self._searching, silent = False, self._silent
+        rebooted, known = pages[0].nonce != self._session.nonce, self._known
+        if rebooted:
+            self._silent = True  # an open command ends
+            try:
+                with self._exchange:
+                    known = self._begin_session()
+            except AmbError:  # a machine that is none: searched for again
+                self.count.refused += 1
+                return
+        self._writer.catch_up(pages[0].counter)
+        self._silent, self._sealed, self._next_heartbeat = False, now, now
+        if silent or rebooted:
+            self._heard, self._sampled = now, -math.inf if rebooted else now
+            self._listener.on_return(known, rebooted)
 
     def _begin_session(self) -> TargetDescription:
-        pages = self._pages.complete
+        pages = self._search.complete
         assert pages is not None
         page = pages[0]
         self._session = page.session(self._key)
@@ -414,7 +475,7 @@ class AmbUdpLink(HostLoopLink):
         version = ".".join(map(str, page.firmware_version))
         room = page.waveform_bytes // (8 * page.axes)
         self._known = TargetDescription(machine_of(pages), page.limits, f"{page.firmware} {version}", room, page.nonce)
-        self._with_key = page.with_key
+        self._sent, self._known_step, self._answered = None, 0, 0
         return self._known
 
     # -- frames
@@ -429,8 +490,8 @@ class AmbUdpLink(HostLoopLink):
     def _say_hello(self, now: float) -> None:
         if now >= self._next_hello:
             self._next_hello = now + HELLO_PERIOD
-            for first in self._pages.missing:
-                self._send(hello(first))
+            for question in self._search.questions():
+                self._send(question)
 
     def _send(self, frame: bytes) -> None:
         with contextlib.suppress(OSError):  # refused or unreachable for the moment: like a frame that was lost

@@ -1,4 +1,4 @@
-"""What a target sends, decoded: its description, replies, status and telemetry."""
+"""What a target sends, decoded: replies, status and telemetry, and its description by `description`."""
 
 from __future__ import annotations
 
@@ -9,24 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import AmbError, MachineError
-from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
+from amb_core.target.description import Description, description_of
 from amb_core.target.frames import Frame, Refusal, Session, decode_frame, opened
 from amb_core.target.layout import (
-    MOST_AXES,
+    CHECKSUM,
     Code,
     ExcitationPhase,
     FrameType,
     Law,
-    Limits,
     TargetState,
     TelemetryOption,
     TripReason,
 )
 
-_FIXED = struct.Struct("<16sQ32s32sdIIHHIBBBBI")
-_LIMITS = len(Limits().to_bytes())
-_AXIS = struct.Struct("<16s16s8d")
 _STATUS = struct.Struct("<BBBBIIIIIQ")
 _TRIP = struct.Struct("<BB6xQd")
 _REPLY = struct.Struct("<BBHI")
@@ -34,59 +29,6 @@ _TELEMETRY = struct.Struct("<BBBxHH")
 _LAST_STEP = 1 << 62
 _WIDE, _WITH_COILS, _WITH_STATUS = (int(option) for option in TelemetryOption)  # flags are slow in a stream
 _NUMBERS: dict[int, np.dtype[Any]] = {4: np.dtype("<f4"), 8: np.dtype("<f8")}
-PER_PAGE = 8
-
-
-@dataclass(frozen=True)
-class Description:
-    """A page of the description of a target: everything about it, and up to eight of its axes from `first_axis` on.
-
-    Attributes
-    ----------
-    nonce : bytes
-        Random number of this boot.
-    counter : int
-        Last counter of a command that it accepted.
-    machine, firmware : str
-        Names.
-    firmware_version : tuple of int
-        Major, minor, patch.
-    sample_rate : float
-        Controller sample rate (Hz).
-    waveform_bytes, most_chunks, most_states, most_matrix_numbers : int
-        Room for uploads.
-    axes, coils : int
-        Axes, and measured coil currents.
-    with_key : bool
-        Whether commands need a key; without one it takes them from its own host only.
-    limits : Limits
-        Those of its configuration, which a host can only lower.
-    first_axis : int
-        First axis of this page.
-    page : tuple of (MachineAxis, float)
-        Its axes, with the clearance of the bearing of each (m).
-    """
-
-    nonce: bytes
-    counter: int
-    machine: str
-    firmware: str
-    firmware_version: tuple[int, int, int]
-    sample_rate: float
-    waveform_bytes: int
-    most_chunks: int
-    most_states: int
-    most_matrix_numbers: int
-    axes: int
-    coils: int
-    with_key: bool
-    limits: Limits
-    first_axis: int
-    page: tuple[tuple[MachineAxis, float], ...]
-
-    def session(self, key: bytes = b"") -> Session:
-        """Session with this target."""
-        return Session(self.nonce, self.axes, self.coils, key)
 
 
 @dataclass(frozen=True)
@@ -116,6 +58,8 @@ class TargetStatus:
         complete, and a state-space controller is there.
     by_host : bool
         Whether the host is to set the currents.
+    locked : bool
+        Whether faults cannot be reset yet, after a trip by displacement.
     missed, bad, forged, replayed, unsent : int
         Control steps missed; frames damaged or of another boot, with a wrong tag, with an old counter; frames that
         could not be sent.
@@ -141,6 +85,7 @@ class TargetStatus:
     counter: int
     trips: tuple[Trip, ...]
     by_host: bool = False
+    locked: bool = False
 
 
 @dataclass(frozen=True)
@@ -233,7 +178,7 @@ def decode(datagram: bytes, session: Session | None = None) -> Answer | Refusal:
     if isinstance(frame, Refusal):
         return frame
     if frame.type is FrameType.DESCRIPTION:
-        return _description(frame)
+        return description_of(frame, datagram[:-CHECKSUM])
     if frame.type < FrameType.DESCRIPTION:
         return Refusal(f"{frame.type.name} is a command; expected: a frame of a target")
     if session is None:
@@ -248,63 +193,6 @@ def decode(datagram: bytes, session: Session | None = None) -> Answer | Refusal:
         return _status(frame.payload, frame.step)
     found = opened(session, datagram, frame)
     return found if isinstance(found, Refusal) else _reply(*found, frame.step)
-
-
-def machine_of(pages: list[Description]) -> Machine:
-    """The machine that a target describes on all its pages, with source `bridge`.
-
-    Raises
-    ------
-    MachineError
-        If they contradict each other, an axis is missing, or the machine is impossible.
-    """
-    ordered = sorted(pages, key=lambda page: page.first_axis)
-    found = [axis for page in ordered for axis in page.page]
-    if not ordered or len({page.nonce for page in ordered}) > 1 or len(found) != ordered[0].axes:
-        raise MachineError(f"the pages describe {len(found)} axes; expected: all axes of one target, once, of one boot")
-    clearances: dict[str, float] = {}
-    for axis, clearance in found:
-        if clearances.setdefault(axis.bearing, clearance) != clearance:
-            both = f"{clearances[axis.bearing]:g} and {clearance:g} m"
-            raise MachineError(f"bearing {axis.bearing!r} has clearances {both}; expected: one")
-    bearings = tuple(MachineBearing(name, clearance) for name, clearance in clearances.items())
-    page = ordered[0]
-    return Machine(page.machine, "bridge", page.sample_rate, tuple(axis for axis, _ in found), bearings)
-
-
-def _description(frame: Frame) -> Description | Refusal:
-    if len(frame.payload) < _FIXED.size + _LIMITS:
-        return Refusal(f"description of {len(frame.payload)} bytes; needed: {_FIXED.size + _LIMITS}")
-    (
-        nonce, counter, machine, firmware, rate, version, room, numbers, states, chunks,
-        axes, first, here, coils, keyed,
-    ) = _FIXED.unpack_from(frame.payload)  # fmt: skip
-    if len(frame.payload) < _FIXED.size + _LIMITS + here * _AXIS.size:
-        return Refusal(f"description of {len(frame.payload)} bytes is too short for {here} axes")
-    if not 1 <= axes <= MOST_AXES or coils > 2 * MOST_AXES or first >= axes or here != min(PER_PAGE, axes - first):
-        return Refusal(f"description of {here} axes from {first} onwards, of {axes}, with {coils} coils")
-    if int.from_bytes(nonce[:4], "little") != frame.session or not frame.session:
-        return Refusal(f"description of session {frame.session:#010x} with another nonce")
-    if not 0.0 < rate < float("inf"):
-        return Refusal(f"description with a sample rate of {rate:g} Hz; allowed: more than 0")
-    try:
-        limits = Limits.from_bytes(frame.payload[_FIXED.size : _FIXED.size + _LIMITS])
-        names = _text(machine), _text(firmware)
-        page = tuple(_axis(frame.payload, _FIXED.size + _LIMITS + row * _AXIS.size) for row in range(here))
-    except (AmbError, UnicodeDecodeError) as problem:
-        return Refusal(f"description: {problem}")
-    numbered = version >> 16, version >> 8 & 0xFF, version & 0xFF
-    sizes = room, chunks, states, numbers, axes, coils
-    return Description(nonce, counter, *names, numbered, rate, *sizes, bool(keyed), limits, first, page)
-
-
-def _axis(payload: bytes, offset: int) -> tuple[MachineAxis, float]:
-    name, bearing, sensor, actuator, x, y, z, bias, followed, clearance = _AXIS.unpack_from(payload, offset)
-    return MachineAxis(_text(name), _text(bearing), sensor, actuator, (x, y, z), bias, followed), clearance
-
-
-def _text(name: bytes) -> str:
-    return name.split(b"\0", 1)[0].decode()
 
 
 def _status(block: bytes, step: int) -> TargetStatus | Refusal:
@@ -328,7 +216,7 @@ def _status(block: bytes, step: int) -> TargetStatus | Refusal:
     missed, bad, forged, replayed, unsent = counts
     return TargetStatus(
         step, known, phase, law == Law.STATE_SPACE, alarm, streaming, ready, controller,
-        missed, bad, forged, replayed, unsent, counter, trips, law >= Law.HOST,
+        missed, bad, forged, replayed, unsent, counter, trips, law >= Law.HOST, bool(flags & 8),
     )  # fmt: skip
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import struct
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.pd_parameters import ControllerParameters, pack_gains
 from amb_core.target.frames import Session, seal
 from amb_core.target.layout import FrameType, Law, Limits, ParameterKind
+from amb_core.target.link import TargetSettings
 
 
 @dataclass(frozen=True)
@@ -37,11 +40,19 @@ class CommandWriter:
     def __init__(self, session: Session, counter: int = 0) -> None:
         self.session = session
         self.counter = counter
+        self._writing = threading.Lock()
 
     def write(self, command: Command) -> bytes:
         """Frame of a command, with the next counter. If its reply is lost, send the same frame again."""
-        self.counter += 1
-        return seal(self.session, command.type, self.counter, command.body, self.counter & 0xFFFFFFFF, command.step)
+        with self._writing:
+            self.counter += 1
+            counter = self.counter
+        return seal(self.session, command.type, counter, command.body, counter & 0xFFFFFFFF, command.step)
+
+    def catch_up(self, counter: int) -> None:
+        """Go on after a counter that the target has accepted, from this host or another."""
+        with self._writing:
+            self.counter = max(self.counter, counter)
 
 
 def heartbeat() -> Command:
@@ -116,6 +127,22 @@ def landing_reference(position: Sequence[float]) -> Command:
 def limits(values: Limits) -> Command:
     """Limits; none may be above that of the target's configuration."""
     return Command(FrameType.PARAMETERS, struct.pack("<Q", ParameterKind.LIMITS) + values.to_bytes())
+
+
+def settings(wanted: TargetSettings, law: KnownController, axes: int) -> dict[str, Command]:
+    """Limits, gains of a PD law, and references, by kind and in the order in which they are sent."""
+    gains_of_pd: dict[str, Command] = {}
+    if isinstance(law, LinearControl):
+        nominal = law.parameters.nominal_reference
+    else:
+        nominal, gains_of_pd = law.nominal_reference, {"gains": gains(law, axes)}
+    none = (0.0,) * axes
+    return {
+        "limits": limits(wanted.limits),
+        **gains_of_pd,
+        "nominal": nominal_reference(nominal or none),
+        "landing": landing_reference(wanted.landing_reference or none),
+    }
 
 
 def controller(law: Law) -> Command:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 from amb_core.errors import TargetError
 from amb_core.target.layout import (
+    CHALLENGE,
     CHECKSUM,
     COUNTER,
     HEADER,
@@ -120,27 +121,30 @@ def tag(session: Session, frame: bytes) -> bytes:
     return hmac.digest(session.key, session.nonce + frame, "sha256")[:TAG]
 
 
-def hello(first_axis: int = 0, sequence: int = 0) -> bytes:
-    """Request of the description of a target, of eight axes from `first_axis` onwards.
+def hello(first_axis: int = 0, sequence: int = 0, challenge: bytes = bytes(CHALLENGE)) -> bytes:
+    """Request of the description of a target, of eight axes from `first_axis` onwards; the answer repeats `challenge`.
 
     It is as long as any answer, so that a target cannot be used to flood a third host.
     """
-    return encode(FrameType.HELLO, bytes([first_axis]) + bytes(HELLO_LENGTH - 1), sequence=sequence)
+    payload = bytes([first_axis]) + bytes(7) + challenge
+    return encode(FrameType.HELLO, payload.ljust(HELLO_LENGTH, b"\0"), sequence=sequence)
 
 
 def decode_frame(datagram: bytes) -> Frame | Refusal:
     """Check length, magic, version, type and checksum of a datagram."""
-    if not HEADER.size + CHECKSUM <= len(datagram) <= LARGEST_FRAME:
+    if len(datagram) < HEADER.size + CHECKSUM:
         return Refusal(f"{len(datagram)} bytes; allowed: {HEADER.size + CHECKSUM} to {LARGEST_FRAME}")
     magic, version, kind, length, session, sequence, step = HEADER.unpack_from(datagram)
     if magic != MAGIC:
         return Refusal(f"magic {magic!r}; expected: {MAGIC!r}")
+    if version != VERSION:  # first, since it decides what everything else means
+        return Refusal(f"version {version} of the protocol; known: {VERSION}")
+    if len(datagram) > LARGEST_FRAME:
+        return Refusal(f"{len(datagram)} bytes; allowed: {HEADER.size + CHECKSUM} to {LARGEST_FRAME}")
     if HEADER.size + length + CHECKSUM != len(datagram):
         return Refusal(f"its header gives it {HEADER.size + length + CHECKSUM} bytes, it has {len(datagram)}")
     if zlib.crc32(memoryview(datagram)[:-CHECKSUM]) != int.from_bytes(datagram[-CHECKSUM:], "little"):
         return Refusal("wrong checksum")
-    if version != VERSION:
-        return Refusal(f"version {version} of the protocol; known: {VERSION}")
     if kind not in _TYPES:
         return Refusal(f"unknown type {kind:#04x}")
     return Frame(_TYPES[kind], session, sequence, step, bytes(datagram[HEADER.size : -CHECKSUM]))

@@ -12,16 +12,16 @@ from typing import Self
 
 from amb_core.errors import TargetError
 
-VERSION = 1
+VERSION = 2
 MAGIC = b"AMBU"
 HEADER = struct.Struct("<4sBBHIIQ")
 """Magic, version, type, length of the payload, session, sequence, step."""
 LARGEST_FRAME = 1472
 """Bytes of the largest frame: one Ethernet frame of 1500 bytes without the headers of IP and UDP."""
-CHECKSUM, COUNTER, TAG, NONCE = 4, 8, 16, 16
+CHECKSUM, COUNTER, TAG, NONCE, CHALLENGE = 4, 8, 16, 16, 16
 CHUNK = 1408
 """Bytes of every chunk of an upload but the last."""
-HELLO_LENGTH = 1024
+HELLO_LENGTH = 1152
 MOST_AXES = 16
 LONGEST_KEY = 64
 
@@ -67,6 +67,7 @@ class Code(IntEnum):
     LATCHED = 10
     TOO_LARGE = 11
     BUSY = 12
+    LOCKED = 13
 
 
 class TargetState(IntEnum):
@@ -80,7 +81,7 @@ class TargetState(IntEnum):
 
 
 class TripReason(IntEnum):
-    """Reasons of trips. The last two stop the excitation and leave the loop closed; the others switch off."""
+    """Reasons of trips. HOST_SILENT and EXCITATION leave the loop closed; the others switch off."""
 
     DISPLACEMENT = 1
     SENSOR_RANGE = 2
@@ -92,6 +93,7 @@ class TripReason(IntEnum):
     LAW = 8
     HOST_SILENT = 9
     EXCITATION = 10
+    SATURATED = 11
 
 
 class ExcitationPhase(IntEnum):
@@ -161,7 +163,19 @@ class Limits:
     settle_time : float
         Time from levitation until displacement can trip; duration of a landing without a host (s).
     missed_steps : float
-        Control steps missed at a time: trip.
+        Control steps missed lately: trip.
+    reference_slew : float
+        Change of the reference while it moves, the excitation apart (m/s).
+    contact_share : float
+        Radial displacement over clearance while levitating, landing or settling: trip.
+    lift_time : float
+        Time for which the rotor may be farther from the reference than the trip share allows (s): trip.
+    saturation_time : float
+        Time for which a control current may be at its limit (s): trip.
+    missed_share : float
+        Share of missed control steps, from which on they add up to `missed_steps`.
+    lock_time : float
+        Time after a trip by displacement in which faults are not reset (s; infinite: until a restart).
     """
 
     control_current: float = 3.0
@@ -179,6 +193,12 @@ class Limits:
     fade_time: float = 0.01
     settle_time: float = 0.5
     missed_steps: float = 20.0
+    reference_slew: float = 0.01
+    contact_share: float = 1.2
+    lift_time: float = 0.2
+    saturation_time: float = 0.05
+    missed_share: float = 0.05
+    lock_time: float = 0.2
 
     def __post_init__(self) -> None:
         for name, value in zip((field.name for field in fields(self)), astuple(self), strict=True):

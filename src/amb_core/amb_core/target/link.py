@@ -151,7 +151,10 @@ class TargetLink(ABC):
 
     @abstractmethod
     def configure(self, settings: TargetSettings) -> None:
-        """Send controller, limits and references."""
+        """Send controller, limits and references.
+
+        A rotor that is levitated when the host connects must not move: then this changes nothing until it has landed.
+        """
 
     @abstractmethod
     def levitate(self, seconds: float) -> None:

@@ -162,7 +162,10 @@ class ReferenceTarget:
             raise TargetError(f"nonce {drawn.hex()}; allowed: {NONCE} bytes, not all of the first four 0")
         self.steps = 0
         if not self._library.hosted_init(self._address, ctypes.byref(self._config), drawn):
-            raise TargetError(f"the library has no room for a machine with {self._config.axes} axes")
+            raise TargetError(
+                f"the target does not start with this configuration of {self._config.axes} axes: no room for it, "
+                "or a number that is not allowed"
+            )
 
     def step(self, time: int | None = None, temperature: float = 0.0, amplifier_fault: bool = False) -> bool:
         """One control step with `position` and `coil_current`; sets `current`. Returns whether the amplifiers are on.
@@ -188,6 +191,11 @@ class ReferenceTarget:
         self.enabled = self._library.hosted_feed(self._address, datagram, len(datagram), ctypes.byref(sender))
 
     @property
+    def hardware_enable(self) -> bool:
+        """The output for the enable of the amplifiers in hardware."""
+        return bool(self._library.hosted_hardware_enable(self._address))
+
+    @property
     def waits(self) -> bool:
         """Whether the host is to set the currents, and has not yet for the latest step."""
         return bool(self._library.hosted_waits(self._address))
@@ -211,6 +219,8 @@ def _functions(library: Path) -> ctypes.CDLL:
     found.hosted_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_void_p]
     found.hosted_feed.restype = ctypes.c_bool
     found.hosted_waits.argtypes, found.hosted_waits.restype = [ctypes.c_void_p], ctypes.c_bool
+    found.hosted_hardware_enable.argtypes = [ctypes.c_void_p]
+    found.hosted_hardware_enable.restype = ctypes.c_bool
     found.hosted_take.argtypes, found.hosted_take.restype = [ctypes.c_void_p] * 3, ctypes.c_size_t
     return found
 

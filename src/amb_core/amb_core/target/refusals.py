@@ -5,13 +5,13 @@ from __future__ import annotations
 from amb_core.errors import TargetError
 from amb_core.target.answers import Reply
 from amb_core.target.commands import Command
-from amb_core.target.layout import Code, ExcitationPhase
+from amb_core.target.layout import Code, ExcitationPhase, FrameType, TargetState
 from amb_core.target.link import TooLateError
 
 _REASONS = {
     Code.BAD_LENGTH: "it has another length than this version of the protocol expects",
     Code.BAD_VALUE: "a value is not allowed",
-    Code.BEYOND_LIMIT: "it is beyond the target's limits of amplitude or slew",
+    Code.BEYOND_LIMIT: "it is beyond the target's limits",
     Code.UNKNOWN: "it is unknown to this firmware",
     Code.NO_UPLOAD: "the upload is not there any more",
     Code.INCOMPLETE: "parts of the upload are missing",
@@ -19,6 +19,7 @@ _REASONS = {
     Code.LATCHED: "trips are latched; reset them first",
     Code.TOO_LARGE: "it is larger than the target has room for",
     Code.BUSY: "the target is busy",
+    Code.LOCKED: "it is locked after a trip by displacement; wait for its lock_time, and look at the rotor",
 }
 
 
@@ -29,6 +30,8 @@ def require_done(where: str, command: Command, reply: Reply) -> None:
     if reply.code is Code.TOO_LATE:
         raise TooLateError(command.step, reply.status.step)
     reason = _REASONS.get(reply.code, f"it is {reply.status.state.name.lower()}")
+    if (command.type, reply.code, reply.status.state) == (FrameType.LEVITATE, Code.WRONG_STATE, TargetState.OFF):
+        reason = "it has measured nothing since its start, or since the latest reset"
     if reply.code is Code.WRONG_STATE and reply.status.excitation is not ExcitationPhase.NONE:
         reason += f", with an excitation {reply.status.excitation.name.lower()}"
     raise TargetError(f"{where} refuses {command.type.name}: {reason}")

@@ -1,0 +1,172 @@
+"""Who a host takes for its target: forged and repeated descriptions, a lost counter, and answers that are strange."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import socket
+import struct
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from amb_core.errors import TargetError
+from amb_core.loop.control import ControllerParameters
+from amb_core.target import AmbUdpLink, ReferenceTarget, TargetSettings, TargetState
+from tests.served_emulator import ServedEmulator
+from tests.soak.on_path import resummed
+from tests.soak.recovery import recovery
+from tests.target_rig import library, machine
+from tests.unit.test_target_link import KEY, TIMEOUT, Listener, levitated
+
+
+def test_a_host_under_attack_commands_again_within_a_second() -> None:
+    found = recovery(rounds=1)["recovery"]
+    assert (found["attacks"], found["recovered"]) == (18, 18), found
+
+
+class Strange:
+    """A target whose descriptions are changed on their way."""
+
+    def __init__(self, change: Callable[[bytes], bytes], key: bytes = b"") -> None:
+        self._target, self._change = ReferenceTarget(library(), machine(), key=key), change
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.settimeout(0.1)
+        self.port = self._socket.getsockname()[1]
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Strange:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._socket.close()
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                frame, peer = self._socket.recvfrom(2048)
+            except TimeoutError:
+                continue
+            self._target.feed(frame)
+            for answer, _ in self._target.take():
+                self._socket.sendto(self._change(answer), peer)
+
+
+def put(offset: int, block: bytes) -> Callable[[bytes], bytes]:
+    """Change bytes of the payload, with a right checksum."""
+    return lambda frame: resummed(frame[: 24 + offset] + block + frame[24 + offset + len(block) :])
+
+
+def double(offset: int, value: float) -> Callable[[bytes], bytes]:
+    return put(offset, struct.pack("<d", value))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda frame: resummed(frame[:4] + b"\1" + frame[5:]), "version 1 of the protocol; known: 2"),
+        (lambda frame: frame[:4] + b"\3" + frame[5:40], "version 3 of the protocol; known: 2"),
+        (lambda frame: frame[:4] + b"\3" + frame[5:] + bytes(1000), "version 3 of the protocol; known: 2"),
+        (lambda frame: b"X" + frame[1:], "magic"),
+        (lambda frame: frame[:-1], "its header gives it"),
+        (lambda frame: frame[:12], "12 bytes"),
+        (lambda frame: frame[:-1] + bytes([frame[-1] ^ 1]), "wrong checksum"),
+        (lambda frame: resummed(frame[:5] + b"\x33" + frame[6:]), "unknown type 0x33"),
+        (put(0, b"other challenge."), "answers another HELLO"),
+        (put(16, b"nonce"), "with another nonce"),
+        (put(32, struct.pack("<Q", 1 << 63)), "counter"),
+        (put(40, b"\xff\xfe"), "description"),
+        (double(104, math.nan), "sample rate of nan Hz"),
+        (put(128, b"\x11"), "of 17"),
+        (double(136, math.nan), "limit control_current is nan"),
+        (put(132, b"\1"), "it needs a key"),
+        (double(136, 1.0), "wrong tag"),
+    ],
+)
+def test_a_strange_description_is_named(change: Callable[[bytes], bytes], reason: str) -> None:
+    with Strange(change) as target:
+        link = AmbUdpLink(port=target.port, timeout=0.3)
+        with pytest.raises(TargetError, match="answers, but cannot be used") as refused:
+            link.connect(Listener())
+        assert reason in str(refused.value)
+        assert "is it on" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("of_target", "of_host", "reason"),
+    [(KEY, bytes(32), "is the key right"), (KEY, b"", "it needs a key"), (b"", KEY, "it has no key")],
+)
+def test_another_key_is_named(of_target: bytes, of_host: bytes, reason: str) -> None:
+    with Strange(lambda frame: frame, of_target) as target:
+        link = AmbUdpLink(port=target.port, key=of_host, timeout=0.3)
+        with pytest.raises(TargetError, match=reason) as refused:
+            link.connect(Listener())
+        assert KEY.hex() not in str(refused.value)
+
+
+# -- a rotor that is levitated already
+
+
+@pytest.fixture
+def served():
+    with ServedEmulator(key=KEY) as emulator:
+        yield emulator
+
+
+def connected(served: ServedEmulator, settings: Callable[[], ControllerParameters]) -> tuple[AmbUdpLink, Listener]:
+    link, listener = AmbUdpLink(port=served.port, key=KEY, float64=True, timeout=TIMEOUT), Listener()
+    description = link.connect(listener)
+    link.configure(TargetSettings(settings(), description.limits, ()))
+    return link, listener
+
+
+def test_a_host_that_connects_to_a_levitated_rotor_does_not_move_it(served: ServedEmulator) -> None:
+    first = AmbUdpLink(port=served.port, key=KEY, timeout=TIMEOUT)
+    levitated(first, Listener())
+    first.close()
+    link, listener = connected(
+        served, lambda: ControllerParameters(nominal_reference=(90e-6, 40e-6), proportional_gain=0.0)
+    )
+    try:
+        step = link.status().step
+        listener.wait_for_step(step + 2_000)
+        assert link.status().state is TargetState.LEVITATED
+        assert not any(block.reference.any() for block in listener.blocks)
+    finally:
+        link.close()
+
+
+def test_what_it_changes_afterwards_is_sent_and_moves_slowly(served: ServedEmulator) -> None:
+    first = AmbUdpLink(port=served.port, key=KEY, timeout=TIMEOUT)
+    description = levitated(first, Listener())
+    first.close()
+    link, listener = connected(served, ControllerParameters)
+    try:
+        moved = ControllerParameters(nominal_reference=(0.0, 40e-6))
+        link.configure(TargetSettings(moved, description.limits, ()))
+        listener.wait_for(lambda: bool(listener.blocks) and listener.blocks[-1].reference[-1, 1] == 40e-6)
+        reference = [row for block in listener.blocks for row in block.reference[:, 1].tolist()]
+        assert max(abs(after - before) for before, after in itertools.pairwise(reference)) < 1.01e-6
+    finally:
+        link.close()
+
+
+def test_its_own_settings_are_sent_before_the_next_levitation(served: ServedEmulator) -> None:
+    first = AmbUdpLink(port=served.port, key=KEY, timeout=TIMEOUT)
+    levitated(first, Listener())
+    first.close()
+    link, listener = connected(served, lambda: ControllerParameters(nominal_reference=(0.0, 30e-6)))
+    try:
+        link.land(0.0)
+        link.reset_faults()
+        link.levitate(0.01)
+        listener.wait_for(lambda: bool(listener.blocks) and listener.blocks[-1].reference[-1, 1] == 30e-6)
+        assert link.status().state in (TargetState.LEVITATING, TargetState.LEVITATED)
+    finally:
+        link.close()
