@@ -426,8 +426,18 @@ def test_a_search_that_did_not_converge_and_poles_that_are_not_decided_are_reser
 def test_another_controller_is_a_reservation(data: IdentificationData, model: StateSpaceModel) -> None:
     other = CONTROLLER.model_copy(update={"proportional_gain": 0.8 * CONTROLLER.proportional_gain})
     found = validate(model, data, other)
-    assert found.foreign_currents is not None and found.foreign_currents > 0.05
+    assert (
+        "proportional gain" in condition(found, "controller").finding or "K_P" in condition(found, "controller").finding
+    )
     assert not condition(found, "controller").passed and found.verdict != "validated"
+
+
+def test_a_sensor_that_froze_is_a_reservation(data: IdentificationData, model: StateSpaceModel) -> None:
+    (item,) = data.experiments
+    frozen = item.outputs.copy()
+    frozen[2000:2600, 1] = frozen[2000, 1]
+    found = validate(model, replace(data, experiments=(replace(item, outputs=frozen),)), CONTROLLER)
+    assert "frozen" in condition(found, "samples").finding and found.verdict != "validated"
 
 
 def test_a_mode_that_the_model_lacks_rings_in_the_residuals_and_a_tone_is_none() -> None:
