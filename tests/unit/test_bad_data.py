@@ -65,8 +65,8 @@ def test_identify_and_validate_name_an_outlier() -> None:
     assert found.report.finding("outliers").severity is Severity.INFO
     report = identify(bad, 5, "ssarx", loop.controller).report
     assert f"x step {record.first_step + 1_000}" in report.finding("outliers").where
-    notes = validate(found.model, IdentificationData.from_record(bad), loop.controller).notes
-    assert any(note.startswith(f"outliers: x step {record.first_step + 1_000}") for note in notes)
+    failed = validate(found.model, IdentificationData.from_record(bad), loop.controller).failed
+    assert any(f"outliers: x step {record.first_step + 1_000}" in one.finding for one in failed)
 
 
 def test_interpolated_samples_are_found() -> None:

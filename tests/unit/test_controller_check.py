@@ -51,7 +51,7 @@ def test_identify_and_validate_name_the_derivative() -> None:
     found = identify(record, 5, "ssarx", wrong)
     assert f"the derivative on the {loop.controller.derivative_on}" in found.report.finding("controller").what
     judged = validate(found.model, IdentificationData.from_record(record), wrong)
-    assert any(f"the derivative on the {loop.controller.derivative_on}" in note for note in judged.notes)
+    assert any(f"the derivative on the {loop.controller.derivative_on}" in one.finding for one in judged.failed)
     assert identify(record, 5, "ssarx", loop.controller).report.finding("controller").severity is Severity.INFO
 
 

@@ -142,4 +142,4 @@ def test_a_pole_whose_interval_holds_1_is_reported() -> None:
     )  # fmt: skip
     assert len(uncertainty.poles_at_one) == 2
     assert "holds 1" in uncertainty.summary
-    assert any("holds 1" in note for note in validate(uncertainty.model, data, uncertainty=uncertainty).notes)
+    assert any("holds 1" in one.finding for one in validate(uncertainty.model, data, uncertainty=uncertainty).failed)

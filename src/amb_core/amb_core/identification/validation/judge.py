@@ -29,6 +29,10 @@ SHORT_OF_POSSIBLE = 10.0
 OVERLAP = 0.05
 """Share of the samples of the identification that the data may hold again."""
 
+NOTED = "clipping"
+"""Of the checks of a recording the one that is a note only: currents at their limit are recorded behind it, so they are
+the true ones, and the loop is simulated with the limit."""
+
 _RESERVED, _REFUSED = Verdict.RESERVATIONS, Verdict.NOT_VALIDATED
 
 
@@ -69,8 +73,7 @@ def _controller(found: Validation) -> Condition:
 def _sound(found: Validation) -> Condition:
     key, name = "samples", "the samples are as they were measured"
     limit = "no check of the recording warns"
-    # Currents at their limit are recorded behind it, so they are the true ones, and the loop is simulated with it.
-    findings = [one for one in found.findings if one.severity is not Severity.INFO and one.check != "clipping"]
+    findings = [one for one in found.findings if one.severity is not Severity.INFO and one.check != NOTED]
     if not findings:
         return Condition(key, name, "nothing found", limit)
     texts = [f"{one.check}: {one.where + ': ' if one.where else ''}{one.what}" for one in findings]

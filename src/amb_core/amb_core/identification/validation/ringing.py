@@ -121,7 +121,9 @@ def _without_tones(errors: Arrays) -> Arrays:
     power = np.sum(np.abs(spectrum) ** 2, axis=1)
     padded = np.pad(power, _BESIDE, mode="reflect")
     beside = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1), axis=1)
-    level = np.where(power > _TONE * beside, np.sqrt(beside / np.maximum(power, np.finfo(float).tiny)), 1.0)
+    level = np.ones(len(power))
+    tones = power > _TONE * beside
+    level[tones] = np.sqrt(beside[tones] / power[tones])
     return np.asarray(np.fft.irfft(spectrum * level[:, np.newaxis], len(errors), axis=0))
 
 

@@ -20,7 +20,7 @@ from amb_core.identification.numerics import one_blas_thread
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation.deviations import Deviation, find_deviations
 from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses, in_open_loop
-from amb_core.identification.validation.judge import judge
+from amb_core.identification.validation.judge import NOTED, judge
 from amb_core.identification.validation.model_error import BandError, response_errors
 from amb_core.identification.validation.overlap import overlap
 from amb_core.identification.validation.prediction import Prediction, predict
@@ -240,6 +240,8 @@ def validate(
             1.0 + (data.samples / model.samples if model.samples else 0.0),
         )
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
+    findings = tuple(check_recording(data))
+    noted = [f"{one.check}: {one.text}" for one in findings if one.check == NOTED and one.severity is not Severity.INFO]
     return Validation(
         model,
         data,
@@ -249,9 +251,9 @@ def validate(
         loop.closed_loop,
         frequency,
         evidence_of(data),
-        (*loop.notes, *frequency_notes),
+        (*loop.notes, *noted, *frequency_notes),
         _controller_check(data, controller, loop),
-        tuple(check_recording(data)),
+        findings,
         band_errors=errors,
         deviations=deviations,
         ringing=ringing,
