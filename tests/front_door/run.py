@@ -16,7 +16,6 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
-from itertools import groupby
 from typing import Any
 
 from domain_coordinator import domain_id
@@ -95,7 +94,10 @@ def main() -> int:
     parser.add_argument("programs", nargs="*", help=f"of {', '.join(program.module for program in PROGRAMS)}")
     chosen = parser.parse_args().programs
     wanted = [program for program in PROGRAMS if not chosen or program.module in chosen]
-    files = [list(group) for _, group in groupby(wanted, key=lambda program: program.results)]
+    by_file: dict[str, list[Program]] = {}
+    for program in wanted:
+        by_file.setdefault(program.results, []).append(program)
+    files = list(by_file.values())
     files.sort(key=lambda programs: -sum(program.seconds for program in programs))
     outcomes: dict[str, Outcome] = {}
     began = time.monotonic()

@@ -333,6 +333,9 @@ def bridge_fuzz(folder: Path, frames: int = 1_000_000) -> dict[str, Any]:
         lines = session.graph.lines("hardware_bridge")
         exceptions = sum("Traceback" in line or "internal error" in line for line in lines)
         alive = process.is_running()
+        session.wait_until(
+            lambda: "frames refused" in session.diagnostics.get("hardware_bridge", {}), "diagnostics since it connected"
+        )
         refused = session.diagnostics["hardware_bridge"]["frames refused"]
     return {
         "fuzz": {
