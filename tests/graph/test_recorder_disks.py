@@ -94,7 +94,7 @@ def test_what_does_not_fit_is_counted_and_named_and_the_bag_stays_valid(
     assert health.status.level == DiagnosticStatus.ERROR
     assert health.status.message.startswith("the disk is too slow, and the queue of 1 MB was full: dropped ")
     disk.resume()
-    graph.wait_until(lambda: not health.number("queued messages"), "an empty queue")
+    graph.wait_until(lambda: health.received >= 1000 and not health.number("queued messages"), "an empty queue")
     dropped = health.number("dropped steps")  # of this recording; after it, the diagnostics are of the next one
     loop.publish_blocks(1, 1000, 1100)
     stopped = loop.stop_bag(1, 1100 * BLOCK)
