@@ -21,7 +21,7 @@ static struct amb_target target;
 static struct amb_config config = {
     .machine = "point_mass", .firmware = "posix", .sample_rate = RATE, .firmware_version = 0x010000, .axes = AXES,
     .axis = {{"x", "a", {0, 0, 1, 0, 0, 2.5, 2.5, 250e-6}}, {"y", "a", {0, 0, 0, 1, 0, 2.5, 2.5, 250e-6}}},
-    .limits = {3, 10, 1e-3, 0.4, 0.5, 100e-6, 10, 1e-3, 0.02, 100, 0.02, 1e9, 0.01, 0.2, 100, 0.01, 1.2, 0.2, 0.05, 0.05, 0.2},
+    .limits = {3, 10, 1e-3, 0.4, 0.5, 100e-6, 10, 1e-3, 0.02, 100, 0.02, 1e9, 0.01, 0.2, 100, 0.01, 1.2, 0.2, 0.05, 1, 0.2},
     .gains = {{20000, 38, 0, RATE, 1}, {20000, 38, 0, RATE, 1}}, .waveform = waveform, .waveform_size = sizeof waveform};
 static double position[AXES] = {-20e-6, 10e-6}, velocity[AXES];
 static int udp;

@@ -87,4 +87,4 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     short = write(tmp_path / "short", [(1, BLOCK * k) for k in range(4_000)])
     long = write(tmp_path / "long", [(1, BLOCK * k) for k in range(12_000)])
     audit_steps(short, 1)  # loads what is loaded once
-    assert peak_memory(long) < peak_memory(short) + 0.1 * (1 << 20)
+    assert peak_memory(long) < peak_memory(short) + 0.5 * (1 << 20)  # of 4.5 MiB more
