@@ -63,7 +63,7 @@ fuzz: setup  ## hostile messages to the whole graph (MINUTES=60 SEED=2 for more)
 	@$(RUN) python -m tests.fuzz.run --minutes $(MINUTES) --seed $(SEED)
 
 MUTANTS ?= 20000
-fuzz-files: setup  ## damaged and hostile files to readers and commands (MUTANTS=500 for less); adds to results/security.json
+fuzz-files: setup  ## hostile files (MUTANTS=500 for less), a stranger's node, hostile names on pages; adds to results/security.json
 	@$(RUN) python -m tests.fuzz.files --mutants $(MUTANTS) --seed $(SEED)
 
 bench: setup  ## speed of plant and loop; writes results/bench.json

@@ -36,7 +36,8 @@ def validation_reason(validation: Validation) -> str:
     """Why the verdict is what it is, in a sentence."""
     failed = validation.failed
     if not failed:
-        return f"All {len(validation.conditions)} conditions hold."
+        checked = [one for one in validation.conditions if one.checked]
+        return f"All {len(checked)} conditions that could be checked hold, of {len(validation.conditions)}."
     worst = [one for one in failed if one.level is failed[0].level]
     found = "; ".join(f"{one.name}: {one.finding}" for one in worst)
     return f"{len(worst)} of {len(validation.conditions)} conditions {_DO_NOT[failed[0].level]}: {found}."
@@ -56,7 +57,13 @@ def validation_section(validation: Validation) -> Section:
 
 def _conditions(conditions: Sequence[Condition]) -> TableBlock:
     rows = [
-        (one.name, Badge(_WORDS[one.level], _STATES[one.level]), one.finding, one.limit, one.advice)
+        (
+            one.name,
+            Badge(_WORDS[one.level], _STATES[one.level]) if one.checked else Badge("not checked"),
+            one.finding,
+            one.limit,
+            one.advice,
+        )
         for one in conditions
     ]
     return TableBlock(("condition", "", "finding", "allowed", "what to do"), rows, "Conditions of the verdict")

@@ -16,6 +16,7 @@ from amb_core.identification.controller_check import FOREIGN, NOT_CHECKED
 from amb_core.identification.data import Severity
 from amb_core.identification.data.checks.distortion import LARGE_DISTORTION, LOW_COHERENCE
 from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED
+from amb_core.identification.validation.residuals import ChiSquareTest
 from amb_core.identification.validation.ringing import NOTABLE, SHARE
 from amb_core.identification.validation.verdict import Condition, Verdict
 
@@ -193,31 +194,29 @@ def _ringing(found: Validation) -> Condition:
 
 
 def _independent(found: Validation) -> Condition:
-    key, name = "independence", "the residuals are independent of past inputs"
-    limit = f"chance, p = {SIGNIFICANT:g}"
-    test = found.residuals.independence
-    finding = f"p = {test.p_value:.2g}; past inputs explain {100.0 * test.unexplained:.3g} % of their variance"
-    if test.passed:
-        return Condition(key, name, finding, limit)
-    return Condition(
-        key, name, finding, limit, _RESERVED,
+    return _by_chance(
+        "independence", "the residuals are independent of past inputs", found.residuals.independence,
+        "past inputs explain",
         "The plant part misses dynamics. Raise the order; if that does not help, the plant is nonlinear, or its "
         "operating point differs from that of the identification",
     )  # fmt: skip
 
 
 def _white(found: Validation) -> Condition:
-    key, name = "whiteness", "the residuals are white"
-    limit = f"chance, p = {SIGNIFICANT:g}"
-    test = found.residuals.whiteness
-    finding = f"p = {test.p_value:.2g}; their past explains {100.0 * test.unexplained:.3g} % of their variance"
-    if test.passed:
-        return Condition(key, name, finding, limit)
-    return Condition(
-        key, name, finding, limit, _RESERVED,
+    return _by_chance(
+        "whiteness", "the residuals are white", found.residuals.whiteness, "their past explains",
         "The noise part is too simple, or the plant nonlinear. This affects predictions and the stated uncertainty, "
         "less the design of a controller",
     )  # fmt: skip
+
+
+def _by_chance(key: str, name: str, test: ChiSquareTest, cause: str, advice: str) -> Condition:
+    """A test of the residuals; those that fail leave reservations."""
+    finding = f"p = {test.p_value:.2g}; {cause} {100.0 * test.unexplained:.3g} % of their variance"
+    limit = f"chance, p = {SIGNIFICANT:g}"
+    if test.passed:
+        return Condition(key, name, finding, limit)
+    return Condition(key, name, finding, limit, _RESERVED, advice)
 
 
 def _distortion(found: Validation) -> Condition:
@@ -240,6 +239,8 @@ def _distortion(found: Validation) -> Condition:
 def _fresh(found: Validation) -> Condition:
     key, name = "fresh_data", "the data are not those of the identification"
     limit = f"{100.0 * OVERLAP:g} % of their samples in common"
+    if found.overlap == 0.0 and not len(found.model.fingerprint):
+        return Condition(key, name, "not known: the model has no fingerprint of its data", limit, checked=False)
     if not found.overlap > OVERLAP:
         return Condition(key, name, "no samples in common" if found.overlap == 0.0 else "hardly any in common", limit)
     finding = f"about {100.0 * found.overlap:.0f} % of the samples of the identification are in these data"
@@ -250,7 +251,7 @@ def _converged(found: Validation) -> Condition:
     key, name, limit = "convergence", "the search of the identification converged", "no further step promises anything"
     search = found.search
     if search is None:
-        return Condition(key, name, "no search, or that of a model from a file", limit)
+        return Condition(key, name, "not known: no search, or that of a model from a file", limit, checked=False)
     finding = f"{search.iterations} steps, {100.0 * search.left:.2g} % of the squared error left"
     if search.converged:
         return Condition(key, name, finding, limit)
@@ -260,8 +261,10 @@ def _converged(found: Validation) -> Condition:
 def _decided(found: Validation) -> Condition:
     key, name = "poles", "the data decide which poles are stable"
     limit = "no interval of a pole contains 1"
+    if found.undecided is None:
+        return Condition(key, name, "not known: without the uncertainty of the model", limit, checked=False)
     if not found.undecided:
-        return Condition(key, name, "they do, or the uncertainty is not known", limit)
+        return Condition(key, name, "they do", limit)
     return Condition(key, name, found.undecided, limit, _RESERVED, "record longer, or excite low frequencies more")
 
 

@@ -63,6 +63,7 @@ def report_values(validation: Validation) -> dict[str, Any]:
                 "limit": one.limit,
                 "level": one.level,
                 "passed": one.passed,
+                "checked": one.checked,
                 "advice": one.advice,
             }
             for one in validation.conditions
@@ -128,7 +129,7 @@ def _row(one: Condition) -> list[str]:
     text = f"{one.name}: {one.finding}"
     if not one.passed:
         text += f" (limit: {one.limit}). {one.advice[:1].upper()}{one.advice[1:]}."
-    mark = f"    {_MARKS[one.level]:<9}"
+    mark = f"    {_MARKS[one.level] if one.checked else '-':<9}"
     return textwrap.wrap(text, WIDTH, initial_indent=mark, subsequent_indent=" " * len(mark))
 
 

@@ -81,8 +81,8 @@ class Validation:
         Share of the samples of the identification that these data hold again, about.
     search : SearchEnd or None
         How the search of the identification ended, where it is known.
-    undecided : str
-        What the uncertainty says of poles whose stability is not decided; empty if there is nothing.
+    undecided : str or None
+        What the uncertainty says of poles whose stability is not decided; empty if there is nothing, None without it.
     """
 
     model: StateSpaceModel
@@ -103,7 +103,7 @@ class Validation:
     without_loop: str = ""
     overlap: float = 0.0
     search: SearchEnd | None = None
-    undecided: str = ""
+    undecided: str | None = None
 
     @property
     def fit(self) -> NDArray[np.float64]:
@@ -261,7 +261,7 @@ def validate(
         without_loop=loop.missing,
         overlap=overlap(model.fingerprint, data),
         search=search,
-        undecided=uncertainty.at_one if uncertainty is not None else "",
+        undecided=uncertainty.at_one if uncertainty is not None else None,
     )
 
 

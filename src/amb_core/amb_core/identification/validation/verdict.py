@@ -38,6 +38,8 @@ class Condition:
         The best verdict that this finding allows.
     advice : str
         What to do; empty if it holds.
+    checked : bool
+        Whether there was anything to check it with; without, it holds no verdict back, and no page says that it holds.
     """
 
     key: str
@@ -46,6 +48,7 @@ class Condition:
     limit: str
     level: Verdict = Verdict.VALIDATED
     advice: str = ""
+    checked: bool = True
 
     @property
     def passed(self) -> bool:
