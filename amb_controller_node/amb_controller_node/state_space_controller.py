@@ -9,6 +9,7 @@ from amb_controller_node.controller_node import ControllerNode
 from amb_controller_node.parameters import StateSpaceControllerParameters
 from amb_core.errors import AmbError, ParameterError, one_line
 from amb_core.loop.linear_control import LinearController, pd_as_linear, with_anti_windup
+from amb_core.loop.linear_parameters import require_order
 from amb_core.loop.machine import Machine
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.model import StateSpaceModel
@@ -42,6 +43,7 @@ class StateSpaceControllerNode(ControllerNode):
         if self._controller is None:
             topic = self._controller_subscription.topic_name
             raise ParameterError(f"no controller yet; give its file as controller_file, or publish it on {topic}")
+        require_order(self._controller, [axis.name for axis in machine.axes])
         return LinearController(self._controller, parameters, len(machine.axes), machine.sample_rate)
 
     def configure(self, law: LinearController, parameters: StateSpaceControllerParameters) -> None:

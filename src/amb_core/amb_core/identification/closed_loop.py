@@ -15,8 +15,9 @@ from amb_core.identification.control_law import Law, Start, advance_law, law_of,
 from amb_core.linear import LinearSystem
 from amb_core.linear.connections import feedback
 from amb_core.linear.small_matrices import add_product, set_product
-from amb_core.loop.known_controller import KnownController
+from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_control import linear_law
+from amb_core.loop.linear_parameters import require_order
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
 
@@ -163,6 +164,8 @@ def loop_axes(model: StateSpaceModel, controller: KnownController) -> int:
             f"model and controller must have one sample time: {model.sample_time:g} s "
             f"and {1.0 / controller.sample_rate:g} s"
         )
+    if isinstance(controller, LinearControl):
+        require_order(controller.model, model.output_names)
     return inputs
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -74,3 +75,26 @@ def require_fit(model: StateSpaceModel, axes: int, sample_rate: float) -> None:
             f"the controller takes {', '.join(model.input_units)} and gives {', '.join(model.output_units)}; allowed: "
             "m and A"
         )
+
+
+def require_order(model: StateSpaceModel, axes: Sequence[str]) -> None:
+    """Raise ParameterError if a controller names the axes of a machine in another order than the machine has them.
+
+    A name such as `i_x`, `r_x` or `x` is that of the axis x; other names have no order.
+    """
+    count = len(axes)
+    for what, names in (("inputs", model.input_names), ("outputs", model.output_names)):
+        places = [_axis_of(name, axes) for name in names]
+        if any(place is not None and place != number % count for number, place in enumerate(places)):
+            raise ParameterError(
+                f"the controller has the {what} {', '.join(names)}; the axes of the machine are {', '.join(axes)}: its "
+                "channels must be in this order"
+            )
+
+
+def _axis_of(name: str, axes: Sequence[str]) -> int | None:
+    """The axis that a signal names, whole or behind a prefix; None for another name."""
+    for text in (name, name.partition("_")[2]):
+        if text in axes:
+            return list(axes).index(text)
+    return None

@@ -24,6 +24,7 @@ from amb_core.robustness.ellipsoid import (
     radius_of_one,
 )
 from amb_core.robustness.feedback import Feedback, feedback_of
+from amb_core.robustness.late_plant import late_uncertainty
 from amb_core.robustness.margins import (
     ClassicalMargins,
     DiskMargin,
@@ -211,7 +212,7 @@ def assess(
         If model and controller do not fit together.
     """
     settings = settings or RobustnessSettings()
-    return assess_loop(feedback_of(model, controller, round(settings.extra_delay)), settings, uncertainty)
+    return assess_loop(feedback_of(model, controller, settings.extra_delay), settings, uncertainty)
 
 
 def assess_loop(
@@ -219,6 +220,8 @@ def assess_loop(
 ) -> Assessment:
     """The same for a loop that is formed already."""
     feedback.require_stable()
+    if uncertainty is not None:
+        uncertainty = late_uncertainty(uncertainty, settings.extra_delay % 1.0)
     with one_blas_thread():  # the matrices are small
         margins = classical_margins(feedback)
         axes = tuple(_axis(feedback, axis, item, settings) for axis, item in enumerate(margins))

@@ -5,12 +5,10 @@ The word certified stands only where every check passed. A loop that is not stab
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -92,7 +90,7 @@ class Certificate:
         """One sentence; the bare word certified only where the model is validated without reservation."""
         failed = [check for check in self.checks if not check.passed]
         if failed:
-            return f"Not certified: {'; '.join(check.finding for check in failed)}."
+            return f"Not certified: {'; '.join(check.finding for check in failed)}.{self._own_terms}"
         assert self.assessment is not None
         assert self.assessment.bounds is not None
         zone = max((item.zone for item in self.assessment.bounds.axes), key=ZONES.index)
@@ -100,8 +98,13 @@ class Certificate:
         word = "Certified with reservations on the model" if self.reserved else "Certified"
         return (
             f"{word}: stable, zone {zone} after ISO 14839-3 with {percent}, and stable under all assumed "
-            "perturbations together."
+            f"perturbations together.{self._own_terms}"
         )
+
+    @property
+    def _own_terms(self) -> str:
+        """What was demanded otherwise than usual, as a sentence after the verdict."""
+        return f" By the user's own limits: {self.settings.own_terms}." if self.settings.own_terms else ""
 
 
 def certify(
@@ -143,14 +146,13 @@ def certify(
     """
     settings = settings or RobustnessSettings()
     checks = [_validated(validation)]
-    zone_of(0.0, settings.sensitivity_limits)  # refuses limits that do not rise
-    feedback = feedback_of(model, controller, round(settings.extra_delay))
+    feedback = feedback_of(model, controller, settings.extra_delay)
     assessment: Assessment | None = None
     try:
         feedback.require_stable()
         checks.append(Check("the loop is stable", True, "all poles lie inside the unit circle"))
     except RobustnessError as problem:
-        checks.append(Check("the loop is stable", False, str(problem)))
+        checks = [Check("the loop is stable", False, str(problem))]
     else:
         assessment = assess_loop(feedback, settings, uncertainty)
         checks += _checks(assessment, uncertainty)
@@ -262,27 +264,6 @@ def _not_linear(assessment: Assessment | None) -> tuple[str, ...]:
         for one in assessment.bounds.axes
         if math.isfinite(one.replayed) and abs(one.replayed - one.sensitivity.value) > AGREES * one.sensitivity.value
     )
-
-
-def sha256_of(path: str | Path) -> str:
-    """SHA-256 of a file, or of names and contents of all files of a folder.
-
-    Raises
-    ------
-    RobustnessError
-        If it cannot be read.
-    """
-    place, found = Path(path), hashlib.sha256()
-    try:
-        files = sorted(item for item in place.rglob("*") if item.is_file()) if place.is_dir() else [place]
-        for file in files:
-            if place.is_dir():
-                found.update(str(file.relative_to(place)).encode())
-            with file.open("rb") as content:
-                found.update(hashlib.file_digest(content, "sha256").digest())
-    except OSError as problem:
-        raise RobustnessError(f"{place}: cannot be read: {problem.strerror}") from None
-    return found.hexdigest()
 
 
 def certificate_values(certificate: Certificate) -> dict[str, Any]:

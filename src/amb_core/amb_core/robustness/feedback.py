@@ -6,7 +6,7 @@ of robustness are parts of one system from the perturbations (w_u, w_y) to the s
     u = S_i w_u - C S_o w_y,    y = P S_i w_u + S_o w_y,    S_o = (I + P C)^-1,    S_i = (I + C P)^-1.
 
 The computation delay is part of the model, which is identified from the currents of step k to the positions of step k;
-a longer one is added by `extra_delay`.
+a longer one is added by `extra_delay`, whole steps to the controller and the rest to the plant (`late_plant`).
 
 Source: S. Skogestad and I. Postlethwaite, Multivariable Feedback Control, 2nd ed., Wiley, 2005, section 4.7.
 """
@@ -24,6 +24,7 @@ from amb_core.linear import Arrays, LinearSystem, connections
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.linear_control import linear_law
 from amb_core.model import StateSpaceModel
+from amb_core.robustness.late_plant import late_model
 
 MARGIN = 1e-9
 """A loop whose largest pole has a magnitude of 1 - this or more is not taken as stable: rounding could hide it."""
@@ -151,7 +152,7 @@ class Feedback:
         return replace(self, plant=model)
 
 
-def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay: int = 0) -> Feedback:
+def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay: float = 0.0) -> Feedback:
     """The loop of a model and a controller, as `closed_loop_poles` forms it.
 
     Parameters
@@ -160,16 +161,19 @@ def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay
         Identified model without feedthrough.
     controller : KnownController
         The PD controller or any linear one; limits are left out.
-    extra_delay : int
-        Steps by which the currents come later than in the data of the model.
+    extra_delay : float
+        Steps by which the currents come later than in the data of the model; fractions count.
 
     Raises
     ------
     IdentificationError, ParameterError
         If model and controller do not fit together.
+    RobustnessError
+        If the delay has a fraction of a step and no continuous plant has the poles of the model.
     """
-    law = law_from_positions(controller, loop_axes(model, controller), extra_delay)
-    return Feedback(model, law, tuple(model.output_names))
+    whole, fraction = divmod(extra_delay, 1.0)
+    law = law_from_positions(controller, loop_axes(model, controller), int(whole))
+    return Feedback(late_model(model, fraction), law, tuple(model.output_names))
 
 
 def law_from_positions(controller: KnownController, axes: int, extra_delay: int = 0) -> LinearSystem:

@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -17,11 +15,11 @@ from amb_core.identification.data import IdentificationData
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import Validation, validate
 from amb_core.identification.validation.overlap import fingerprint_of
-from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
 from amb_core.plant import PlantParameters
 from amb_core.robustness.certificate import Certificate, certify
-from amb_core.robustness.feedback import is_same_law
+from amb_core.robustness.feedback import Feedback, feedback_of, is_same_law
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
 from amb_core.robustness.settings import RobustnessSettings
 
@@ -87,6 +85,10 @@ def certify_from_data(
     AmbError
         If model, controller and data do not fit together.
     """
+    if not require_fitting(model, law, settings or RobustnessSettings()).stable:
+        return certify(model, law, settings=settings, inputs=inputs)
+    if swept is not None:
+        _require_same(swept, law)
     judged = judged_on or identified_from
     displacement: dict[str, float] = {}
     measured: MeasuredSensitivity | None = None
@@ -124,13 +126,36 @@ def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncer
     return found if found.white else estimate_uncertainty(model, data, robust=True)
 
 
+def require_fitting(model: StateSpaceModel, law: KnownController, settings: RobustnessSettings) -> Feedback:
+    """The loop to certify, before anything long is done.
+
+    Raises
+    ------
+    IdentificationError, ParameterError, RobustnessError
+        If model and controller do not fit together: axes, their order, sample rate, units.
+    """
+    for what, units, wanted in (("inputs", model.input_units, "A"), ("outputs", model.output_units, "m")):
+        if set(units) - {wanted, ""}:
+            raise RobustnessError(
+                f"the model has {what} in {', '.join(units)}; the currents of a bearing are in A and its positions in "
+                "m: identify it from data with these units"
+            )
+    return feedback_of(model, law, settings.extra_delay)
+
+
 def _measured(loop: Recorded, law: KnownController) -> MeasuredSensitivity:
     """Measured sensitivity of the loop to certify; RobustnessError if it was another loop."""
+    _require_same(loop, law)
+    assert loop.controller is not None
+    return measured_sensitivity(loop.data, loop.controller)
+
+
+def _require_same(loop: Recorded, law: KnownController) -> None:
+    """Raise RobustnessError if a recorded loop is another one than that of a controller."""
     if loop.controller is None:
         raise RobustnessError("the controller of the experiment is not known")
     if not is_same_law(loop.controller.at_rate(loop.data.sample_rate), law, len(loop.data.output_names)):
         raise RobustnessError("the experiment had another controller than the one to certify")
-    return measured_sensitivity(loop.data, loop.controller)
 
 
 def _displacement(loop: Recorded) -> dict[str, float]:
@@ -140,35 +165,3 @@ def _displacement(loop: Recorded) -> dict[str, float]:
     clearance = loop.plant.rotor.backup_bearing_radius
     largest = np.max([np.abs(item.outputs).max(axis=0) for item in loop.data.experiments], axis=0)
     return {name: float(value / clearance) for name, value in zip(loop.data.output_names, largest, strict=True)}
-
-
-def sha256_of_model(model: StateSpaceModel) -> str:
-    """SHA-256 of the matrices of a model that is in no file, and of its sample time."""
-    arrays = (model.a, model.b, model.c, model.d, model.k, model.innovation_covariance, np.array(model.sample_time))
-    return _sha256(arrays)
-
-
-def sha256_of_data(data: IdentificationData) -> str:
-    """SHA-256 of the samples of data that are in no file, and of their sample time."""
-    signals = [
-        signal
-        for item in data.experiments
-        for signal in (item.inputs, item.outputs, item.reference)
-        if signal is not None
-    ]
-    return _sha256((*signals, np.array(data.sample_time)))
-
-
-def sha256_of_controller(controller: KnownController) -> str:
-    """SHA-256 of a controller that is in no file: of its matrices, or of its parameters as JSON."""
-    if isinstance(controller, LinearControl):
-        return sha256_of_model(controller.model)
-    return hashlib.sha256(json.dumps(controller.model_dump(), sort_keys=True).encode()).hexdigest()
-
-
-def _sha256(arrays: tuple[np.ndarray, ...]) -> str:
-    found = hashlib.sha256()
-    for array in arrays:
-        found.update(f"{array.shape}".encode())
-        found.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-    return found.hexdigest()

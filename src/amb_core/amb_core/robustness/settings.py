@@ -8,11 +8,16 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import model_validator
+
 from amb_core.errors import RobustnessError
 from amb_core.parameters import Parameters, choice, quantity
 
 Zone = Literal["A", "B", "C", "D"]
 ZONES: tuple[Zone, ...] = ("A", "B", "C", "D")
+SENSITIVITY_LIMITS = (3.0, 4.0, 5.0)  # ends of the zones A, B and C
+DISPLACEMENT_LIMITS = (0.3, 0.4, 0.5)
+USUAL_CONFIDENCE = 0.95  # with less, a verdict names it
 
 
 class RobustnessSettings(Parameters):
@@ -24,7 +29,9 @@ class RobustnessSettings(Parameters):
     negative_stiffness: float = quantity(0.1, "-", "relative uncertainty of the negative stiffness k_s, real", 0.0, 0.9)
     bending_frequency: float = quantity(0.02, "-", "relative uncertainty of bending frequencies, real", 0.0, 0.2)
     bending_damping: float = quantity(0.2, "-", "relative uncertainty of the damping of bending modes, real", 0.0, 0.9)
-    extra_delay: float = quantity(0.0, "steps", "computation delay in addition to that of the data, whole", 0.0, 100.0)
+    extra_delay: float = quantity(
+        0.0, "steps", "computation delay in addition to that of the data, also part of a step", 0.0, 100.0
+    )
     confidence: float = quantity(0.99, "-", "confidence of the bounds", 0.5, 0.9999)
     frequencies: float = quantity(500.0, "-", "number of frequencies of the curves", 50.0, 5_000.0)
     skew: float = quantity(0.0, "-", "skew sigma of the disk margins", -1.0, 1.0)
@@ -35,6 +42,31 @@ class RobustnessSettings(Parameters):
     displacement_b: float = quantity(0.4, "-", "displacement over clearance at the end of zone B (ISO 14839-2)", 0, 1)
     displacement_c: float = quantity(0.5, "-", "displacement over clearance at the end of zone C (ISO 14839-2)", 0, 1)
     needed_zone: Literal["A", "B", "C"] = choice("A", "worst zone after ISO 14839-3 with which a loop is certified")
+
+    @model_validator(mode="after")
+    def _limits_rise(self) -> RobustnessSettings:
+        for what, limits in (("zone", self.sensitivity_limits), ("displacement", self.displacement_limits)):
+            if not limits[0] <= limits[1] <= limits[2]:
+                given = ", ".join(f"{limit:g}" for limit in limits)
+                raise ValueError(f"{what}_a, {what}_b and {what}_c = {given} are not allowed; they must rise")
+        return self
+
+    @property
+    def own_terms(self) -> str:
+        """In which of the limits that decide these settings differ from the standards'; empty if in none."""
+        found = []
+        for what, limits, usual in (
+            ("ISO 14839-3", self.sensitivity_limits, SENSITIVITY_LIMITS),
+            ("ISO 14839-2", self.displacement_limits, DISPLACEMENT_LIMITS),
+        ):
+            if limits != usual:
+                own, theirs = (", ".join(f"{limit:g}" for limit in one) for one in (limits, usual))
+                found.append(f"zones end at {own}, not at the {theirs} of {what}")
+        if self.needed_zone != "A":
+            found.append(f"zone {self.needed_zone} is taken as enough")
+        if self.confidence < USUAL_CONFIDENCE:
+            found.append(f"the confidence is {100.0 * self.confidence:g} % only")
+        return "; ".join(found)
 
     @property
     def sensitivity_limits(self) -> tuple[float, float, float]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from amb_core.errors import AmbError, TargetError, one_line
 from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.loop.linear_parameters import require_order
 from amb_core.target import commands
 from amb_core.target.answers import (
     Answer,
@@ -208,6 +209,8 @@ class AmbUdpLink(HostLoopLink):
         axes = len(machine.axes)
         law = settings.controller.at_rate(machine.sample_rate)
         law.require_axes(axes)
+        if isinstance(law, LinearControl):
+            require_order(law.model, [axis.name for axis in machine.axes])
         status = self.status()
         levitated = status.state not in (TargetState.OFF, TargetState.TRIPPED)
         by_host = bool(settings.without_host)

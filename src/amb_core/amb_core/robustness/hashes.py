@@ -1,0 +1,67 @@
+"""SHA-256 of what a certificate rests on: files, folders, and models, data and controllers that are in no file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+
+from amb_core.errors import RobustnessError
+from amb_core.identification.data import IdentificationData
+from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.model import StateSpaceModel
+
+
+def sha256_of(path: str | Path) -> str:
+    """SHA-256 of a file, or of names and contents of all files of a folder.
+
+    Raises
+    ------
+    RobustnessError
+        If it cannot be read.
+    """
+    place, found = Path(path), hashlib.sha256()
+    try:
+        files = sorted(item for item in place.rglob("*") if item.is_file()) if place.is_dir() else [place]
+        for file in files:
+            if place.is_dir():
+                found.update(str(file.relative_to(place)).encode())
+            with file.open("rb") as content:
+                found.update(hashlib.file_digest(content, "sha256").digest())
+    except OSError as problem:
+        raise RobustnessError(f"{place}: cannot be read: {problem.strerror}") from None
+    return found.hexdigest()
+
+
+def sha256_of_model(model: StateSpaceModel) -> str:
+    """SHA-256 of the matrices of a model that is in no file, and of its sample time."""
+    arrays = (model.a, model.b, model.c, model.d, model.k, model.innovation_covariance, np.array(model.sample_time))
+    return _sha256(arrays)
+
+
+def sha256_of_data(data: IdentificationData) -> str:
+    """SHA-256 of the samples of data that are in no file, and of their sample time."""
+    signals = [
+        signal
+        for item in data.experiments
+        for signal in (item.inputs, item.outputs, item.reference)
+        if signal is not None
+    ]
+    return _sha256((*signals, np.array(data.sample_time)))
+
+
+def sha256_of_controller(controller: KnownController) -> str:
+    """SHA-256 of a controller that is in no file: of its matrices, or of its parameters as JSON."""
+    if isinstance(controller, LinearControl):
+        return sha256_of_model(controller.model)
+    return hashlib.sha256(json.dumps(controller.model_dump(), sort_keys=True).encode()).hexdigest()
+
+
+def _sha256(arrays: tuple[np.ndarray, ...]) -> str:
+    found = hashlib.sha256()
+    for array in arrays:
+        found.update(f"{array.shape}".encode())
+        found.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    return found.hexdigest()

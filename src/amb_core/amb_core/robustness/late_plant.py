@@ -1,0 +1,99 @@
+"""A plant whose currents arrive a fraction of a sample later than in the data of its model.
+
+Whole samples are delays of the controller (`feedback_of`). Within a sample the held current changes at t_k + tau, as it
+does where a computation takes part of the sample: with X = [[A, B], [0, I]] and f = 1 - tau/T,
+
+    X^f = [[A^f, B_0], [0, I]],    x[k+1] = A x[k] + (B - B_0) u[k-1] + B_0 u[k].
+
+This is `amb_core.linear.sampling.discretised` with a delay, from the samples themselves. It is exact for a plant that
+lives in continuous time; the model must have the poles of one.
+
+Sources: G. F. Franklin, J. D. Powell and M. L. Workman, Digital Control of Dynamic Systems, 3rd ed., 1998, section 4.3;
+N. J. Higham, Functions of Matrices, SIAM, 2008, section 3.1 (derivative from the function of [[X, E], [0, X]]).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import linalg
+
+from amb_core.errors import IdentificationError, RobustnessError
+from amb_core.identification.conversion import held_inverse
+from amb_core.identification.uncertainty import ModelUncertainty
+from amb_core.identification.uncertainty.directions import Directions
+from amb_core.linear import Arrays
+from amb_core.model import StateSpaceModel
+
+
+def late_model(model: StateSpaceModel, fraction: float) -> StateSpaceModel:
+    """A model whose inputs take effect a fraction of a sample later; its further states are the inputs before.
+
+    Raises
+    ------
+    RobustnessError
+        If no continuous plant has the poles of the model.
+    """
+    if not fraction:
+        return model
+    try:
+        held_inverse(model)
+    except IdentificationError as problem:
+        raise RobustnessError(
+            f"extra_delay with a fraction of a step needs a plant of continuous time: {problem}. A whole number of "
+            "steps needs none"
+        ) from None
+    m = model.inputs
+    b_0 = _held_part(_extended(model.a, model.b), fraction)[: model.order, -m:]
+    return replace(
+        model,
+        a=_beside(model.a, model.b - b_0),
+        b=np.vstack([b_0, np.eye(m)]),
+        c=np.hstack([model.c, np.zeros((model.outputs, m))]),
+        k=np.vstack([model.k, np.zeros((m, model.outputs))]),
+        initial_state=np.concatenate([model.initial_state, np.zeros(m)]),
+    )
+
+
+def late_uncertainty(uncertainty: ModelUncertainty, fraction: float) -> ModelUncertainty:
+    """The distribution of the late model; errors as for `late_model`."""
+    if not fraction:
+        return uncertainty
+    model, changes = uncertainty.model, uncertainty.deviations
+    late, (n, m) = late_model(model, fraction), model.b.shape
+    x, size = _extended(model.a, model.b), n + m
+    of_b_0 = np.empty_like(changes.b)
+    for number, (of_a, of_b) in enumerate(zip(changes.a, changes.b, strict=True)):
+        moved = np.zeros((size, size))
+        moved[:n] = np.hstack([of_a, of_b])
+        both = np.block([[x, moved], [np.zeros((size, size)), x]])
+        of_b_0[number] = _held_part(both, fraction)[:n, size + n :]
+    found = Directions(
+        np.array([_beside(*one) for one in zip(changes.a, changes.b - of_b_0, strict=True)]),
+        np.concatenate([of_b_0, np.zeros((changes.count, m, m))], axis=1),
+        np.concatenate([changes.c, np.zeros((changes.count, model.outputs, m))], axis=2),
+        np.concatenate([changes.k, np.zeros((changes.count, m, model.outputs))], axis=1),
+    )
+    return replace(uncertainty, model=late, root=found.rows.T)
+
+
+def _extended(a: Arrays, b: Arrays) -> Arrays:
+    """[[A, B], [0, I]]."""
+    n, m = b.shape
+    found = np.eye(n + m)
+    found[:n] = np.hstack([a, b])
+    return found
+
+
+def _held_part(matrix: Arrays, fraction: float) -> Arrays:
+    """The power 1 - fraction of a matrix."""
+    return np.asarray(linalg.expm((1.0 - fraction) * linalg.logm(matrix).real))
+
+
+def _beside(a: Arrays, from_held: Arrays) -> Arrays:
+    """A with the effect of the held inputs, which the next sample replaces."""
+    n, m = from_held.shape
+    found = np.zeros((n + m, n + m))
+    found[:n] = np.hstack([a, from_held])
+    return found

@@ -1,0 +1,92 @@
+"""What a certificate is asked for: wrong inputs are refused before anything long, unusual ones stand in the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from amb_core.errors import ParameterError, RobustnessError
+from amb_core.identification import closed_loop_poles
+from amb_core.loop.known_controller import LinearControl
+from amb_core.loop.linear_control import LinearControllerParameters
+from amb_core.parameters import validate
+from amb_core.robustness import Recorded, RobustnessSettings, certify, certify_from_data, feedback_of
+from tests.lqg_loop import rotor
+
+FEW = {"frequencies": 60.0}
+NOWHERE = Recorded(None, None)  # type: ignore[arg-type]  # data that nothing may look at
+
+
+@pytest.fixture(scope="module")
+def loop():
+    plant = rotor(2)
+    return plant.model, LinearControl(plant.lqg(), LinearControllerParameters())
+
+
+def named(control: LinearControl, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> LinearControl:
+    return LinearControl(replace(control.model, input_names=inputs, output_names=outputs), control.parameters)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "outputs", "what"),
+    [
+        (("e_y", "e_x"), ("i_x", "i_y"), "inputs e_y, e_x"),
+        (("e_x", "e_y"), ("i_y", "i_x"), "outputs i_y, i_x"),
+        (("y", "x"), ("first", "second"), "inputs y, x"),
+    ],
+)
+def test_channels_in_another_order_are_refused_by_name(loop, inputs, outputs, what: str) -> None:
+    model, control = loop
+    for loop_of in (feedback_of, closed_loop_poles):
+        with pytest.raises(ParameterError, match=f"{what}; the axes of the machine are x, y"):
+            loop_of(model, named(control, inputs, outputs))
+
+
+@pytest.mark.parametrize("inputs", [("e_x", "e_y"), ("x", "y"), ("u1", "u2"), ("position_x", "second")])
+def test_channels_in_order_or_without_one_are_taken(loop, inputs) -> None:
+    model, control = loop
+    assert feedback_of(model, named(control, inputs, ("a", "b"))).stable
+
+
+def test_references_and_positions_have_an_order_each(loop) -> None:
+    model = loop[0]
+    control = LinearControl(rotor(2).lqg(of_errors=False), LinearControllerParameters())
+    outputs = ("i_x", "i_y")
+    assert feedback_of(model, named(control, ("r_x", "r_y", "x", "y"), outputs)).stable
+    with pytest.raises(ParameterError, match="r_x, r_y, y, x"):
+        feedback_of(model, named(control, ("r_x", "r_y", "y", "x"), outputs))
+
+
+@pytest.mark.parametrize("kind", ["zone", "displacement"])
+def test_limits_that_fall_are_refused_as_settings(kind: str) -> None:
+    with pytest.raises(ParameterError, match=f"{kind}_a, {kind}_b and {kind}_c = .* they must rise"):
+        validate(RobustnessSettings, {f"{kind}_a": 1.0, f"{kind}_b": 2.0 if kind == "zone" else 0.4, f"{kind}_c": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"zone_c": 9.0}, "zones end at 3, 4, 9, not at the 3, 4, 5 of ISO 14839-3"),
+        ({"displacement_a": 0.2}, "zones end at 0.2, 0.4, 0.5, not at the 0.3, 0.4, 0.5 of ISO 14839-2"),
+        ({"confidence": 0.9}, "the confidence is 90 % only"),
+        ({"needed_zone": "C"}, "zone C is taken as enough"),
+    ],
+)
+def test_what_is_not_usual_stands_in_the_verdict(loop, settings, text: str) -> None:
+    assert text in certify(*loop, settings=RobustnessSettings(**FEW, **settings)).verdict
+    assert "own limits" not in certify(*loop, settings=RobustnessSettings(**FEW, confidence=0.95)).verdict
+
+
+def test_an_unstable_loop_and_wrong_units_are_found_without_the_data(loop) -> None:
+    model, control = loop
+    wrong = LinearControl(replace(control.model, c=-control.model.c), control.parameters)
+    certificate = certify_from_data(model, wrong, NOWHERE, NOWHERE, swept=NOWHERE)
+    assert [check.name for check in certificate.checks] == ["the loop is stable"]
+    with pytest.raises(RobustnessError, match=r"outputs in um, um.*in m"):
+        certify_from_data(replace(model, output_units=("um", "um")), control, NOWHERE)
+
+
+def test_a_sweep_of_another_loop_is_refused_without_the_other_data(loop) -> None:
+    with pytest.raises(RobustnessError, match="controller of the experiment is not known"):
+        certify_from_data(*loop, NOWHERE, NOWHERE, swept=NOWHERE)
