@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from amb_core.analysis import RecordedLoop
 from amb_core.errors import BagError, IdentificationError, RobustnessError
-from amb_core.identification import StateSpaceModel
-from amb_core.identification.controller_choice import is_named_set
+from amb_core.identification.controller_choice import NO_CONTROLLER, is_named_set
 from amb_core.loop.known_controller import KnownController
 from amb_core.parameters import part_of
-from amb_core.robustness import (
-    Recorded,
-    RobustnessSettings,
-    certify_from_data,
-    sha256_of,
-    sha256_of_controller,
-    sha256_of_data,
-    sha256_of_model,
-)
+from amb_core.report.certification import InMemory, Request, certify_request
+from amb_core.robustness import RobustnessSettings
 from amb_core.robustness.certificate import certificate_json, compared_values
+from amb_core.robustness.trace import CertificateHeader
 from amb_ident_node.sources import LoopSources
 
 if TYPE_CHECKING:
@@ -35,21 +28,21 @@ NOTHING_IDENTIFIED = "no model has been identified yet; call ~/identify first or
 
 @dataclass(frozen=True)
 class Source:
-    """Where data come from, with the fields of Identify.srv and Validate.srv of the same names."""
+    """Which telemetry is meant, with the fields of Identify.srv and Validate.srv of the same names."""
 
-    bag: str
     controller: str
-    first_step: int = -1
-    steps: int = 0
+    first_step: int
+    steps: int
+    bag: str = ""
 
 
 class Certifier:
-    """Certifies for the service.
+    """Certifies for the service, by the path of `amb certify`.
 
     Parameters
     ----------
     sources : LoopSources
-        Where data and controllers are found.
+        Where telemetry and the controllers of running nodes are found.
     """
 
     def __init__(self, sources: LoopSources) -> None:
@@ -66,83 +59,48 @@ class Certifier:
             If something that the request names is missing or does not fit together.
         """
         check_request(request)
-        inputs: dict[str, str] = {}
-        if request.model:
-            model, used = StateSpaceModel.load(request.model), None
-            inputs[f"model {Path(request.model).name}"] = sha256_of(request.model)
-        elif last is not None:
-            model, used = last.result.model, None if request.bag else last.loop
-            inputs["model identified by the node"] = sha256_of_model(model)
-        else:
+        if not request.model and last is None:
             raise IdentificationError(NOTHING_IDENTIFIED)
-        if used is not None:
-            inputs[f"data {used.data.experiments[0].source}"] = sha256_of_data(used.data)
-        else:
-            used = self._read(request, "bag", inputs)
-        judged = (
-            self._telemetry(request, inputs) if request.on_telemetry else self._read(request, "validation_bag", inputs)
+        model = last.result.model if last is not None and not request.model else None
+        given = InMemory(
+            model=model,
+            law=self._of_node(request.controller),
+            experiment_law=self._of_node(request.experiment_controller),
+            used=last.loop if last is not None and model is not None and not request.bag else None,
+            judged=self._telemetry(request) if request.on_telemetry else None,
         )
-        swept = self._read(request, "sweep_bag", inputs)
-        law = self._law(request, model, judged or used, inputs)
-        found = certify_from_data(
-            model,
-            law,
-            _recorded(used),
-            _recorded(judged),
-            settings=settings_of(request),
-            inputs=inputs,
-            swept=_recorded(swept),
-        )
+        found = certify_request(request_of(request), given)
         if request.out:
             from amb_core.report.certificate import write_certificate  # loads plotly
 
             response.page = str(write_certificate(found, request.out).absolute())
         return fill_answer(response, found, certificate_json(found))
 
-    def _read(self, request: srv.Certify.Request, field: str, inputs: dict[str, str]) -> RecordedLoop | None:
-        """The bag of a field; None if none is named."""
-        path = getattr(request, field)
-        if not path:
+    def _telemetry(self, request: srv.Certify.Request) -> RecordedLoop:
+        source = Source(request.experiment_controller, request.first_step, request.steps)
+        return self._sources.loop(source, with_plant=True)[0]
+
+    def _of_node(self, name: str) -> KnownController | None:
+        """The controller of a running node; None for one that is named otherwise, or not at all."""
+        if not name or name == NO_CONTROLLER or is_named_set(name):
             return None
-        inputs[f"{field.replace('_', ' ')} {Path(path).name}"] = sha256_of(path)
-        return self._sources.loop(Source(path, request.experiment_controller), with_plant=True)[0]
-
-    def _telemetry(self, request: srv.Certify.Request, inputs: dict[str, str]) -> RecordedLoop:
-        source = Source("", request.experiment_controller, request.first_step, request.steps)
-        loop, _ = self._sources.loop(source, with_plant=True)
-        inputs[f"validation data {loop.data.experiments[0].source}"] = sha256_of_data(loop.data)
-        return loop
-
-    def _law(
-        self, request: srv.Certify.Request, model: StateSpaceModel, loop: RecordedLoop | None, inputs: dict[str, str]
-    ) -> KnownController:
-        """The controller to certify."""
-        name = request.controller
-        if not name:
-            if loop is None or loop.controller is None:
-                raise IdentificationError("the controller of the experiment is not known; name one in `controller`")
-            inputs["controller of the experiment"] = sha256_of_controller(loop.controller)
-            return loop.controller
-        law = self._sources.named_controller(name, 1.0 / model.sample_time)
-        if is_named_set(name) and Path(name).exists():
-            inputs[f"controller {Path(name).name}"] = sha256_of(name)
-        else:
-            inputs[f"controller {name}"] = sha256_of_controller(law)
-        return law
+        return self._sources.named_controller(name, None)
 
 
-def _recorded(loop: RecordedLoop | None) -> Recorded | None:
-    return None if loop is None else Recorded(loop.data, loop.controller, loop.plant)
-
-
-def settings_of(request: srv.Certify.Request) -> RobustnessSettings:
-    """What a request assumes and demands; ParameterError if a value is out of its range."""
-    return part_of(RobustnessSettings, {name: getattr(request, name) for name in request.get_fields_and_field_types()})
+def request_of(request: srv.Certify.Request) -> Request:
+    """The request as the command has it; ParameterError if a value is out of its range."""
+    names = {item.name for item in fields(Request)} - {"settings", "header"}
+    values = {name: getattr(request, name) for name in request.get_fields_and_field_types()}
+    return Request(
+        **{name: value for name, value in values.items() if name in names},
+        settings=part_of(RobustnessSettings, values),
+        header=part_of(CertificateHeader, values),
+    )
 
 
 def check_request(request: srv.Certify.Request) -> None:
     """Refuse what contradicts itself, and files that are not there, without reading any."""
-    settings_of(request)
+    request_of(request)
     if request.on_telemetry and request.validation_bag:
         raise IdentificationError("validation_bag is not allowed with on_telemetry; give one of the two")
     if not request.on_telemetry and (request.first_step != -1 or request.steps):

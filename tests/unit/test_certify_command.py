@@ -49,7 +49,7 @@ def test_with_the_data_of_the_identification_the_certificate_says_so(files, tmp_
     assert any("the samples of the identification are in these data" in text for text in found["warnings"])
     assert found["reserved"] is True
     assert not found["certified"] or found["verdict"].startswith("Certified with reservations")
-    assert {name.split()[0] for name in found["inputs"]} == {"model", "bag"}
+    assert {name.split()[0] for name in found["inputs"]} == {"model", "bag", "controller"}
     assert found["bounds"]
 
 

@@ -6,5 +6,8 @@ NOT_VALIDATED = 3
 NOT_CERTIFIED = 4
 """A check of the robustness certificate fails."""
 
+NOT_THE_SAME = 5
+"""A certificate that is computed again differs."""
+
 INTERRUPTED = 130
 """After Ctrl-C, as usual in shells: 128 plus the number of SIGINT."""

@@ -150,6 +150,7 @@ class IdentifierCalls(GraphConnection):
         timeout: float = 300.0,
         on_telemetry: bool = False,
         experiment_controller: str | Path = "",
+        description: str | Path = "",
         **settings: Any,
     ) -> Certify.Response:
         """Certify the robustness of a model with a controller, as `amb certify` does.
@@ -178,8 +179,11 @@ class IdentifierCalls(GraphConnection):
             Validate on the last experiment of the current run.
         experiment_controller : str or Path, optional
             Controller of the experiments, as for `identify`.
+        description : str or Path, optional
+            Description of data files of others.
         **settings
-            Further fields of `amb_msgs/srv/Certify`: sizes of the perturbations, confidence, limits of the zones.
+            Further fields of `amb_msgs/srv/Certify`: sizes of the perturbations, confidence, limits of the zones;
+            machine, serial_number, speed, load, author and validity for the page.
 
         Returns
         -------
@@ -199,6 +203,7 @@ class IdentifierCalls(GraphConnection):
             out=absolute(out),
             on_telemetry=on_telemetry,
             experiment_controller=controller_name(experiment_controller),
+            description=absolute(description),
             **known_settings(Certify.Request, settings),
         )
 

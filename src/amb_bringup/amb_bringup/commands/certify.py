@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,32 +11,37 @@ import typer
 from rich.console import Console
 
 from amb_bringup.commands.options import declared_options
-from amb_bringup.commands.own_data import DataOptions
+from amb_bringup.commands.own_data import read_shown
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import ResultError, make_folder
 from amb_bringup.commands.terminal import Terminal, say
-from amb_bringup.commands.validate import load_recorded
-from amb_bringup.exit_codes import NOT_CERTIFIED
-from amb_core.analysis import RecordedLoop
+from amb_bringup.exit_codes import NOT_CERTIFIED, NOT_THE_SAME
 from amb_core.errors import RobustnessError
-from amb_core.identification import StateSpaceModel
-from amb_core.identification.controller_choice import named_controller
 from amb_core.parameters import part_of
+from amb_core.report.again import certify_again
 from amb_core.report.certificate import write_certificate
-from amb_core.robustness import Recorded, RobustnessSettings, SweepSettings, certify_from_data, sha256_of
+from amb_core.report.certification import Request, certify_request, require_request
+from amb_core.robustness import RobustnessSettings, SweepSettings
+from amb_core.robustness.trace import CertificateHeader
 
 
-@declared_options({"Assumptions and limits": [RobustnessSettings], "Swept sine on the running loop": [SweepSettings]})
+@declared_options({
+    "Assumptions and limits": [RobustnessSettings],
+    "Swept sine on the running loop": [SweepSettings],
+    "Machine and signature": [CertificateHeader],
+})  # fmt: skip
 def certify(
     given: Mapping[str, Any],
-    model: Annotated[Path, typer.Argument(help="Model, as amb identify writes it (.json, .npz or .mat).")],
+    model: Annotated[
+        Path | None, typer.Argument(help="Model, as amb identify writes it (.json, .npz or .mat).", show_default=False)
+    ] = None,
     controller: Annotated[
         str,
         typer.Option(
             help="Controller to certify: paper, a ROS parameter file (.yaml), or the file of a linear controller "
-            "(.json, .npz or .mat)."
+            "(.json, .npz or .mat); by default that of the experiment."
         ),
-    ],
+    ] = "",
     bag: Annotated[
         Path | None, typer.Option(help="Bag or data file that the model was identified from, for its uncertainty.")
     ] = None,
@@ -51,6 +57,14 @@ def certify(
         Path | None,
         typer.Option(help="Description of data files of others, as amb identify --save-description writes it."),
     ] = None,
+    again: Annotated[
+        Path | None,
+        typer.Option(
+            help="certificate.json that is computed again from its files, and compared; files that have moved are "
+            "given as usual.",
+            dir_okay=False,
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for certificate.html and certificate.json.")] = Path(
         "results/certificate"
     ),
@@ -59,35 +73,54 @@ def certify(
 
     With --sweep-amplitude the sensitivity is also measured now, by a swept sine on the graph that runs in this DDS
     domain, simulator or rig; its bag stays in --out. Exit code 0 if the loop is certified, 4 if it is not, 1 if nothing
-    could be computed.
+    could be computed. With --again a certificate is computed again, and nothing written: exit code 0 for the same
+    numbers, 5 if a file, a number or a verdict differs.
     """
     console = Terminal(stderr=True)
-    make_folder(out)
-    settings, sweep = part_of(RobustnessSettings, given), part_of(SweepSettings, given)
-    if sweep.sweep_amplitude:
-        if sweep_bag is not None:
-            raise RobustnessError("--sweep-bag and --sweep-amplitude are not allowed together; give one of the two")
-        sweep_bag = _measure(console, sweep, out / "sweep")
-    known = StateSpaceModel.load(model)
-    law = named_controller(controller, sample_rate=1.0 / known.sample_time)
-    bags = {"bag": bag, "validation bag": validation_bag, "sweep bag": sweep_bag}
-    sources = {"model": model, **bags, "description": description}
-    if Path(controller).exists():
-        sources["controller"] = Path(controller)
-    inputs = {f"{what} {path.name}": sha256_of(path) for what, path in sources.items() if path is not None}
-    files = DataOptions({}, description)
-    used, judged, swept = (
-        None if path is None else _recorded(load_recorded(console, files, path, None, -1, 0)) for path in bags.values()
-    )
-    with Stages(console) as stages:
-        found = certify_from_data(
-            known, law, used, judged, settings=settings, inputs=inputs, swept=swept, progress=stages.update
+    files = {
+        name: "" if path is None else str(path)
+        for name, path in (
+            ("model", model), ("bag", bag), ("validation_bag", validation_bag), ("sweep_bag", sweep_bag),
+            ("description", description),
         )
+    }  # fmt: skip
+    if again is not None:
+        if given or controller:
+            raise RobustnessError("--again takes settings and controller from the certificate; leave out other options")
+        _again(console, again, files)
+        return
+    if model is None:
+        raise RobustnessError("no model is given; name the file that amb identify has written")
+    settings, sweep = part_of(RobustnessSettings, given), part_of(SweepSettings, given)
+    request = Request(**files, controller=controller, settings=settings, header=part_of(CertificateHeader, given))
+    if not controller and bag is None and validation_bag is None:
+        raise RobustnessError("no controller is given; name one with --controller, or the bag of its experiment")
+    if sweep.sweep_amplitude and sweep_bag is not None:
+        raise RobustnessError("--sweep-bag and --sweep-amplitude are not allowed together; give one of the two")
+    require_request(request)
+    make_folder(out)
+    if sweep.sweep_amplitude:
+        request = replace(request, sweep_bag=str(_measure(console, sweep, out / "sweep")))
+    with Stages(console) as stages:
+        found = certify_request(request, read=read_shown(console), progress=stages.update)
     write_certificate(found, out)
     say(found.verdict)
     console.print(f"certificate.html and certificate.json: {out}")
     if not found.certified:
         raise typer.Exit(NOT_CERTIFIED)
+
+
+def _again(console: Console, path: Path, files: Mapping[str, str]) -> None:
+    """Compute a certificate again and report what differs."""
+    with Stages(console) as stages:
+        found = certify_again(path, files, stages.update)
+    for text in found.differences:
+        say(f"differs: {text}")
+    for text in found.remarks:
+        console.print(text, style="yellow", highlight=False, soft_wrap=True)
+    if found.differences:
+        raise typer.Exit(NOT_THE_SAME)
+    say(f"The same certificate: {found.compared} values agree. {found.certificate.verdict}")
 
 
 def _measure(console: Console, sweep: SweepSettings, bag: Path) -> Path:
@@ -102,7 +135,3 @@ def _measure(console: Console, sweep: SweepSettings, bag: Path) -> Path:
         running_stand(amb, stages.update, APPEARANCE)
         amb.experiment([Experiment("swept sine", sweep.excitation)], bag, stages.update)
     return bag
-
-
-def _recorded(loop: RecordedLoop) -> Recorded:
-    return Recorded(loop.data, loop.controller, loop.plant)

@@ -85,6 +85,20 @@ class DataOptions:
         return [f"--{name.replace('_', '-')}" for name in names]
 
 
+def read_shown(console: Console) -> Callable[[Path, DataDescription], OwnFile]:
+    """`read_own` that shows damage, and what was understood of a file of others."""
+
+    def read(path: Path, known: DataDescription) -> OwnFile:
+        with working(console, f"reading {path}"):
+            own = read_own(path, known)
+        warn_of_damage(console, path, own.loop.damage)
+        if own.described is not None:
+            show_preview(console, path, own.described)
+        return own
+
+    return read
+
+
 def data_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options of data files; it gets them as one argument, `files`, of type `DataOptions`."""
     hints = get_type_hints(command, include_extras=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from amb_core.errors import AmbError
 from amb_core.figures.robustness import mu_chart, sensitivity_chart
+from amb_core.report.certificate_trace import header_table, signature_section, trace_section
 from amb_core.report.document import Badge, Block, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
 from amb_core.report.writer import write_report
 from amb_core.robustness.assessment import Assessment
@@ -20,18 +21,22 @@ SENSITIVITY = "Sensitivity"
 def certificate_report(certificate: Certificate, title: str = "Robustness certificate") -> Report:
     """The page of a certificate."""
     rows = [(one.name, _result(one.passed), one.finding) for one in certificate.checks]
-    opening: list[Block] = [TableBlock(("check", "result", "finding"), rows, "Checks")]
+    trace = certificate.trace
+    opening: list[Block] = [] if trace is None else [header_table(trace)]
+    opening.append(TableBlock(("check", "result", "finding"), rows, "Checks"))
     opening += [Prose(f"Warning: {text}.") for text in certificate.warnings]
     sections = []
     if certificate.assessment is not None:
         sections = robustness_sections(certificate)
     sections.append(_inputs(certificate))
+    if trace is not None:
+        sections += [trace_section(trace), signature_section(trace)]
     return Report(
         title,
         "What was checked, and what each check found. Sizes of the assumed perturbations and limits are at the end.",
         opening,
         sections,
-        "The same inputs give the same certificate.",
+        "The same inputs give the same numbers: amb certify --again certificate.json computes them again.",
         _strip(certificate),
     )
 

@@ -22,6 +22,7 @@ from amb_core.robustness.assessment import Assessment, assess_loop
 from amb_core.robustness.feedback import feedback_of
 from amb_core.robustness.measured import MeasuredSensitivity
 from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
+from amb_core.robustness.trace import Trace
 
 ON_CIRCLE = 1e-6  # distance of the replayed pole from the unit circle at most
 AGREES = 0.1  # difference of a bound and the peak of its worst model, relative
@@ -69,6 +70,8 @@ class Certificate:
         Zone after ISO 14839-2 of each axis, if displacement and clearance are known.
     reserved : bool
         Whether the model is validated with reservations only.
+    trace : Trace or None
+        Where it comes from, if it was made from files.
     """
 
     checks: tuple[Check, ...]
@@ -79,6 +82,7 @@ class Certificate:
     measured: MeasuredSensitivity | None = None
     displacement: Mapping[str, Zone] | None = None
     reserved: bool = False
+    trace: Trace | None = None
 
     @property
     def certified(self) -> bool:
@@ -286,6 +290,7 @@ def _values(certificate: Certificate) -> dict[str, Any]:
         "settings": certificate.settings.model_dump(),
         "inputs": {name: {"sha256": value} for name, value in certificate.inputs.items()},
         "zones_iso_14839_2": dict(certificate.displacement or {}),
+        **(certificate.trace.values() if certificate.trace is not None else {}),
     }
     found = certificate.assessment
     if found is None:
