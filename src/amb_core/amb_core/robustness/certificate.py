@@ -25,6 +25,7 @@ from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_o
 from amb_core.robustness.trace import Trace
 
 ON_CIRCLE = 1e-6  # distance of the replayed pole from the unit circle at most
+WIDE_GAP = 0.1  # of the bounds of mu, relative, from which the finding names it
 AGREES = 0.1  # difference of a bound and the peak of its worst model, relative
 FAR = 2.0  # of a model from the best one of its data, in standard deviations
 
@@ -185,7 +186,8 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None) -> lis
             "all assumed perturbations together leave the loop stable",
             mu.upper < 1.0,
             f"structured singular value between {mu.lower:.3f} and {mu.upper:.3f} at {mu.frequency:.4g} Hz: stable up "
-            f"to {1.0 / mu.upper:.2f} times the assumed perturbations",
+            f"to {1.0 / mu.upper:.2f} times the assumed perturbations"
+            + (f"; the bounds are {100.0 * mu.gap:.0f} % apart, the upper one counts" if mu.gap > WIDE_GAP else ""),
         ),
         Check(
             "the replayed worst case puts a pole on the unit circle",
@@ -318,6 +320,7 @@ def _values(certificate: Certificate) -> dict[str, Any]:
     values["mu"] = {
         "upper": found.mu.upper,
         "lower": found.mu.lower,
+        "gap": found.mu.gap,
         "frequency": found.mu.frequency,
         "worst_case": {
             "frequency": found.mu.lower_frequency,

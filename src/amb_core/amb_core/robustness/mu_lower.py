@@ -27,10 +27,12 @@ from scipy.linalg.lapack import zgeev
 from scipy.optimize import minimize
 
 from amb_core.linear import Arrays, Complexes, LinearSystem
-from amb_core.robustness.mu_upper import balancing
+from amb_core.robustness.mu_upper import balancing, hermitian_of
 
 _STARTS = 12  # of the power iteration
-_PROGRAMS = 32  # starts of the programming, of which many end at local optima
+_PROGRAMS = 32  # random starts of the programming, of which many end at local optima
+_TOPS = (1e-6, 1e-3, 0.05)  # eigenvalues of the upper bound whose eigenvectors start the programming, from the largest
+_COMBINATIONS = 3  # of several eigenvectors
 _STEPS = 60  # of each search
 _SPAN = 0.3  # of the frequency, either way, within which real perturbations may find another
 _NEWTON = 8
@@ -42,7 +44,13 @@ Found = tuple[float, float, Complexes]
 
 
 def lower_bound(
-    system: LinearSystem, real: NDArray[np.bool_], frequency: float, upper: float = np.inf, seed: int = 0
+    system: LinearSystem,
+    real: NDArray[np.bool_],
+    frequency: float,
+    upper: float = np.inf,
+    seed: int = 0,
+    scaling: Arrays | None = None,
+    programs: int = _PROGRAMS,
 ) -> Found:
     """Lower bound of mu near a frequency.
 
@@ -58,6 +66,12 @@ def lower_bound(
         Known upper bound, at which the search may end.
     seed : int
         Of the starts.
+    scaling : ndarray, shape (2 n,), optional
+        Scalings (x, g) of the upper bound there. Where both bounds meet, its eigenvectors hold the perturbation, so the
+        search starts from them. It needs this for a lightly damped mode that the loop hardly sees: few of all
+        perturbations move its pole to the frequency.
+    programs : int
+        Random starts besides.
 
     Returns
     -------
@@ -75,7 +89,8 @@ def lower_bound(
     if not np.any(real):
         found = _aligned(scaled, frequency, random)
     else:
-        found = _programmed(scaled, real, frequency, upper / size * (1.0 - _ENOUGH), random)
+        starts = [] if scaling is None else _dual_starts(matrix, real, scaling, random)
+        found = _programmed(scaled, real, frequency, upper / size * (1.0 - _ENOUGH), random, starts, programs)
     value, at, q = found
     if value <= 0.0:
         return 0.0, frequency, np.zeros(0, dtype=np.complex128)
@@ -180,8 +195,33 @@ class _Eigenvalue:
         return value, 1j * turn * z * slope
 
 
+def _dual_starts(
+    matrix: Complexes, real: NDArray[np.bool_], scaling: Arrays, random: np.random.Generator
+) -> list[Complexes]:
+    """Diagonals of Q from the eigenvectors v of the upper bound: with y = M~ v, v = delta y where both bounds meet."""
+    scaled, hermitian = hermitian_of(matrix, scaling)
+    values, vectors = np.linalg.eigh(hermitian)
+    bound = np.sqrt(max(float(values[-1]), 0.0))
+    found = []
+    for share in _TOPS:
+        space = vectors[:, values >= (1.0 - share) * values[-1]]
+        for _ in range(1 if space.shape[1] == 1 else _COMBINATIONS):
+            v = space @ (random.normal(size=(space.shape[1], 2)) @ np.array([1.0, 1j]))
+            y = scaled @ v
+            ratio = v * y.conj() / (np.abs(y) ** 2 + np.finfo(float).tiny)
+            phase = ratio / (np.abs(ratio) + np.finfo(float).tiny)
+            found.append(np.where(real, np.clip(bound * ratio.real, -1.0, 1.0), phase))
+    return found
+
+
 def _programmed(
-    system: LinearSystem, real: NDArray[np.bool_], frequency: float, enough: float, random: np.random.Generator
+    system: LinearSystem,
+    real: NDArray[np.bool_],
+    frequency: float,
+    enough: float,
+    random: np.random.Generator,
+    starts: list[Complexes],
+    programs: int,
 ) -> Found:
     """The largest real eigenvalue of M Q over Q, and over frequencies about one if all perturbations are real."""
     count, n, half = int(real.sum()), len(real), 0.5 / system.sample_time
@@ -192,10 +232,14 @@ def _programmed(
     limits += [(None, None)] * (n - count)
     if moving:
         limits.append((1.0 - _SPAN, min(1.0 + _SPAN, half / frequency)))
-    for start in range(_PROGRAMS):
+    for start in range(len(starts) + programs):
         eigenvalue = _Eigenvalue(system, real, frequency, moving)
-        corner = random.choice([-1.0, 1.0], size=count) if start % 2 else random.uniform(-1.0, 1.0, count)
-        unknown = np.concatenate([corner, random.uniform(0.0, 2.0 * np.pi, n - count), np.ones(int(moving))])
+        if start < len(starts):
+            corner, phases = starts[start][real].real, np.angle(starts[start][~real])
+        else:
+            corner = random.choice([-1.0, 1.0], size=count) if start % 2 else random.uniform(-1.0, 1.0, count)
+            phases = random.uniform(0.0, 2.0 * np.pi, n - count)
+        unknown = np.concatenate([corner, phases, np.ones(int(moving))])
         try:
             found = _solved(eigenvalue, unknown, limits, constrained=not (at_end and count == n))
         except np.linalg.LinAlgError:  # a multiple eigenvalue: another start

@@ -111,7 +111,7 @@ def scaled_bounds(matrices: Complexes, points: Arrays) -> Arrays:
         Scalings (x, g); any are allowed.
     """
     points = np.broadcast_to(points, (len(matrices), 2 * matrices.shape[1]))
-    hermitian = _hermitian(matrices, points)[1]
+    hermitian = hermitian_of(matrices, points)[1]
     return np.sqrt(np.maximum(np.linalg.eigvalsh(hermitian)[:, -1], 0.0))
 
 
@@ -205,7 +205,7 @@ def _searched(
     return best, at
 
 
-def _hermitian(matrix: Complexes, point: Arrays) -> tuple[Complexes, Complexes]:
+def hermitian_of(matrix: Complexes, point: Arrays) -> tuple[Complexes, Complexes]:
     """M~, and the matrix whose largest eigenvalue is the bound; shapes (..., n, n)."""
     n = matrix.shape[-1]
     half = np.exp(0.5 * np.clip(point[..., :n], -_STEEPEST, _STEEPEST))
@@ -217,7 +217,7 @@ def _hermitian(matrix: Complexes, point: Arrays) -> tuple[Complexes, Complexes]:
 def _smooth(matrix: Complexes, point: Arrays, sharp: float) -> tuple[float, Arrays]:
     """A smooth bound of the largest eigenvalue from above, and its gradient."""
     n = len(matrix)
-    scaled, hermitian = _hermitian(matrix, point)
+    scaled, hermitian = hermitian_of(matrix, point)
     values, v = np.linalg.eigh(hermitian)
     share = np.exp(sharp * (values - values[-1]))
     total = share.sum()

@@ -27,6 +27,7 @@ from amb_core.robustness.feedback import Feedback
 from amb_core.robustness.mu import Block
 from amb_core.robustness.settings import RobustnessSettings
 
+HIDDEN = 1e-9  # share of the response at its peak, from which a mode belongs to the plant from currents to positions
 LIGHTLY_DAMPED = 0.1  # damping ratio below which a stable pair of poles is taken as a bending mode
 
 
@@ -135,7 +136,11 @@ def uncertain_loop(feedback: Feedback, settings: RobustnessSettings) -> Uncertai
 
 
 def bending_modes(plant: LinearSystem) -> list[Mode]:
-    """The lightly damped stable modes of a plant."""
+    """The lightly damped stable modes of a plant, without those that no current moves or no position shows.
+
+    A minimal realisation lacks such a mode. It does not take part in the loop, and its perturbations would only spoil
+    the bounds.
+    """
     values, right = np.linalg.eig(plant.a)
     if np.linalg.cond(right) > 1e12:
         return []
@@ -143,9 +148,16 @@ def bending_modes(plant: LinearSystem) -> list[Mode]:
     found = []
     for pole, v, w in zip(values, right.T, left, strict=True):
         rate = np.log(complex(pole)) if pole != 0.0 else -np.inf
-        if pole.imag > 0.0 and abs(pole) < 1.0 and -rate.real < LIGHTLY_DAMPED * abs(rate):
+        light = pole.imag > 0.0 and abs(pole) < 1.0 and -rate.real < LIGHTLY_DAMPED * abs(rate)
+        if light and _is_seen(plant, complex(pole), v, w):
             found.append(_companion(plant, complex(pole), v, w))
     return found
+
+
+def _is_seen(plant: LinearSystem, pole: complex, v: Complexes, w: Complexes) -> bool:
+    """Whether a mode adds more to the response at its peak than rounding does."""
+    own = float(np.linalg.norm(plant.c @ v) * np.linalg.norm(w @ plant.b)) / (1.0 - abs(pole))
+    return own > HIDDEN * plant.gain(float(np.angle(pole)) / (2.0 * np.pi * plant.sample_time))
 
 
 def _companion(plant: LinearSystem, pole: complex, v: Complexes, w: Complexes) -> Mode:
