@@ -95,17 +95,32 @@ def test_the_uncertainty_moves_with_the_model(loop) -> None:
         assert axis.replayed == pytest.approx(axis.sensitivity.value, rel=0.05)
 
 
-def test_a_model_that_no_continuous_plant_has_is_refused_with_the_way_out(loop) -> None:
-    model = loop[0]
+def with_pole(model: StateSpaceModel, pole: float) -> StateSpaceModel:
+    """A model with a real pole more."""
     n = model.order
-    alternating = replace(
+    return replace(
         model,
-        a=np.block([[model.a, np.zeros((n, 1))], [np.zeros((1, n)), -0.3 * np.eye(1)]]),
+        a=np.block([[model.a, np.zeros((n, 1))], [np.zeros((1, n)), pole * np.eye(1)]]),
         b=np.vstack([model.b, np.ones((1, 2))]),
-        c=np.hstack([model.c, np.zeros((2, 1))]),
+        c=np.hstack([model.c, 1e-9 * np.ones((2, 1))]),
         k=np.vstack([model.k, np.zeros((1, 2))]),
         initial_state=np.zeros(n + 1),
     )
-    with pytest.raises(RobustnessError, match=r"fraction of a step.*z = -0.3.*whole number of steps"):
-        feedback_of(alternating, loop[1], 0.5)
-    assert feedback_of(alternating, loop[1], 1.0).stable
+
+
+def test_an_alternating_pole_is_a_pair_of_modes_at_half_the_sample_rate() -> None:
+    """In the coordinates of x' = s x + s/(e^(s T) - 1) u, whose real part the samples show."""
+    s = (np.log(0.3) + 1j * np.pi) / 1e-4
+    b = s / (np.exp(s * 1e-4) - 1.0)
+    a = np.array([[s.real, -s.imag], [s.imag, s.real]])
+    pair = LinearSystem(a, np.array([[b.real], [b.imag]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)), 0.0)
+    one = model_of(LinearSystem(-0.3 * np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), 1e-4))
+    assert one.response(AT) == pytest.approx(discretised(pair, 1e-4).response(AT), rel=1e-9)
+    assert late_model(one, 0.4).response(AT) == pytest.approx(discretised(pair, 1e-4, 0.4e-4).response(AT), rel=1e-9)
+
+
+def test_dead_time_in_the_model_is_refused_with_the_way_out(loop) -> None:
+    with pytest.raises(RobustnessError, match=r"pole at z = 0.*whole number of steps"):
+        feedback_of(with_pole(loop[0], 0.0), loop[1], 0.5)
+    for pole, delay in ((0.0, 1.0), (-0.3, 0.5)):
+        assert feedback_of(with_pole(loop[0], pole), loop[1], delay).stable

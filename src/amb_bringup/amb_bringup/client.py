@@ -272,7 +272,7 @@ class AmbClient(IdentifierCalls):
         progress: Progress = lambda *_: None,
         **settings: Any,
     ) -> MeasuredSensitivity:
-        """Measure the sensitivity of the running loop by a swept sine, on simulator or rig.
+        """Measure the sensitivity of the running loop by a swept sine and dwells at its narrow peaks, in region A.
 
         Parameters
         ----------
@@ -296,15 +296,14 @@ class AmbClient(IdentifierCalls):
         AmbError
             As for `experiment`; and if the data do not determine the sensitivity.
         """
-        from amb_core.analysis import read_loop  # loads compilers, which other calls do not need
+        from amb_bringup.swept_sensitivity import measure_swept  # loads compilers, which other calls do not need
         from amb_core.robustness import SweepSettings, measured_sensitivity
+        from amb_core.robustness.sweep import modes_of
 
-        sweep = validate(SweepSettings, settings).excitation
-        self.experiment([Experiment("swept sine", sweep)], bag, progress)
-        loop = read_loop(bag, controller)
+        loop = measure_swept(self, validate(SweepSettings, settings), bag, controller, progress)
         if loop.controller is None:
             raise ClientError(f"bag {bag}: lacks the parameters of the controller; name it in `controller`")
-        return measured_sensitivity(loop.data, loop.controller)
+        return measured_sensitivity(loop.data, loop.controller, modes_of(loop.data, loop.controller))
 
     # -- regions
 
@@ -387,6 +386,11 @@ class AmbClient(IdentifierCalls):
         ).uri
 
     # -- messages
+
+    def heard_region(self) -> RegionStateMessage | None:
+        """The last region state of the present run, without waiting; None before the first one."""
+        self._listen_to_regions()
+        return self._region if self._region is not None and self._region.run == self._run else None
 
     def _listen_to_regions(self) -> None:
         if self._region_subscription is None:

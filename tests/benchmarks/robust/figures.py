@@ -116,6 +116,20 @@ class Coverage(Figures):
     plants: dict[str, Covered]
 
 
+class HiddenModes(Figures):
+    """Modes that nobody knows of, swept."""
+
+    modes: int
+    found_or_named: int
+
+
+class Again(Figures):
+    """Certificates computed again from certificate.json and their files."""
+
+    certificates: int
+    equal: int
+
+
 class BenchRobust(Figures):
     """All of it."""
 
@@ -126,3 +140,5 @@ class BenchRobust(Figures):
     seconds: Seconds
     peers: list[Peer]
     coverage: Coverage
+    hidden_modes: HiddenModes
+    again: Again

@@ -30,6 +30,8 @@ from amb_core.robustness.assessment import assess_loop
 from amb_core.robustness.margins import disk_margin_of_axis
 from amb_core.robustness.replay import distance_from_circle
 from amb_core.robustness.structure import uncertain_loop
+from tests.benchmarks.robust.again import again
+from tests.benchmarks.robust.hidden_modes import hidden_modes
 from tests.benchmarks.robust.loops import SAMPLE_TIME, random_loop
 from tests.benchmarks.robust.monte_carlo import Bearing, Rotor, coverage, multisine, rotor4, rotor_controller
 from tests.benchmarks.robust.records import Size, records, say
@@ -255,6 +257,8 @@ PARTS: dict[str, Callable[[Size], Any]] = {
     "seconds": seconds,
     "peers": peers,
     "coverage": _coverage,
+    "hidden_modes": hidden_modes,
+    "again": again,
 }
 """What is measured by name; see `figures.BenchRobust`."""
 

@@ -124,14 +124,15 @@ def _again(console: Console, path: Path, files: Mapping[str, str]) -> None:
 
 
 def _measure(console: Console, sweep: SweepSettings, bag: Path) -> Path:
-    """A swept sine on the graph that runs; the bag of it."""
+    """A swept sine with dwells on the graph that runs; the bag of it."""
     # They load ROS, which other certificates do not need.
     from amb_bringup.client import AmbClient
-    from amb_bringup.experiment import APPEARANCE, Experiment, running_stand
+    from amb_bringup.experiment import APPEARANCE, running_stand
+    from amb_bringup.swept_sensitivity import measure_swept
 
     if bag.exists():
         raise ResultError(f"bag {bag}: exists already; give another folder with --out, or remove it")
     with AmbClient(nodes=()) as amb, Stages(console, "steps") as stages:
         running_stand(amb, stages.update, APPEARANCE)
-        amb.experiment([Experiment("swept sine", sweep.excitation)], bag, stages.update)
+        measure_swept(amb, sweep, bag, "", stages.update)
     return bag

@@ -68,13 +68,14 @@ def to_continuous(model: StateSpaceModel) -> control.StateSpace:
     N. J. Higham, Functions of Matrices, 2008, chapters 1 and 11; G. F. Franklin, J. D. Powell and M. L. Workman,
     Digital Control of Dynamic Systems, 3rd edition, 1998, section 4.3.
     """
-    a, b = held_inverse(model)
+    a, b = _held_inverse(model.a, model.b, model.sample_time)
     return LinearSystem(a, b, model.c, model.d, 0.0, model.input_names, model.output_names).to_control()
 
 
-def held_inverse(model: LinearSystem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A_c and B_c whose zero-order-hold equivalent is A and B; errors as for `to_continuous`."""
-    a, b, sample_time = model.a, model.b, model.sample_time
+def _held_inverse(
+    a: NDArray[np.float64], b: NDArray[np.float64], sample_time: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A_c and B_c whose zero-order-hold equivalent is A and B."""
     n, m = b.shape
     for pole in np.linalg.eigvals(a):
         if abs(pole) < _DEAD:

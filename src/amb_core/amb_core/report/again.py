@@ -21,7 +21,7 @@ LARGEST = 64 * MIB
 CLOSE = 1e-6  # relative, of two numbers that are taken as the same
 NEGLIGIBLE = 1e-9  # numbers below, such as the distance of a replayed pole from its place, are those of rounding
 _NOT_COMPARED = ("made", "header", "request", "inputs", "data", "standards", "verdict", "warnings", "finding")
-_FILES = ("model", "bag", "validation_bag", "sweep_bag", "description")
+_FILES = ("model", "bag", "validation_bag", "sweep_bag", "description", "experiment_controller")
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ def _request(old: Mapping[str, Any], path: Path, given: Mapping[str, str]) -> Re
         before = named.get(name, "")
         if name in given:
             named[name] = given[name]
-        elif before and not Path(before).exists():
+        elif Path(before).is_absolute() and not Path(before).exists():
             beside = path.parent / Path(before).name
             if not beside.exists():
                 raise RobustnessError(f"{name} {before}: there is no such file or folder; give it as it is now")
@@ -128,8 +128,8 @@ def _changed_inputs(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[
                 yield f"{role} {before.get('name')}: the {what} have the SHA-256 {now.get(key)}, before {before[key]}"
     files = [name for name in old["inputs"] if name.startswith(("controller file", "experiment controller file"))]
     for name in files:
-        now = new["inputs"].get(name, {}).get("sha256", "none: it is not there")
-        if now != old["inputs"][name].get("sha256"):
+        now = new["inputs"].get(name, {}).get("sha256")  # the gains of one that is gone are in the certificate
+        if now is not None and now != old["inputs"][name].get("sha256"):
             yield f"{name}: SHA-256 {now}, before {old['inputs'][name].get('sha256')}"
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from amb_core.analysis import RecordedLoop
 from amb_core.analysis.own_files import OwnFile, read_own
+from amb_core.analysis.recorded_sweeps import with_dwells
 from amb_core.errors import IdentificationError
 from amb_core.files.regular_files import is_folder
 from amb_core.identification.controller_choice import named_controller
@@ -204,9 +205,9 @@ def _recordings(
         if path:
             own = read(Path(path), known)
             machine = own.recording.machine() if own.is_bag_of_ours else None
-            loops[role] = own.loop
+            loops[role] = with_dwells(path, own.loop) if role == ROLES[2] else own.loop
             traces[role] = DataTrace.of(
-                own.loop.data, Path(path).name, inputs[f"{role} {Path(path).name}"], own.recording.start,
+                loops[role].data, Path(path).name, inputs[f"{role} {Path(path).name}"], own.recording.start,
                 "" if machine is None else machine.name,
             )  # fmt: skip
         elif held is not None:

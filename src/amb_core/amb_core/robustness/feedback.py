@@ -169,7 +169,7 @@ def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay
     IdentificationError, ParameterError
         If model and controller do not fit together.
     RobustnessError
-        If the delay has a fraction of a step and no continuous plant has the poles of the model.
+        If the delay has a fraction of a step and the model a pole at z = 0.
     """
     whole, fraction = divmod(extra_delay, 1.0)
     law = law_from_positions(controller, loop_axes(model, controller), int(whole))

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,8 @@ from amb_core.robustness.certificate import Certificate, certify
 from amb_core.robustness.feedback import Feedback, feedback_of, is_same_law
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
 from amb_core.robustness.settings import RobustnessSettings
+from amb_core.robustness.sharp_peaks import SharpMode
+from amb_core.robustness.sweep import modes_of, sweep_remarks
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +87,8 @@ def certify_from_data(
     AmbError
         If model, controller and data do not fit together.
     """
-    if not require_fitting(model, law, settings or RobustnessSettings()).stable:
+    feedback = require_fitting(model, law, settings or RobustnessSettings())
+    if not feedback.stable:
         return certify(model, law, settings=settings, inputs=inputs)
     if swept is not None:
         _require_same(swept, law)
@@ -111,7 +114,8 @@ def certify_from_data(
         displacement = _displacement(judged)
     if swept is not None:
         progress("swept sine")
-        measured = replace(_measured(swept, law), checked=True)
+        measured = replace(_measured(swept, law, modes_of(swept.data, law)), checked=True)
+        remarks += sweep_remarks(swept.data, feedback, law)
     progress("margins, worst cases and bounds")
     found = certify(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
@@ -143,11 +147,11 @@ def require_fitting(model: StateSpaceModel, law: KnownController, settings: Robu
     return feedback_of(model, law, settings.extra_delay)
 
 
-def _measured(loop: Recorded, law: KnownController) -> MeasuredSensitivity:
+def _measured(loop: Recorded, law: KnownController, modes: Sequence[SharpMode] = ()) -> MeasuredSensitivity:
     """Measured sensitivity of the loop to certify; RobustnessError if it was another loop."""
     _require_same(loop, law)
     assert loop.controller is not None
-    return measured_sensitivity(loop.data, loop.controller)
+    return measured_sensitivity(loop.data, loop.controller, modes)
 
 
 def _require_same(loop: Recorded, law: KnownController) -> None:

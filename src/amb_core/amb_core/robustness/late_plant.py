@@ -6,7 +6,9 @@ does where a computation takes part of the sample: with X = [[A, B], [0, I]] and
     X^f = [[A^f, B_0], [0, I]],    x[k+1] = A x[k] + (B - B_0) u[k-1] + B_0 u[k].
 
 This is `amb_core.linear.sampling.discretised` with a delay, from the samples themselves. It is exact for a plant that
-lives in continuous time; the model must have the poles of one.
+lives in continuous time. A pole on the negative real axis, which alternates from sample to sample, is that of a pair of
+modes at half the sample rate, of which the samples show one: the real part of the power is theirs. A pole at z = 0 is dead
+time of whole samples, behind which the change of the current cannot be placed.
 
 Sources: G. F. Franklin, J. D. Powell and M. L. Workman, Digital Control of Dynamic Systems, 3rd ed., 1998, section 4.3;
 N. J. Higham, Functions of Matrices, SIAM, 2008, section 3.1 (derivative from the function of [[X, E], [0, X]]).
@@ -19,12 +21,13 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
-from amb_core.errors import IdentificationError, RobustnessError
-from amb_core.identification.conversion import held_inverse
+from amb_core.errors import RobustnessError
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.uncertainty.directions import Directions
 from amb_core.linear import Arrays
 from amb_core.model import StateSpaceModel
+
+DEAD = 1e-9  # magnitude of a pole below which it is dead time
 
 
 def late_model(model: StateSpaceModel, fraction: float) -> StateSpaceModel:
@@ -33,17 +36,15 @@ def late_model(model: StateSpaceModel, fraction: float) -> StateSpaceModel:
     Raises
     ------
     RobustnessError
-        If no continuous plant has the poles of the model.
+        If the model has a pole at z = 0.
     """
     if not fraction:
         return model
-    try:
-        held_inverse(model)
-    except IdentificationError as problem:
+    if np.abs(model.poles()).min(initial=1.0) < DEAD:
         raise RobustnessError(
-            f"extra_delay with a fraction of a step needs a plant of continuous time: {problem}. A whole number of "
-            "steps needs none"
-        ) from None
+            "extra_delay with a fraction of a step is not possible for a model with a pole at z = 0, a dead time; "
+            "remove it from the data (advance_inputs), or give a whole number of steps"
+        )
     m = model.inputs
     b_0 = _held_part(_extended(model.a, model.b), fraction)[: model.order, -m:]
     return replace(
@@ -88,7 +89,7 @@ def _extended(a: Arrays, b: Arrays) -> Arrays:
 
 def _held_part(matrix: Arrays, fraction: float) -> Arrays:
     """The power 1 - fraction of a matrix."""
-    return np.asarray(linalg.expm((1.0 - fraction) * linalg.logm(matrix).real))
+    return np.asarray(linalg.expm((1.0 - fraction) * linalg.logm(matrix)).real)
 
 
 def _beside(a: Arrays, from_held: Arrays) -> Arrays:

@@ -28,6 +28,7 @@ BAND = 0.004  # of the frequency, width of a band where it has enough lines
 LEAST_INDEPENDENCE = 0.03
 """Of a column of the least squares from those before it, as a share of its length. A signal that acts only at the very
 start or end of a record looks like a transient: there the response is left open instead of guessed."""
+ASIDE = 1e-3  # of the strongest reference in a band: weaker experiments do not count there
 LEAST_POWER = 1e-8  # of a reference in a band, relative to its largest
 
 
@@ -75,15 +76,15 @@ def local_response(
     RobustnessError
         If the references determine the response at none of them.
     """
-    spectra = [_spectrum(*item, sample_time) for item in experiments]
+    spectra = [spectrum_of(*item, sample_time) for item in experiments]
     references, signals = experiments[0][0].shape[1], experiments[0][1].shape[1]
-    unknowns = (ORDER + 1) * (references + len(spectra))
-    density = sum(len(item[0]) for item in experiments) * sample_time  # lines per Hz
     largest = np.max([np.mean(np.abs(r) ** 2, axis=0) for _, r, _ in spectra], axis=0)
     found = []
     for at in frequency:
-        half = 0.5 * max(BAND * at, REDUNDANCY * unknowns / density)
-        lines = [_band(item, at, half) for item in spectra]
+        excited = those_excited(spectra, at, 0.5 * BAND * at)
+        unknowns = (ORDER + 1) * (references + len(excited))
+        half = 0.5 * max(BAND * at, REDUNDANCY * unknowns * _spacing(excited))
+        lines = [_band(item, at, half) for item in excited]
         power = np.mean(np.abs(np.vstack([r for _, r, _ in lines])) ** 2, axis=0)
         if at > half and np.all(power > LEAST_POWER * largest):
             solved = _solve(lines, at, half, signals)
@@ -100,7 +101,22 @@ Spectrum = tuple[Arrays, Complexes, Complexes]
 """Frequencies of the lines, references and signals there."""
 
 
-def _spectrum(references: Arrays, signals: Arrays, sample_time: float) -> Spectrum:
+def those_excited(spectra: Sequence[Spectrum], at: float, half: float) -> list[Spectrum]:
+    """Experiments whose references act about a frequency; others would only add the unknowns of their transients."""
+    powers = []
+    for item in spectra:
+        near = _band(item, at, max(half, 2.0 * item[0][1]))[1]
+        powers.append(float(np.sum(np.abs(near) ** 2)) / max(len(near), 1))
+    return [item for item, power in zip(spectra, powers, strict=True) if power >= ASIDE * max(powers)]
+
+
+def _spacing(spectra: Sequence[Spectrum]) -> float:
+    """Distance of the lines of all experiments together (Hz)."""
+    return 1.0 / sum(1.0 / float(item[0][1]) for item in spectra)
+
+
+def spectrum_of(references: Arrays, signals: Arrays, sample_time: float) -> Spectrum:
+    """Lines of the discrete Fourier transforms of an experiment."""
     steps = len(references)
     both = (np.fft.rfft(item - item.mean(axis=0), axis=0) / np.sqrt(steps) for item in (references, signals))
     return np.fft.rfftfreq(steps, sample_time), *both

@@ -6,11 +6,13 @@ errors. One that treats reference and position differently has another loop at t
 the response of the plant is measured and the known controller completes it.
 
 A periodic reference is averaged over its periods; any other one, a swept sine above all, is taken by the local
-polynomial method, which has no bias by leakage and transients.
+polynomial method, which has no bias by leakage and transients, and about narrow resonances with a mode (`sharp_peaks`)
+where that is asked for.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +26,7 @@ from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.robustness.feedback import Feedback, law_from_positions
 from amb_core.robustness.local_response import local_response
+from amb_core.robustness.sharp_peaks import SharpMode, with_sharp_peaks
 
 FREQUENCIES = 400  # of the curve of a reference without period
 COHERENT = 0.9  # coherence from which a measured value counts
@@ -89,7 +92,9 @@ class MeasuredSensitivity:
         return (float(upper[place]) if upper[place] > 0.0 else np.inf), float(self.frequency[place])
 
 
-def measured_sensitivity(data: IdentificationData, controller: KnownController) -> MeasuredSensitivity:
+def measured_sensitivity(
+    data: IdentificationData, controller: KnownController, modes: Sequence[SharpMode] = ()
+) -> MeasuredSensitivity:
     """The sensitivity that data of a loop show.
 
     Parameters
@@ -98,6 +103,9 @@ def measured_sensitivity(data: IdentificationData, controller: KnownController) 
         Experiments with reference, in which the axes were excited independently.
     controller : KnownController
         That of the experiments.
+    modes : sequence of SharpMode
+        Narrow resonances that are measured at their peaks, as `sharp_modes` finds them in some seconds; not for a
+        periodic reference.
 
     Raises
     ------
@@ -111,7 +119,7 @@ def measured_sensitivity(data: IdentificationData, controller: KnownController) 
     by_errors = _of_errors(controller)
     periodic = find_period(references) is not None
     law = law_from_positions(controller.at_rate(data.sample_rate), len(data.output_names))
-    found = (_over_periods if periodic else _over_bands)(data, law, by_errors)
+    found = _over_periods(data, law, by_errors) if periodic else _over_bands(data, law, by_errors, modes)
     known = np.all(found.deviation <= LARGEST_ERROR * np.abs(found.own), axis=1)
     if not known.any():
         raise RobustnessError(
@@ -152,16 +160,24 @@ def _over_periods(data: IdentificationData, law: LinearSystem, by_errors: bool) 
     )
 
 
-def _over_bands(data: IdentificationData, law: LinearSystem, by_errors: bool) -> MeasuredSensitivity:
-    """By the local polynomial method."""
-    experiments = [
+def experiments_of(data: IdentificationData) -> list[tuple[Arrays, Arrays]]:
+    """References and all signals of each experiment."""
+    return [
         (item.reference, np.hstack([item.inputs, item.outputs]))
         for item in data.experiments
         if item.reference is not None
     ]
+
+
+def _over_bands(
+    data: IdentificationData, law: LinearSystem, by_errors: bool, modes: Sequence[SharpMode]
+) -> MeasuredSensitivity:
+    """By the local polynomial method."""
+    experiments = experiments_of(data)
     longest = max(len(reference) for reference, _ in experiments) * data.sample_time
     wanted = np.geomspace(1.0 / longest, 0.5 / data.sample_time, FREQUENCIES + 1)[:-1]
     found = local_response(experiments, data.sample_time, wanted)
+    found = with_sharp_peaks(found, experiments, data.sample_time, modes)
     m, eye = len(data.input_names), np.eye(len(data.output_names))
     if by_errors:  # S = I - Y, with the response Y of the positions
         sensitivity: Complexes = eye - found.response[:, m:]

@@ -1,10 +1,43 @@
-"""The swept sine by which a sensitivity is measured on a running loop."""
+"""The swept sine by which a sensitivity is measured on a running loop: one over the band, then dwells at narrow peaks.
+
+The first sweep shows where narrow resonances are. At each the rotor is then excited in a band of a few half bandwidths,
+for as long as its lines resolve the mode, and as weakly as its peak allows to be known to 0.05 dB.
+"""
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
 from amb_core.errors import RobustnessError
 from amb_core.excitation import Sweep
+from amb_core.identification.data import IdentificationData
+from amb_core.linear import Arrays
+from amb_core.loop.known_controller import KnownController
+from amb_core.loop.linear_control import linear_law
 from amb_core.parameters import Parameters, quantity
+from amb_core.robustness.feedback import Feedback
+from amb_core.robustness.measured import MeasuredSensitivity, experiments_of, measured_sensitivity
+from amb_core.robustness.sharp_peaks import (
+    LEAST_DAMPING,
+    WIDEST,
+    SharpMode,
+    hidden_height,
+    lowest_resolved,
+    sharp_modes,
+)
+
+MATTERS = 0.1  # of T: up to the highest frequency with more a mode of ten times the response could spoil the loop
+HIDDEN = 0.06  # of S: a narrow mode that changes it more is found, or the certificate names where it might not be
+MOST_DWELLS = 6
+_SPACING = 0.05  # relative, of the frequencies at which that is asked
+_LINES = 4.0  # within the half bandwidth of a mode, of a dwell
+_NARROW = 0.02  # damping ratio: broader modes are known from the first sweep
+_WIDE = 6.0  # half bandwidths to either side of a dwell
+_LONGEST = 10.0  # s, of a dwell on one axis
+_KNOWN = 0.006  # relative, 0.05 dB: standard deviation of a peak after its dwell
+_WEAKEST = 0.1  # of the amplitude of the sweep
 
 
 class SweepSettings(Parameters):
@@ -32,3 +65,130 @@ class SweepSettings(Parameters):
             spacing="logarithmic",
             axes="in_turn",
         )
+
+
+def dwells(data: IdentificationData, controller: KnownController, settings: SweepSettings) -> list[Sweep]:
+    """Narrow sweeps at the resonances that a first sweep shows, the likeliest first; none where it shows none.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Of the first sweep.
+    controller : KnownController
+        Of the loop.
+    settings : SweepSettings
+        Those of the first sweep.
+    """
+    inside = [one for one in modes_of(data, controller) if one.damping <= _NARROW]
+    if not inside:
+        return []
+    measured = measured_sensitivity(data, controller, inside)
+    chosen = sorted(inside, key=lambda one: -one.score)[:MOST_DWELLS]
+    return [_dwell(one, measured, settings, len(data.output_names)) for one in chosen]
+
+
+def _dwell(mode: SharpMode, measured: MeasuredSensitivity, settings: SweepSettings, axes: int) -> Sweep:
+    near = np.abs(measured.frequency / mode.frequency - 1.0) < 3.0 * mode.damping
+    size, unknown = 1.0, 1.0
+    if near.any():
+        size = float(np.abs(measured.own[near]).max())
+        unknown = float((measured.deviation[near] / np.abs(measured.own[near])).max())
+    seconds = _LINES / (max(mode.damping, LEAST_DAMPING) * mode.frequency)
+    half = min(_WIDE * mode.damping, 0.5)
+    # Power of the reference per line, over that of the first sweep: the deviation falls with its root.
+    octave = math.log(settings.sweep_end / settings.sweep_start)
+    denser = math.sqrt(seconds / (2.0 * half) * octave / (settings.sweep_duration / axes))
+    seconds *= min(max((unknown / denser / _KNOWN) ** 2, 1.0), _LONGEST / seconds) if seconds < _LONGEST else 1.0
+    weaker = min(1.0, unknown / denser / _KNOWN) / max(1.0, size)  # the rotor moves no more than in the first sweep
+    return Sweep(
+        amplitude=settings.sweep_amplitude * max(weaker, _WEAKEST),
+        duration=axes * min(seconds, _LONGEST),
+        frequency_start=mode.frequency * (1.0 - half),
+        frequency_end=mode.frequency * (1.0 + half),
+        axes="in_turn",
+    )
+
+
+def modes_of(data: IdentificationData, law: KnownController) -> list[SharpMode]:
+    """The narrow resonances that data with a reference show, in their band, and that change the sensitivity enough."""
+    low, high = looked_band(data, WIDEST)
+    found = [one for one in sharp_modes(experiments_of(data), data.sample_time) if low <= one.frequency <= high]
+    shown = _shown(data, law, np.array([one.frequency for one in found]))
+    return [one for one, share in zip(found, shown, strict=True) if one.height * share >= 0.5 * HIDDEN]
+
+
+def sweep_remarks(data: IdentificationData, feedback: Feedback, law: KnownController) -> tuple[str, ...]:
+    """What a sweep leaves open: modes of the least damping that it passes too fast, and where it ends too early."""
+    references = [item.reference for item in data.experiments if item.reference is not None]
+    if not references:
+        return ()
+    first = _ends(references, data.sample_time)[0]
+    low, last = looked_band(data)
+    found = []
+    if low > first:
+        found.append(
+            f"the swept sine passes modes of damping {LEAST_DAMPING:g} too fast below {min(low, last):.4g} Hz: it "
+            f"would have to last {low / first:.3g} times as long to show them from {first:.4g} Hz onwards"
+        )
+    at = low * np.exp(np.arange(0.0, math.log(max(last / low, 1.0)), _SPACING))
+    height = hidden_in_sensitivity(data, law, at, LEAST_DAMPING)
+    quiet = at[height > HIDDEN]
+    if len(quiet):
+        found.append(
+            f"at {len(quiet)} of {len(at)} frequencies looked at, from {quiet[0]:.4g} to {quiet[-1]:.4g} Hz, a mode of "
+            f"damping {LEAST_DAMPING:g} that changes the sensitivity by {HIDDEN:g} could hide in the noise of the "
+            "swept sine; a larger amplitude or a longer sweep shows it"
+        )
+    matters = highest_that_matters(feedback)
+    if last < matters:
+        found.append(
+            f"the swept sine ends at {last:.4g} Hz; the loop acts up to {matters:.4g} Hz, and nothing was looked for "
+            "between them"
+        )
+    return tuple(found)
+
+
+def hidden_in_sensitivity(data: IdentificationData, law: KnownController, frequency: Arrays, damping: float) -> Arrays:
+    """How much of the sensitivity a mode of a damping ratio may change without being found, shape (f,).
+
+    References act on the rotor through another part of a controller than positions do, if it derives the position: then
+    they show less of the loop.
+    """
+    return hidden_height(experiments_of(data), data.sample_time, frequency, damping) * _shown(data, law, frequency)
+
+
+def _shown(data: IdentificationData, law: KnownController, frequency: Arrays) -> Arrays:
+    """Change of S over that of the response of the outputs to the references, shape (f,)."""
+    axes = len(data.output_names)
+    response = np.abs(linear_law(law.at_rate(data.sample_rate), axes).response(frequency))
+    own = np.diagonal(response[:, :, axes:], axis1=1, axis2=2) / np.diagonal(response[:, :, :axes], axis1=1, axis2=2)
+    return np.asarray(own.max(axis=1))
+
+
+def looked_band(data: IdentificationData, damping: float = LEAST_DAMPING) -> tuple[float, float]:
+    """Frequencies (Hz) between which data show modes of a damping ratio: slow enough, and excited."""
+    references = [item.reference for item in data.experiments if item.reference is not None]
+    first, last = _ends(references, data.sample_time)
+    return max(first, lowest_resolved(experiments_of(data), data.sample_time, damping)), last
+
+
+def highest_that_matters(feedback: Feedback) -> float:
+    """The highest frequency (Hz) at which the complementary sensitivity of a loop is a tenth or more."""
+    half = 0.5 / feedback.plant.sample_time
+    frequency = np.geomspace(1e-4 * half, half, 400)
+    size = np.linalg.norm(feedback.complementary.response(frequency), 2, axis=(1, 2))
+    acts = np.flatnonzero(size >= MATTERS)
+    return float(frequency[acts[-1]]) if len(acts) else 0.0
+
+
+def _ends(references: list[np.ndarray], sample_time: float) -> tuple[float, float]:
+    """Lowest and highest frequency (Hz) at which references have a thousandth of their largest power per octave."""
+    low, high = math.inf, 0.0
+    for reference in references:
+        lines = np.fft.rfft(reference - reference.mean(axis=0), axis=0)[1:]
+        frequency = np.fft.rfftfreq(len(reference), sample_time)[1:]
+        octaves = np.floor(12.0 * np.log2(frequency / frequency[0])).astype(int)
+        power = np.bincount(octaves, np.sum(np.abs(lines) ** 2, axis=1))
+        excited = frequency[power[octaves] > 1e-2 * power.max()]
+        low, high = min(low, float(excited[0])), max(high, float(excited[-1]))
+    return low, high
