@@ -7,8 +7,8 @@ does where a computation takes part of the sample: with X = [[A, B], [0, I]] and
 
 This is `amb_core.linear.sampling.discretised` with a delay, from the samples themselves. It is exact for a plant that
 lives in continuous time. A pole on the negative real axis, which alternates from sample to sample, is that of a pair of
-modes at half the sample rate, of which the samples show one: the real part of the power is theirs. A pole at z = 0 is dead
-time of whole samples, behind which the change of the current cannot be placed.
+modes at half the sample rate, of which the samples show one: the real part of the power is theirs. A pole at z = 0 is
+dead time of whole samples, behind which the change of the current cannot be placed.
 
 Sources: G. F. Franklin, J. D. Powell and M. L. Workman, Digital Control of Dynamic Systems, 3rd ed., 1998, section 4.3;
 N. J. Higham, Functions of Matrices, SIAM, 2008, section 3.1 (derivative from the function of [[X, E], [0, X]]).
