@@ -16,7 +16,7 @@ from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
 from amb_bringup.commands.validate import FirstStepOption, RunOption, StepsOption, chosen_steps
-from amb_core.analysis import evidence_of_data, evidence_of_run
+from amb_core.analysis import evidence_of_run
 from amb_core.distortion import Coherence, Distortion, DistortionSettings, Evidence, simulate_distortion
 from amb_core.errors import SpectrumError
 from amb_core.figures.coherence import coherence_chart
@@ -101,11 +101,9 @@ def _measure(console: Console, files: DataOptions, path: Path, chosen: dict[str,
 
 def _evidence(console: Console, files: DataOptions, path: Path, chosen: dict[str, int]) -> Evidence:
     """Distortion and coherence of a bag with telemetry in the chosen steps, or of a file."""
-    own = files.read(console, path, **chosen)
+    recording, _ = files.recording(console, path)
     with working(console, f"measuring {path}"):
-        if own.is_bag_of_ours:
-            return evidence_of_run(own.recording, **chosen)
-        return evidence_of_data(own.loop.data)
+        return evidence_of_run(recording, **chosen)
 
 
 def _table(found: Distortion) -> Table:
