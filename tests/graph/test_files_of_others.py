@@ -23,13 +23,14 @@ WHOLE = {case.file: case for case in CASES if not case.helps}
 REFUSED = {case.file: case for case in CASES if case.helps}
 
 
-@pytest.fixture(scope="module")
-def client(keep: Callable[..., Any]) -> AmbClient:
-    def start(graph: Graph) -> AmbClient:
-        Loop(graph)
-        return AmbClient(domain_id=int(graph.environment["ROS_DOMAIN_ID"]), nodes=("identifier",))
+def identifier(graph: Graph) -> AmbClient:
+    Loop(graph)
+    return AmbClient(domain_id=int(graph.environment["ROS_DOMAIN_ID"]), nodes=("identifier",))
 
-    return keep(start)
+
+@pytest.fixture
+def client(share: Callable[..., Any]) -> AmbClient:
+    return share(identifier)
 
 
 def described(case: Case) -> DataDescription:
@@ -58,8 +59,8 @@ def test_the_service_refuses_what_the_command_refuses(client: AmbClient, case: C
 def test_a_saved_description_is_read_by_validate_too(client: AmbClient, tmp_path: Path) -> None:
     case = WHOLE["spaces.dat"]
     described(case).save(tmp_path / "rig.yaml")
-    model = client.identify(FOLDER / case.file, order=2, description=tmp_path / "rig.yaml")
+    client.identify(FOLDER / case.file, order=2, description=tmp_path / "rig.yaml")
     answer = client.validate(FOLDER / case.file, description=tmp_path / "rig.yaml")
-    assert answer.one_step_fit == pytest.approx(list(model.fit), abs=60.0)
+    assert answer.one_step_fit[0] > 99.0
     with pytest.raises(AmbError, match="description is for a bag or data file"):
         client.identify(description=tmp_path / "rig.yaml")

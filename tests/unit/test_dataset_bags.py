@@ -15,6 +15,7 @@ from amb_core.analysis import read, recorded_data
 from amb_core.errors import BagError, IdentificationError
 from amb_core.identification.data import IdentificationData
 from amb_core.recording import Recording
+from tests.written_bags import BLOCK, write_telemetry
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
@@ -102,6 +103,36 @@ def read_bag(path: Path, **options: Any) -> IdentificationData:
 def test_the_last_experiment_is_the_default(tmp_path: Path) -> None:
     data = read_bag(write(tmp_path / "bag", [status(1, 120, 300), *(telemetry(1, 100 * k) for k in range(6))]))
     assert spans(data) == [(120, 420)]
+
+
+def identical(one: IdentificationData, other: IdentificationData) -> bool:
+    pairs = zip(one.experiments, other.experiments, strict=True)
+    return all(np.array_equal(a.signals, b.signals) and a.first_step == b.first_step for a, b in pairs)
+
+
+@pytest.mark.parametrize("run", [1, 2, None])
+def test_a_stretch_is_read_by_the_index_and_nothing_else(tmp_path: Path, run: int | None) -> None:
+    bag = write_telemetry(tmp_path / "bag", [(number, BLOCK * k) for number in (1, 2) for k in range(200)])
+    chosen = {"run": run, "first_step": 9_050, "steps": 700}
+    whole = recorded_data(Recording.read(bag), **chosen)
+    file = bag / "bag_0.mcap"
+    content = bytearray(file.read_bytes())
+    for place in (0.06, 0.34, 0.59, 0.84):  # before and after the stretch in both runs
+        content[int(place * len(content))] ^= 0xFF
+    file.write_bytes(content)
+    assert Recording.read(bag).truncated.count("is damaged") == 4
+    loop = read(bag, **chosen)
+    assert loop.damage == ""
+    assert identical(loop.data, whole)
+
+
+def test_steps_that_the_index_does_not_find_are_looked_for_in_the_whole_bag(tmp_path: Path) -> None:
+    blocks = [(1, BLOCK * k) for k in range(100)]
+    bag = write_telemetry(tmp_path / "bag", [*blocks[:50], *blocks[80:], *blocks[50:80]])
+    chosen = {"run": 1, "first_step": 4_500, "steps": 1_000}
+    assert identical(read(bag, **chosen).data, recorded_data(Recording.read(bag), **chosen))
+    with pytest.raises(BagError, match="does not hold steps 20000 to 20099; it has steps 0 to 9999"):
+        read(bag, run=1, first_step=20_000, steps=100)
 
 
 def test_positions_and_currents_are_paired_by_step(tmp_path: Path) -> None:

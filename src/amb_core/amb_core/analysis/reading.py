@@ -51,7 +51,8 @@ def read(
     description : DataDescription or path, optional
         What is known of it, or the file of a saved description.
     run, first_step, steps : int, optional
-        Steps of a bag of this workbench, as for `recorded_data`.
+        Steps of a bag of this workbench, as for `recorded_data`. Where first_step and steps are given, only this
+        stretch of an MCAP bag is read, by its index.
     **values
         Fields of the description, such as inputs=["u"], which change it.
 
@@ -61,7 +62,7 @@ def read(
         If the data cannot be read, or leave a question; the message names the option that answers it.
     """
     path, known = Path(path), _description(description, values)
-    recording = _bag_at(path)
+    recording = _bag_at(path, None if first_step < 0 or not steps else (run, first_step, steps))
     if recording is not None and _as_it_is(recording, known):
         return _loop(recorded_data(recording, run, first_step, steps), known, recording)
     if run is not None or first_step != -1 or steps:
@@ -89,9 +90,14 @@ def _description(description: DataDescription | str | Path | None, values: dict[
     return description.with_values(**values)
 
 
-def _bag_at(path: Path) -> Recording | None:
-    """The bag at a path; None for a file of one of `ENDINGS`."""
-    return Recording.read(path) if is_folder(path) or path.suffix.lower() not in ENDINGS else None
+def _bag_at(path: Path, stretch: tuple[int | None, int, int] | None = None) -> Recording | None:
+    """The bag at a path, or its stretch of a run by first step and steps; None for a file of one of `ENDINGS`."""
+    if path.suffix.lower() in ENDINGS and not is_folder(path):
+        return None
+    if stretch is None:
+        return Recording.read(path)
+    run, first_step, steps = stretch
+    return Recording.read_stretch(path, run, first_step, first_step + steps)
 
 
 def _as_it_is(recording: Recording, known: DataDescription) -> bool:
