@@ -280,6 +280,14 @@ def test_signals_get_the_names_and_units_that_a_description_gives(tmp_path: Path
     assert scaled.experiments[0].outputs.max() == pytest.approx(4e-6)
 
 
+def test_an_axis_in_brackets_is_no_unit(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k % 3},{k % 2},{k % 5},{k}" for k in range(40))
+    path = write_text(tmp_path / "lab.csv", f"coil[x] [mA],coil [y],position[x] (um),[y]\n{rows}\n")
+    data = read(path, inputs=["coil[x]", "coil [y]"], outputs=["position[x]", "[y]"], rate=1e4, controller="none").data
+    assert (data.input_names, data.output_names) == (("coil[x]", "coil [y]"), ("position[x]", "[y]"))
+    assert (data.input_units, data.output_units) == (("A", ""), ("m", ""))
+
+
 def test_a_description_is_proposed_never_assumed(tmp_path: Path) -> None:
     path = write_text(tmp_path / "lab.csv", LAB)
     with pytest.raises(UndescribedError, match="perhaps --inputs i_x=cur_x_A,i_y=cur_y_A --outputs x=pos_x_m") as found:

@@ -100,7 +100,7 @@ def test_data_without_the_controller_are_judged_without_the_loop(folder: Path) -
         (("slow.json", "bag"), "sample time"),
         (("good.json", "bag", "--horizon", "5000"), "horizons from 1 to 5000 steps are not allowed"),
         (("good.json", "bag", "--steps", "120"), "horizons|too few"),
-        (("good.json", "data.npz", "--run", "1"), "option run is not allowed"),
+        (("good.json", "data.npz", "--run", "1"), "run and steps are not allowed"),
         (("good.json", "bag", "--results", "numbers.txt"), "numbers.txt: the file name must end in .json"),
     ],
 )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from amb_core.errors import IdentificationError
 
 _PARTS = (
-    re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\]]*)\]$"),
+    re.compile(r"^(?P<name>.+?)\s*\[(?P<unit>(?!(?:\d+|[xyz]\w*)\])[^\]]*)\]$"),  # but position[x] is the axis x
     re.compile(r"^(?P<name>.+?)\s*\((?P<unit>[^)]*)\)$"),
     re.compile(r"^(?P<name>.+?)\s+/\s*(?P<unit>\S+)$"),
 )
