@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 
 from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.interpret import DescribedData
+from amb_core.results import Result
 
 if TYPE_CHECKING:
     from amb_core.loop.known_controller import KnownController
     from amb_core.plant import PlantParameters
 
 
-@dataclass(frozen=True, eq=False)
-class RecordedLoop:
+@dataclass(frozen=True, eq=False, repr=False)
+class RecordedLoop(Result):
     """Data of a loop, and its known parameters.
 
     Attributes
@@ -36,3 +37,25 @@ class RecordedLoop:
     plant: PlantParameters | None = None
     damage: str = ""
     described: DescribedData | None = None
+
+    @property
+    def summary(self) -> str:
+        """One line of text."""
+        data = self.data
+        controller = "no controller known" if self.controller is None else "controller known"
+        damage = f"; {self.damage}" if self.damage else ""
+        return (
+            f"{data.samples} samples at {data.sample_rate:g} Hz, gaps: {len(data.gaps)}; "
+            f"{', '.join(data.input_names)} to {', '.join(data.output_names)}; {controller}{damage}"
+        )
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The signals as they were understood, and what is doubtful."""
+        if self.described is None:
+            return []
+        signals = [
+            (row.signal, f"{row.role}, {row.unit or 'unit unknown'}, {row.low:.4g} to {row.high:.4g} {row.si_unit}")
+            for row in self.described.rows
+        ]
+        return [*signals, *(("note", note) for note in self.described.notes)]
