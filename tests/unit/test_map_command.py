@@ -61,7 +61,7 @@ def test_a_grid_over_files_has_a_folder_for_each(amb_map, tmp_path):
     table, out = tmp_path / "steel.csv", tmp_path / "out"
     table.write_text(STEEL)
     assert amb_map("--out", out, "--grid", "iron.saturation=true", "--grid", f"iron.bh_table={table}").exit_code == 0
-    (cell,) = json.loads((out / "summary.json").read_text())
+    (cell,) = json.loads((out / "summary.json").read_text())["maps"]
     assert cell["values"]["iron.bh_table"] == str(table)
     assert len(RegionMap.load(out / cell["map"]).sweeps) == 3
 
