@@ -60,14 +60,14 @@ class DataOptions:
             As for `amb_core.analysis.read`.
         """
         with working(console, f"reading {path}"), self._proposing():
-            loop = read(path, self.resolve(), **chosen)
+            loop = read(path, self.description, **chosen, **self.values)
         self._show(console, path, loop.damage, loop.described)
         return loop
 
     def recording(self, console: Console, path: Path) -> tuple[Recording, DescribedData | None]:
         """A bag with telemetry, or a file as a recording of one run, and what was understood; errors as for `read`."""
         with working(console, f"reading {path}"), self._proposing():
-            recording, described = read_recording(path, self.resolve())
+            recording, described = read_recording(path, self.description, **self.values)
         self._show(console, path, recording.truncated, described)
         return recording, described
 

@@ -73,10 +73,10 @@ def read(
 
 
 def read_recording(
-    path: str | Path, description: DataDescription | str | Path | None = None
+    path: str | Path, description: DataDescription | str | Path | None = None, **values: Any
 ) -> tuple[Recording, DescribedData | None]:
-    """A bag with telemetry as it is, or any other file as a recording of one run; errors as for `read`."""
-    path, known = Path(path), _description(description, {})
+    """A bag with telemetry as it is, or another file as a recording of one run; arguments and errors as for `read`."""
+    path, known = Path(path), _description(description, values)
     recording = _bag_at(path)
     if recording is not None and _as_it_is(recording, known):
         return recording, None
