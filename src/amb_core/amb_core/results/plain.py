@@ -12,8 +12,6 @@ from enum import Enum
 from pathlib import PurePath
 from typing import Any
 
-import numpy as np
-
 VERSION = 2
 """Version of the names and units of files of results; they begin with it. Before there was none."""
 
@@ -36,7 +34,7 @@ def plain(value: Any) -> Any:
         return {str(plain(name)): plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
         return [plain(part) for part in value]
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # NumPy's, which is not imported for this
         return plain(value.tolist())
     if is_dataclass(value):
         return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
