@@ -64,3 +64,21 @@ def test_a_saved_description_is_read_by_validate_too(client: AmbClient, tmp_path
     assert answer.one_step_fit[0] > 99.0
     with pytest.raises(AmbError, match="description is for a bag or data file"):
         client.identify(description=tmp_path / "rig.yaml")
+
+
+@pytest.mark.parametrize(
+    ("description", "reason"),
+    [
+        ("inputs: [", "description in the request: is damaged"),
+        ("- u", "must have lines such as inputs"),
+        ("inputs: [{a: b}]", "inputs must be a list of names"),
+        ("signals: [u]", "'signals' is not allowed; allowed: inputs, outputs"),
+        ("/nowhere/rig.yaml", "description /nowhere/rig.yaml: cannot be read"),
+        ("[" * 20_000, "description in the request: is damaged"),
+    ],
+)
+def test_a_description_that_is_none_is_refused_in_one_line(client: AmbClient, description: str, reason: str) -> None:
+    with pytest.raises(AmbError, match=reason) as refusal:
+        client.identify(FOLDER / "mil.csv", order=2, description=description)
+    assert "\n" not in str(refusal.value)
+    assert len(str(refusal.value)) < 3_000
