@@ -34,6 +34,7 @@ class Source:
     first_step: int
     steps: int
     bag: str = ""
+    description: str = ""
 
 
 class Certifier:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from amb_bringup.experiment import Experiment, Progress
-from amb_core.analysis import RecordedLoop, read_loop
+from amb_core.analysis import RecordedLoop, read
 from amb_core.analysis.recorded_sweeps import DWELLS, with_dwells
 from amb_core.errors import AmbError
 from amb_core.regions import Region
@@ -43,7 +43,7 @@ def measure_swept(
     excitation = settings.excitation
     amb.heard_region()
     amb.experiment([Experiment("swept sine", excitation)], bag, watched)
-    sweep = read_loop(bag, controller)
+    sweep = read(bag, controller=controller)
     if sweep.controller is None:
         return sweep
     more = [

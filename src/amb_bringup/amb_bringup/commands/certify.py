@@ -102,7 +102,7 @@ def certify(
     if sweep.sweep_amplitude:
         request = replace(request, sweep_bag=str(_measure(console, sweep, out / "sweep")))
     with Stages(console) as stages:
-        found = certify_request(request, read=read_shown(console), progress=stages.update)
+        found = certify_request(request, reader=read_shown(console), progress=stages.update)
     write_certificate(found, out)
     say(found.verdict)
     console.print(f"certificate.html and certificate.json: {out}")

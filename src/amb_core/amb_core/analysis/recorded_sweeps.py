@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from amb_core.analysis.recorded_data import recorded_data
-from amb_core.analysis.recorded_loop import RecordedLoop
 from amb_core.files.regular_files import is_folder
+from amb_core.identification.data import RecordedLoop
 from amb_core.recording import Recording
 
 DWELLS = "dwells"

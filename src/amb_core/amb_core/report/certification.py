@@ -10,18 +10,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from amb_core.analysis import RecordedLoop
-from amb_core.analysis.own_files import OwnFile, read_own
+from amb_core.analysis import RecordedLoop, read
 from amb_core.analysis.recorded_sweeps import with_dwells
 from amb_core.errors import IdentificationError
 from amb_core.files.regular_files import is_folder
 from amb_core.identification.controller_choice import named_controller
-from amb_core.identification.data.described import DataDescription
+from amb_core.identification.data import DataDescription
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
+from amb_core.recording import Recording
 from amb_core.robustness import (
     Certificate,
-    Recorded,
     RobustnessSettings,
     certify_from_data,
     sha256_of,
@@ -31,10 +30,11 @@ from amb_core.robustness import (
 )
 from amb_core.robustness.from_data import require_fitting
 from amb_core.robustness.trace import CertificateHeader, DataTrace, Trace, controller_values
+from amb_core.tables import ENDINGS
 
 ROLES = ("bag", "validation bag", "sweep bag")
 
-Reader = Callable[[Path, DataDescription], OwnFile]
+Reader = Callable[[Path, DataDescription], RecordedLoop]
 Progress = Callable[[str], None]
 
 
@@ -104,7 +104,7 @@ class InMemory:
 def certify_request(
     request: Request,
     given: InMemory | None = None,
-    read: Reader = read_own,
+    reader: Reader = read,
     progress: Progress = lambda _: None,
 ) -> Certificate:
     """The certificate of a request.
@@ -115,7 +115,7 @@ def certify_request(
         What is to be certified.
     given : InMemory, optional
         What is in no file.
-    read : callable, optional
+    reader : callable, optional
         How a file is read with a description; a command shows what it understood.
     progress : callable, optional
         Called with the name of each stage.
@@ -130,12 +130,12 @@ def certify_request(
     law = _named(request, model) if given.law is None else given.law.at_rate(1.0 / model.sample_time)
     stable = law is None or require_fitting(model, law, request.settings).stable
     inputs = _hashes(request, given, model)
-    loops, traces = _recordings(request, given, inputs, read) if stable else ({}, {})
+    loops, traces = _recordings(request, given, inputs, reader) if stable else ({}, {})
     if law is None:
         law = _of_experiment(loops)
     name = request.named["controller"]
     inputs[f"controller {Path(name).name or 'of the experiment'}"] = sha256_of_controller(law)
-    used, judged, swept = (None if role not in loops else _recorded(loops[role]) for role in ROLES)
+    used, judged, swept = (loops.get(role) for role in ROLES)
     found = certify_from_data(
         model, law, used, judged, settings=request.settings, inputs=inputs, swept=swept, progress=progress
     )
@@ -182,7 +182,7 @@ def _hashes(request: Request, given: InMemory, model: StateSpaceModel) -> dict[s
         inputs["model identified by the node"] = sha256_of_model(model)
     for name in ("model", "bag", "validation_bag", "sweep_bag", "description", "controller", "experiment_controller"):
         path = getattr(request, name)
-        if path and (_is_file(path) or not name.endswith("controller")):
+        if path and (_is_file(path) or name not in ("description", "controller", "experiment_controller")):
             role = name.replace("_", " ") + (" file" if name.endswith("controller") else "")
             inputs[f"{role} {Path(path).name}"] = sha256_of(path)
     for role, loop in (("data", given.used), ("validation data", given.judged)):
@@ -192,10 +192,10 @@ def _hashes(request: Request, given: InMemory, model: StateSpaceModel) -> dict[s
 
 
 def _recordings(
-    request: Request, given: InMemory, inputs: dict[str, str], read: Reader
+    request: Request, given: InMemory, inputs: dict[str, str], reader: Reader
 ) -> tuple[dict[str, RecordedLoop], dict[str, DataTrace]]:
     """The recordings by role, and where they come from."""
-    known = DataDescription.load(request.description) if request.description else DataDescription.of()
+    known = DataDescription.given(request.description) or DataDescription.of()
     if given.experiment_law is None:
         known = known.with_values(controller=request.experiment_controller)
     loops: dict[str, RecordedLoop] = {}
@@ -203,12 +203,10 @@ def _recordings(
     for role, held in zip(ROLES, (given.used, given.judged, None), strict=True):
         path = getattr(request, role.replace(" ", "_"))
         if path:
-            own = read(Path(path), known)
-            machine = own.recording.machine() if own.is_bag_of_ours else None
-            loops[role] = with_dwells(path, own.loop) if role == ROLES[2] else own.loop
+            loop = reader(Path(path), known)
+            loops[role] = with_dwells(path, loop) if role == ROLES[2] else loop
             traces[role] = DataTrace.of(
-                loops[role].data, Path(path).name, inputs[f"{role} {Path(path).name}"], own.recording.start,
-                "" if machine is None else machine.name,
+                loops[role].data, Path(path).name, inputs[f"{role} {Path(path).name}"], *_origin(Path(path))
             )  # fmt: skip
         elif held is not None:
             loops[role] = held
@@ -219,8 +217,13 @@ def _recordings(
     return loops, traces
 
 
-def _recorded(loop: RecordedLoop) -> Recorded:
-    return Recorded(loop.data, loop.controller, loop.plant)
+def _origin(path: Path) -> tuple[int, str]:
+    """Time of the first message of a bag (ns since 1970) and the name of its machine; 0 and empty for other files."""
+    if path.suffix.lower() in ENDINGS:
+        return 0, ""
+    recording = Recording.read(path)
+    machine = recording.machine() if recording.runs else None
+    return recording.start, "" if machine is None else machine.name
 
 
 def _is_file(path: str) -> bool:

@@ -4,11 +4,12 @@
 >>> found.certified, found.verdict  # doctest: +SKIP
 """
 
+from amb_core.identification.data import RecordedLoop as Recorded
 from amb_core.linear.peak import Peak, peak_gain
 from amb_core.robustness.assessment import Assessment, assess, assess_loop
 from amb_core.robustness.certificate import Certificate, Check, certificate_values, certify
 from amb_core.robustness.feedback import Feedback, feedback_of
-from amb_core.robustness.from_data import Recorded, certify_from_data
+from amb_core.robustness.from_data import certify_from_data
 from amb_core.robustness.hashes import sha256_of, sha256_of_controller, sha256_of_data, sha256_of_model
 from amb_core.robustness.margins import classical_margins, disk_margin_of_axis, disk_margins
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity

@@ -202,7 +202,7 @@ def _dual_starts(
             if real:
                 unknown.append(np.clip([bound * float((y[part].conj() @ v[part]).real) / size], -1.0, 1.0))
             else:
-                unknown += [v[part].real, v[part].imag, y[part].real, y[part].imag]
+                unknown += [np.asarray(one) for z in (v[part], y[part]) for one in (z.real, z.imag)]
         found.append(np.concatenate(unknown))
     return found
 
@@ -231,9 +231,9 @@ def _perturbation(blocks: Blocks, unknown: Arrays) -> Complexes:
 
 def _dyad(values: Arrays) -> tuple[Complexes, Complexes]:
     a, b, c, d = np.split(values, 4)
-    x, y = a + 1j * b, c + 1j * d
     tiny = np.finfo(float).tiny
-    return x / (np.linalg.norm(x) + tiny), y / (np.linalg.norm(y) + tiny)
+    x, y = (np.asarray(z / (np.linalg.norm(z) + tiny), dtype=np.complex128) for z in (a + 1j * b, c + 1j * d))
+    return x, y
 
 
 @dataclass(eq=False)
