@@ -85,7 +85,7 @@ PROGRAMS = (
     ),
     Program(
         "tests.benchmarks.robust.run", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust",
-        seconds=40.0,
+        seconds=46.0,
     ),
     Program(
         "tests.benchmarks.verdicts.run", "bench_verdicts.json", "tests.benchmarks.verdicts.figures:BenchVerdicts",
