@@ -94,7 +94,7 @@ class ScaledData:
             c=c * self.output_scale[:, np.newaxis],
             d=d * self.output_scale[:, np.newaxis] / self.input_scale,
             k=k / self.output_scale,
-            innovation_covariance=errors.T @ errors / len(errors) * np.outer(self.output_scale, self.output_scale),
+            innovation_covariance=np.atleast_2d(np.cov(errors.T, bias=True)) * np.outer(self.output_scale, self.output_scale),
             input_offset=self.input_offset,
             output_offset=self.output_offset,
             initial_state=initial_states[0],

@@ -6,7 +6,7 @@ samples and white innovations e of unit covariance after that weight,
     Cov(theta) = (sum psi psi')^-1,    in general    (sum psi psi')^-1 Q (sum psi psi')^-1,    Q = Var(sum psi e),
 
 where Q is estimated from sums over batches of samples, longer than the errors are correlated ("sandwich"). Initial
-states are estimated along with the parameters and projected out.
+states and a constant in each output are estimated along with the parameters and projected out.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, (9.10) to (9.17) of sections 9.2 and 9.3, and
 section 9.4 for closed loop; H. White, Maximum likelihood estimation of misspecified models, Econometrica 50 (1982).
@@ -79,7 +79,7 @@ def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUn
     if robust:
         normal = normal @ _root(covariance)
     # The errors are smaller than the innovations, because the unknowns use some degrees of freedom.
-    unknowns = directions.count + model.order * len(found)  # parameters and initial states
+    unknowns = directions.count + (model.order + len(model.c)) * len(found)  # with initial states and constants
     return ModelUncertainty(
         model=model,
         root=directions.rows.T @ normal / math.sqrt(1.0 - unknowns / data.outputs.size),
@@ -159,9 +159,11 @@ def _states(model: StateSpaceModel, inputs: Arrays, outputs: Arrays) -> Arrays:
 
 
 def _errors(model: StateSpaceModel, states: Arrays, inputs: Arrays, outputs: Arrays) -> Arrays:
-    """One-step prediction errors, shape (steps, p)."""
+    """One-step prediction errors without their mean, shape (steps, p)."""
     errors = outputs - states @ model.c.T
-    return errors - inputs @ model.d.T if np.any(model.d) else errors
+    if np.any(model.d):
+        errors = errors - inputs @ model.d.T
+    return errors - errors.mean(axis=0)
 
 
 def _balanced(model: StateSpaceModel, states: Arrays) -> Arrays:
