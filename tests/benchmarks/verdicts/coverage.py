@@ -2,8 +2,7 @@
 
 Linear loops of random bearings with 1 or 2 axes, whose noise is white, coloured or drifts. A model of the order of the
 plant is identified from each run. The share of a run is that of the points of its response, from 10 Hz to 1 kHz and of
-all entries, whose band contains the true magnitude; that of the poles counts them one by one. A kind has the means over
-the runs that have a band; the others are those that are withheld.
+all entries, whose band contains the true magnitude. A kind has the mean over the runs that have a band.
 
     python -m tests.benchmarks.verdicts.coverage --seed 2
 """
@@ -11,18 +10,18 @@ the runs that have a band; the others are those that are withheld.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from amb_core.identification import IdentificationData, identify
+from amb_core.errors import IdentificationError
+from amb_core.identification import Identification, IdentificationData, identify
 from amb_core.identification.frequency_response import response_of
 from amb_core.model.state_space import StateSpaceModel
-from amb_core.units import UM
 from tests.benchmarks.ident.linear_loop import SAMPLE_TIME
+from tests.benchmarks.verdicts.alone import start_alone
 from tests.benchmarks.verdicts.bearings import Bearing, draw_bearing, excitation
 
 Arrays = NDArray[np.float64]
@@ -94,8 +93,43 @@ KINDS: dict[str, Noise] = {
 }
 
 
-def one_run(kind: str, random: np.random.Generator) -> tuple[Any, StateSpaceModel]:
-    """The result of `identify`, and the true model."""
+def run(quick: bool, progress: Callable[[int, int], None], seed: int = SEED, runs: int = RUNS) -> dict[str, Any]:
+    """Shares of each kind; None where no run has a band."""
+    runs = 1 if quick else runs
+    shares: dict[str, float | None] = {}
+    poles: dict[str, float | None] = {}
+    withheld: dict[str, int] = {}
+    for place, kind in enumerate(KINDS):
+        found = [
+            share
+            for number in range(runs)
+            if (share := one_run(kind, np.random.default_rng([seed, place, number]))) is not None
+        ]
+        magnitudes, of_poles = np.mean(found, axis=0).round(4).tolist() if found else (None, None)
+        shares[kind], poles[kind], withheld[kind] = magnitudes, of_poles, runs - len(found)
+        progress((place + 1) * runs, len(KINDS) * runs)
+    return {"coverage": shares, "poles": poles, "withheld": withheld, "runs": runs}
+
+
+def one_run(kind: str, random: np.random.Generator) -> tuple[float, float] | None:
+    """Shares of the true magnitudes and poles that are inside; None without a band."""
+    try:
+        found, true = draw(kind, random)
+    except IdentificationError:  # data that do not excite every input
+        return None
+    if found.uncertainty is None:
+        return None
+    band = found.uncertainty.response(FREQUENCIES).magnitude_band(LEVEL)
+    assert band is not None
+    magnitude = response_of(true, FREQUENCIES).magnitude
+    unstable = [pole for pole in true.poles() if abs(pole) > 1.0]
+    groups = found.uncertainty.unstable_poles
+    inside = [any(group.holds(complex(pole), LEVEL) for group in groups) for pole in unstable]
+    return float(np.mean((band[0] <= magnitude) & (magnitude <= band[1]))), float(np.mean(inside))
+
+
+def draw(kind: str, random: np.random.Generator) -> tuple[Identification, StateSpaceModel]:
+    """The result of `identify` on a run, and the true model."""
     bearing = draw_bearing(random, axes=int(random.integers(1, 3)))
     loop, true = bearing.loop(), bearing.true_model()
     rms = 1e-6 * 10.0 ** random.uniform(0.0, np.log10(20.0))
@@ -106,5 +140,9 @@ def one_run(kind: str, random: np.random.Generator) -> tuple[Any, StateSpaceMode
     data = IdentificationData.from_arrays(
         inputs, outputs, SAMPLE_TIME, reference=reference, input_names=true.input_names,
         output_names=true.output_names, input_units=true.input_units, output_units=true.output_units,
-    )
+    )  # fmt: skip
     return identify(data, true.order, controller=bearing.controller), true
+
+
+if __name__ == "__main__":
+    start_alone(run)

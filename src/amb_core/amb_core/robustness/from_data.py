@@ -14,7 +14,8 @@ import numpy as np
 
 from amb_core.errors import AmbError, RobustnessError
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
+from amb_core.identification.data.drift import cure_drift
+from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
 from amb_core.identification.validation import Validation, validate
 from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.loop.known_controller import KnownController, LinearControl
@@ -93,7 +94,8 @@ def certify_from_data(
     remarks: tuple[str, ...] = ()
     if uncertainty is None and identified_from is not None:
         progress("uncertainty of the model")
-        uncertainty = _uncertainty(model, identified_from.data)
+        cure = cure_drift(identified_from.data)  # as `identify` does
+        uncertainty = uncertainty_of(model, identified_from.data if cure is None else cure.data)
     if judged is not None:
         if validation is None:
             progress("validating")
@@ -116,12 +118,6 @@ def certify_from_data(
         measured=measured, displacement=displacement,
     )  # fmt: skip
     return replace(found, warnings=(*found.warnings, *remarks))
-
-
-def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncertainty:
-    """With the measured scatter of the innovations where they are not white."""
-    found = estimate_uncertainty(model, data)
-    return found if found.white else estimate_uncertainty(model, data, robust=True)
 
 
 def _measured(loop: Recorded, law: KnownController) -> MeasuredSensitivity:

@@ -9,8 +9,8 @@ where w holds inputs and outputs, G the block's rows of (B, K). The derivatives 
 and, filtered once more, s = v / (z^2 - t z + d), z s. So four signals per block and channel replace the data, for any
 number of parameters. The first state of each experiment enters as one more channel, an impulse before its first
 sample. A constant in each output is estimated along: means of data that do not end as they began are not an equilibrium
-of the plant, and their error would pass for dynamics. Direct feedthrough adds D u; B then stands for B - K D. An odd order is padded with a state that is neither
-controllable nor observable.
+of the plant, and their error would pass for dynamics. Direct feedthrough adds D u; B then stands for B - K D. An odd
+order is padded with a state that is neither controllable nor observable.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 10.3 (gradients by filtering).
 """

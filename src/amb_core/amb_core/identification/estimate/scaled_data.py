@@ -87,6 +87,7 @@ class ScaledData:
         Its initial state is that of the first experiment. Without `d` it has no direct feedthrough.
         """
         errors = innovations(a, b, c, k, initial_states, self.inputs, self.outputs, self.lengths, d)
+        covariance = np.atleast_2d(np.cov(errors.T, bias=True))
         d = np.zeros((len(c), b.shape[1])) if d is None else d
         return StateSpaceModel(
             a=a,
@@ -94,7 +95,7 @@ class ScaledData:
             c=c * self.output_scale[:, np.newaxis],
             d=d * self.output_scale[:, np.newaxis] / self.input_scale,
             k=k / self.output_scale,
-            innovation_covariance=np.atleast_2d(np.cov(errors.T, bias=True)) * np.outer(self.output_scale, self.output_scale),
+            innovation_covariance=covariance * np.outer(self.output_scale, self.output_scale),
             input_offset=self.input_offset,
             output_offset=self.output_offset,
             initial_state=initial_states[0],
