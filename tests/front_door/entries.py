@@ -89,7 +89,8 @@ PROGRAMS = (
     ),
     Program(
         "tests.benchmarks.verdicts.run", "bench_verdicts.json", "tests.benchmarks.verdicts.figures:BenchVerdicts",
-        ("after_stop", "bad_data", "controllers"),
+        ("after_stop", "bad_data", "controllers", "coverage", "distortion"),
+        25.0,
     ),
     Program("tests.benchmarks.robust.emulator", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust"),
     Program(

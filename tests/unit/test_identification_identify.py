@@ -40,7 +40,7 @@ def test_progress_tells_every_stage_in_order_and_the_cost_of_the_search(data: Id
     assert all(later <= earlier for earlier, later in pairwise(costs))
 
 
-@pytest.mark.parametrize("stage", ["checks", "order", "subspace", "pem", "validation"])
+@pytest.mark.parametrize("stage", ["checks", "order", "subspace", "pem", "validation", "uncertainty"])
 def test_it_ends_in_the_stage_in_which_it_is_called_off(data: IdentificationData, stage: str) -> None:
     reached: list[str] = []
 

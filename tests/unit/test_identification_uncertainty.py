@@ -21,7 +21,7 @@ from amb_core.identification import (
 from amb_core.identification.data.dataset import merge
 from amb_core.identification.estimate.predictor import innovations, kalman_gain
 from amb_core.identification.uncertainty import ModelUncertainty
-from amb_core.identification.validation.prediction import first_state
+from amb_core.identification.validation.prediction import first_state, predict
 
 if TYPE_CHECKING:
     from conftest import LinearBearing
@@ -210,14 +210,16 @@ def test_correlated_innovations_show() -> None:
 
 def test_means_that_are_no_equilibrium_do_not_pass_for_dynamics() -> None:
     random = np.random.default_rng(5)
-    inputs = np.repeat([0.0, 1.0], 2_000)[:, np.newaxis]  # the slow mode of 0.999 is far from its end
+    inputs = np.where(np.arange(4_000) < 3_600, 0.0, 1.0)[:, np.newaxis]  # the time constant is 1000 samples
     inputs = inputs + 0.1 * random.normal(size=(4_000, 1))
-    slow = lfilter([0.0, 0.001], [1.0, -0.999], inputs, axis=0)
-    data = IdentificationData.from_arrays(inputs, slow + 1e-4 * random.normal(size=(4_000, 1)), 1e-4)
+    slow = lfilter([0.0, 0.001], [1.0, -0.999], inputs + 0.01 * random.normal(size=(4_000, 1)), axis=0)
+    data = IdentificationData.from_arrays(inputs, slow + 1e-5 * random.normal(size=(4_000, 1)), 1e-4)
     found = identify(data, 1, drift="none")
+    (residuals,) = predict(found.model, data).residuals
+    assert abs(residuals.mean()) < 3.0 * residuals.std() / np.sqrt(4_000)
     assert found.uncertainty is not None
     (pole,) = found.model.poles()
-    assert abs(pole - 0.999) < 4.0 * found.uncertainty.pole_deviations()[0, 0]
+    assert abs(pole - 0.999) < 3.0 * found.uncertainty.pole_deviations()[0, 0] < 1e-4
 
 
 def test_colour_that_the_order_has_no_state_for_widens_the_bands() -> None:

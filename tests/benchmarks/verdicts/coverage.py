@@ -86,7 +86,7 @@ KINDS: dict[str, Noise] = {
     "forces_slow": _coloured(True, 0.97),
     "forces_humming": _coloured(True, *(0.995 * np.exp(2j * np.pi * 100.0 * SAMPLE_TIME * np.array([1.0, -1.0])))),
     "sensors_slow": _coloured(False, 0.9),
-    "drift_0.3": _drift(0.3),
+    "drift_0_3": _drift(0.3),
     "drift_1": _drift(1.0),
     "drift_3": _drift(3.0),
     "drift_10": _drift(10.0),

@@ -247,9 +247,10 @@ def identify(
         model = focus_simulation(best.model, data, controller, progress, cancelled)
         best = _validate(model, data, controller, report, selection)
     elif method == "pem":
+        watch.tell("validation", 1, 1)
         watch.tell("uncertainty", 0, 1)
         best = replace(best, uncertainty=_uncertainty(best.model, used, Watch(None, cancelled)), search=watch.search)
-    watch.tell("validation", 1, 1)
+    watch.tell("uncertainty" if best.uncertainty is not None else "validation", 1, 1)
     model = replace(best.model, fingerprint=fingerprint_of(data))
     uncertainty = best.uncertainty and replace(best.uncertainty, model=model)
     return replace(best, model=model, uncertainty=uncertainty, drift=cure, controller=controller)

@@ -34,6 +34,7 @@ from amb_core.identification.validation.prediction import first_state, predicted
 from amb_core.model.state_space import StateSpaceModel
 
 _LEAST_SINGULAR_VALUE = 1e-10  # of the normalised sensitivities, relative to the largest; good data stay above 1e-4
+_CONSTANT = 1.0 - 1e-9  # pole of a state that hardly fades, but lets the predictor count as stable
 _LEAST_SQUARE = 1e-28  # of a Hankel singular value, relative to the largest
 
 Arrays = NDArray[np.float64]
@@ -101,7 +102,8 @@ def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions
         innovation_covariance=model.innovation_covariance / np.outer(y, y),
     )
     parts = experiments(len(data.inputs), data.lengths)
-    states = [_states(of_scaled, data.inputs[part], data.outputs[part]) for part in parts]
+    outputs = [_levelled(of_scaled, data.inputs[part], data.outputs[part]) for part in parts]
+    states = [_states(of_scaled, data.inputs[part], known) for part, known in zip(parts, outputs, strict=True)]
     basis = _balanced(of_scaled, np.vstack(states))
     back = np.linalg.inv(basis)
     balanced = replace(
@@ -116,11 +118,11 @@ def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions
             local,
             data.inputs[part],
             state @ back.T,
-            _errors(of_scaled, state, data.inputs[part], data.outputs[part]),
+            _errors(of_scaled, state, data.inputs[part], known),
             weight,
             batch,
         )
-        for part, state in zip(parts, states, strict=True)
+        for part, state, known in zip(parts, states, outputs, strict=True)
     ]
     of_model = Directions(
         basis @ local.a @ back,
@@ -151,6 +153,20 @@ def _check(model: StateSpaceModel, data: IdentificationData) -> None:
         raise IdentificationError(
             f"{data.samples} samples are too few for the {unknowns} unknowns of order {model.order}"
         )
+
+
+def _levelled(model: StateSpaceModel, inputs: Arrays, outputs: Arrays) -> Arrays:
+    """The outputs less the constants that predict best along with the initial state."""
+    (n, p), m = model.k.shape, model.b.shape[1]
+    constant = replace(
+        model,
+        a=linalg.block_diag(model.a, _CONSTANT * np.eye(p)),
+        b=np.vstack([model.b, np.zeros((p, m))]),
+        c=np.hstack([model.c, np.eye(p)]),
+        k=np.vstack([model.k, np.zeros((p, p))]),
+        initial_state=np.zeros(n + p),
+    )
+    return np.asarray(outputs - first_state(constant, inputs, outputs)[n:])
 
 
 def _states(model: StateSpaceModel, inputs: Arrays, outputs: Arrays) -> Arrays:
