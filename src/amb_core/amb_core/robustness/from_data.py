@@ -117,6 +117,8 @@ def certify_from_data(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
         measured=measured, displacement=displacement,
     )  # fmt: skip
+    if uncertainty is not None and uncertainty.widened:
+        remarks += (uncertainty.widened,)
     return replace(found, warnings=(*found.warnings, *remarks))
 
 
