@@ -1,4 +1,4 @@
-"""The parts `misfit` and `over_refusal`: what certificates claim of drawn bearings, against their truth.
+"""The parts `misfit`, `over_refusal` and `demo`: what certificates claim of drawn bearings, against their truth.
 
 Half of the bearings are honest: the order is right, and the excitation reaches over the whole band. The others do not
 fit in a way of their own (`misfit_plants.KINDS`). Each is certified under the mild controller with which its data are
@@ -11,17 +11,21 @@ taken, and predicted under an aggressive one. A claim is a lie if
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from amb_core.errors import AmbError
+from amb_core.excitation import excitation_from_request, generate
 from amb_core.identification import IdentificationData, identify
 from amb_core.linear.peak import peak_gain
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.plant import Plant, PlantParameters
 from amb_core.robustness import Certificate, Recorded, RobustnessSettings, certify_from_data
 from amb_core.robustness.feedback import Feedback, law_from_positions
-from tests.benchmarks.robust.misfit_plants import HONEST, KINDS, MisfitPlant, draw
+from amb_core.simulation import simulate
+from tests.benchmarks.robust.misfit_plants import HONEST, KINDS, RATE, MisfitPlant, draw
 from tests.benchmarks.robust.records import Size, records
 
 CONTRADICTED = 0.02  # damping ratio that is assumed of a bearing with less
@@ -32,7 +36,7 @@ _DENSE = np.geomspace(1.0, 4_990.0, 20_000)  # Hz
 def misfit(size: Size) -> dict[str, Any]:
     """Claims and lies, the share of honest bearings that are certified, and how far their bounds are from the truth."""
     plants = PLANTS * size.runs // 200
-    done = records("misfit", size, plants, lambda seed: _measured(_kind(seed), seed, size))
+    done = records("misfit", size, plants, lambda seed: _measured(draw(_kind(seed), seed), seed, size))
     of_honest = [item for item in done if item["kind"] == HONEST]
     certified = [item for item in of_honest if item["mild"]["statement"].startswith("certified")]
     widths = [ratio for item in certified for ratio in item["mild"]["widths"]]
@@ -45,17 +49,54 @@ def misfit(size: Size) -> dict[str, Any]:
         "lies": sum(one["lie"] for one in both),
         "honest": len(of_honest),
         "honest_certified": len(certified),
-        "width_median": float(np.median(widths)) if widths else float("nan"),
+        "width_median": float(np.median(widths)) if widths else None,
     }
+
+
+def over_refusal(size: Size) -> dict[str, int]:
+    """Right models of honest bearings with two axes, excited to 2 kHz only: those refused, or restricted to a band."""
+
+    def one(seed: int) -> dict[str, Any]:
+        plant = draw(HONEST, 10_000 + seed, 2)
+        return _measured(replace(plant, highest=2_000.0), seed, size)
+
+    done = records("over_refusal", size, size.runs, one)
+    stated = [item["mild"]["statement"] if item["mild"] else "no model" for item in done]
+    return {
+        "models": len(done),
+        "refused": sum(one in ("not certified", "no model") for one in stated),
+        "restricted": stated.count("restricted"),
+    }
+
+
+def demo(size: Size) -> dict[str, Any]:
+    """The certificate of the demo's square waves, and that of the guide's experiment, on the nonlinear simulator."""
+    band = {"frequency_start": 2.0, "frequency_end": 2_000.0, "amplitude": 1e-6}
+    squares = _simulated("square", {"amplitude": 40e-6, "duration": size.identification / 3.0})
+    used = _simulated("multisine", {**band, "duration": size.identification})
+    other = _simulated("multisine", {**band, "duration": size.identification / 3.0, "seed": 2})
+    found = {}
+    for name, data in (("squares", (squares, squares)), ("guide", (used, other))):
+        model = identify(data[0].data, 10, controller=data[0].controller)
+        certificate = certify_from_data(model.model, ControllerParameters(), *data, uncertainty=model.uncertainty)
+        found[name] = {"statement": certificate.statement, "verdict": certificate.verdict}
+    return found
+
+
+def _simulated(kind: str, request: dict[str, Any]) -> Recorded:
+    plant, controller, settled = PlantParameters(), ControllerParameters(), 2_000
+    excitation = generate(excitation_from_request(kind, request), RATE).samples
+    record = simulate(Plant(plant), PdController(controller), len(excitation) + settled, excitation, settled)
+    data = IdentificationData.from_record(record.window(settled, len(excitation)))
+    return Recorded(data, controller, plant)
 
 
 def _kind(seed: int) -> str:
     return HONEST if seed % 2 == 0 else KINDS[seed // 2 % len(KINDS)]
 
 
-def _measured(kind: str, seed: int, size: Size) -> dict[str, Any]:
-    plant = draw(kind, seed)
-    mild, steps = plant.loop.controller, 8 * size.steps
+def _measured(plant: MisfitPlant, seed: int, size: Size) -> dict[str, Any]:
+    kind, mild, steps = plant.kind, plant.loop.controller, 8 * size.steps
     records_of = [plant.record(steps, 2 * seed), plant.record(steps // 2, 2 * seed + 1, plant.other)]
     used, judged = (
         Recorded(IdentificationData.from_record(record), plant.aggressive if kind == "wrong controller" else mild)

@@ -95,18 +95,18 @@ class MisfitPlant:
         return replace(record, position=position, current=current)
 
 
-def draw(kind: str, seed: int) -> MisfitPlant:
+def draw(kind: str, seed: int, axes: int | None = None) -> MisfitPlant:
     """A bearing that both of its controllers hold, in simulation without a misfit or with it."""
     random = np.random.default_rng([seed, 3])
     for _ in range(200):
-        found = _draw(kind, random)
+        found = _draw(kind, random, axes)
         if found is not None:
             return found
     raise RuntimeError(f"no bearing of the kind {kind} was found")
 
 
-def _draw(kind: str, random: np.random.Generator) -> MisfitPlant | None:
-    axes = 4 if kind == "another speed" else int(random.choice([1, 2, 2, 3, 4]))
+def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitPlant | None:
+    axes = wanted or (4 if kind == "another speed" else int(random.choice([1, 2, 2, 3, 4])))
     mass, stiffness, gain = random.uniform(2.0, 15.0), random.uniform(1e5, 5e5), random.uniform(40.0, 150.0)
     bandwidth, delay = random.uniform(1_000.0, 2_500.0), int(random.integers(0, 2))
     if kind == "dead time":

@@ -102,8 +102,13 @@ class AxisBounds:
 
     def unbounded(self) -> AxisBounds:
         """The same where nothing bounds the sensitivity."""
-        largest = (replace(item, value=math.inf) for item in (self.sensitivity, self.complementary, self.disk))
-        return AxisBounds(self.name, *largest, self.sensitivity_of_all, "D", self.replayed, self.of_ellipsoid)
+        return replace(
+            self,
+            sensitivity=replace(self.sensitivity, value=math.inf),
+            complementary=replace(self.complementary, value=math.inf),
+            disk=replace(self.disk, value=math.inf),
+            zone="D",
+        )
 
 
 @dataclass(frozen=True, eq=False)

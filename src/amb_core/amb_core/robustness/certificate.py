@@ -22,7 +22,7 @@ from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation, Verdict
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
-from amb_core.robustness.assessment import FAR, Assessment, assess_loop
+from amb_core.robustness.assessment import FAR, Assessment, AxisBounds, assess_loop
 from amb_core.robustness.checks import (
     COVERED,
     RUN,
@@ -88,7 +88,7 @@ class Certificate:
     @property
     def certified(self) -> bool:
         """Whether every check passed."""
-        return bool(self.checks) and all(check.passed for check in self.checks)
+        return self.statement.startswith("certified")
 
     @property
     def statement(self) -> Statement:
@@ -270,7 +270,8 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None, known:
         Check(
             f"zone {settings.needed_zone} or better after ISO 14839-3 with {percent}",
             ZONES.index(zone) <= ZONES.index(settings.needed_zone),
-            f"peak sensitivity of axis {worst.name} at most {worst.sensitivity.value:.3f} with {percent}: zone {zone}",
+            f"peak sensitivity of axis {worst.name} at most {worst.sensitivity.value:.3f} with {percent}, at "
+            f"{worst.sensitivity.frequency:.4g} Hz: zone {zone}" + _share(worst),
         ),
         Check(
             "the worst models of the ellipsoid make stable loops",
@@ -283,6 +284,15 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None, known:
         text = f"bound of mu {value:.3f} with {percent}, real perturbations taken as complex, without bending modes"
         checks.append(Check("perturbations at the signals and models of the ellipsoid together", value < 1.0, text))
     return checks
+
+
+def _share(worst: AxisBounds) -> str:
+    """What makes a bound: the models of the ellipsoid, the rest of the response's error, or a response not linear."""
+    if not math.isfinite(worst.replayed):
+        return ""
+    text = f" (models alone {worst.of_ellipsoid:.3f}, the worst of them as a model {worst.replayed:.3f}"
+    far = worst.of_ellipsoid > (1.0 + AGREES) * worst.replayed
+    return text + ("; the response is not linear in their parameters)" if far else ")")
 
 
 def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | None) -> tuple[str, ...]:

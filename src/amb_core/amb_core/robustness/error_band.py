@@ -153,7 +153,7 @@ def _spectra(model: StateSpaceModel, data: IdentificationData) -> list[_Spectra]
     for item, errors in zip(data.experiments, residuals, strict=True):
         if item.reference is None or not np.ptp(item.reference, axis=0).any():
             continue
-        frequency = np.fft.rfftfreq(len(errors), data.sample_time)[1:]
+        frequency = np.asarray(np.fft.rfftfreq(len(errors), data.sample_time)[1:], dtype=np.float64)
         parts = (item.reference, item.inputs, errors)
         r, u, e = (np.fft.rfft(part - part.mean(axis=0), axis=0)[1:] / math.sqrt(len(part)) for part in parts)
         d = (noise.response(frequency) @ e[:, :, np.newaxis])[:, :, 0]
@@ -164,7 +164,10 @@ def _spectra(model: StateSpaceModel, data: IdentificationData) -> list[_Spectra]
 def _mode(spectra: Sequence[_Spectra], at: float, damping: float, least: float) -> tuple[float, float]:
     """Error at the peak of a mode, and what is open beside it; infinite where the lines do not determine it."""
     half = damping * at
-    r, u, d, lines = [], [], [], 0.0
+    r: list[Complexes] = []
+    u: list[Complexes] = []
+    d: list[Complexes] = []
+    lines = 0.0
     for item in spectra:
         part = slice(*np.searchsorted(item.frequency, [at - _REACH * half, at + _REACH * half]))
         here = item.frequency[part]
