@@ -21,7 +21,10 @@ from tests.unit.test_recording_report import write_bag
 def files(bearing, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A model of the bearing's order, and the bag that it was identified from."""
     folder = tmp_path_factory.mktemp("certify")
-    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
+    record = bearing.experiment(
+        2e-9, "multisine", force=0.01, amplitude=10e-6, duration=1.2, frequency_start=2.0, frequency_end=4_500.0,
+        axes="all",
+    )  # fmt: skip
     bag, model = write_bag(folder / "bag", record), folder / "model.json"
     data = IdentificationData.from_record(record, source=str(bag))
     identify(data, 6, controller=ControllerParameters()).model.save(model)

@@ -44,6 +44,8 @@ _REACH = 8.0  # half bandwidths of a mode to either side, from which lines are t
 _FEWEST = 4.0  # free terms for each reference
 _LEAST_POWER = 1e-10  # of the references at a frequency, relative to the largest
 _LEAST_INDEPENDENCE = 1e-5
+_NEAR = 0.25  # of the power that drives a mode, within its half bandwidth: half of it if all is excited alike
+_LEAST_KEPT = 0.1  # of that power without what looks like a transient; the ends of a record do
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,11 +177,17 @@ def _mode(spectra: Sequence[_Spectra], at: float, damping: float, least: float) 
             continue
         shape = 1.0 / (1.0 + 1j * (here - at) / half)
         beside = shape / math.sqrt(float(np.sum(np.abs(shape) ** 2)))
-        weight = np.abs(shape) ** 2 * np.where(item.power[part] > least, item.power[part], 0.0)
-        lines += float(np.sum(weight)) ** 2 / max(float(np.sum(weight**2)), np.finfo(float).tiny)
-        for kept, values in ((r, item.r[part] * shape[:, np.newaxis]), (u, item.u[part] * shape[:, np.newaxis]),
-                             (d, item.d[part])):  # fmt: skip
-            kept.append(values - np.outer(beside, beside.conj() @ values))
+        weight = np.abs(shape) ** 2 * item.power[part]
+        near = weight[np.abs(here - at) <= half]
+        moved = item.r[part] * shape[:, np.newaxis]
+        kept = moved - np.outer(beside, beside.conj() @ moved)
+        if near.sum() < _NEAR * weight.sum() or np.linalg.norm(kept) ** 2 < _LEAST_KEPT * weight.sum():
+            continue
+        lines += float(np.sum(weight)) ** 2 / float(np.sum(weight**2))
+        driven = item.u[part] * shape[:, np.newaxis]
+        r.append(kept)
+        u.append(driven - np.outer(beside, beside.conj() @ driven))
+        d.append(item.d[part] - np.outer(beside, beside.conj() @ item.d[part]))
     if not r:
         return 0.0, math.inf
     references = r[0].shape[1]
