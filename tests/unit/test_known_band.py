@@ -103,3 +103,12 @@ def with_mode(model: StateSpaceModel, frequency: float, damping: float, share: f
     b = np.vstack([model.b, [[share * mass * abs(rate), 0.0], [0.0, 0.0]]])
     c = np.hstack([model.c, [[1.0, 0.0], [0.0, 0.0]]])
     return replace(model, a=a, b=b, c=c, k=np.vstack([model.k, np.zeros((2, 2))]), initial_state=np.zeros(n + 2))
+
+
+def test_a_band_without_a_frequency_of_the_grid_has_bounds_at_its_ends(record, true) -> None:
+    feedback, uncertainty = feedback_of(true, LAW), estimate_uncertainty(true, IdentificationData.from_record(record))
+    known = known_band(feedback, band_of(true, record), SETTINGS)
+    narrow = replace(known, low=300.0, high=300.1, reaches_down=False, reaches_up=False)
+    bounds = assess_loop(feedback, SETTINGS, uncertainty, narrow).bounds
+    assert bounds is not None
+    assert bounds.frequency == pytest.approx([300.0, 300.1])

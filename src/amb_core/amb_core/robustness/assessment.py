@@ -306,7 +306,8 @@ def _bounds(
     known: KnownBand | None,
 ) -> Bounds:
     if known is not None:
-        frequency = frequency[known.holds(frequency)]
+        ends = np.array([known.low, known.high])  # a narrow band may hold no other frequency
+        frequency = np.unique(np.concatenate([frequency[known.holds(frequency)], ends]))
     plants = plants_of(feedback, uncertainty, frequency, known)
     search = WorstCases(feedback, uncertainty, plants, settings, known)
     found = tuple(search.axis(axis, result.name) for axis, result in enumerate(axes))
