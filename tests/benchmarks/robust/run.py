@@ -31,6 +31,7 @@ from amb_core.robustness.margins import disk_margin_of_axis
 from amb_core.robustness.replay import distance_from_circle
 from amb_core.robustness.structure import uncertain_loop
 from tests.benchmarks.robust.loops import SAMPLE_TIME, random_loop
+from tests.benchmarks.robust.misfit import demo, misfit, over_refusal
 from tests.benchmarks.robust.monte_carlo import Bearing, Rotor, coverage, multisine, rotor4, rotor_controller
 from tests.benchmarks.robust.records import Size, records, say
 from tests.benchmarks.robust.swept import swept
@@ -255,6 +256,9 @@ PARTS: dict[str, Callable[[Size], Any]] = {
     "seconds": seconds,
     "peers": peers,
     "coverage": _coverage,
+    "misfit": misfit,
+    "over_refusal": over_refusal,
+    "demo": demo,
 }
 """What is measured by name; see `figures.BenchRobust`."""
 

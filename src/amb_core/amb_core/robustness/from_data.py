@@ -85,18 +85,20 @@ def certify_from_data(
                 known = replace(model, fingerprint=fingerprint_of(identified_from.data))
             validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
         if swept is None:
-            try:
-                measured = _measured(judged, law)
-            except AmbError as problem:
-                remarks = (f"sensitivity not measured: {problem}",)
+            measured, remarks = _shown(judged, law)
         displacement = _displacement(judged)
     if swept is not None:
         progress("swept sine")
-        measured = replace(_measured(swept, law), checked=True)
+        if _runs(swept, law):
+            measured = replace(_measured(swept, law), checked=True)
+        else:
+            remarks = ("the swept sine is not of a loop with this controller, so it is left out",)
     progress("margins, worst cases and bounds")
     found = certify(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
         measured=measured, displacement=displacement,
+        records=() if identified_from is None or judged is identified_from else (identified_from.data,),
+        has_run=any(_runs(one, law) for one in (judged, identified_from, swept)),
     )  # fmt: skip
     if uncertainty is not None and uncertainty.widened:
         remarks += (uncertainty.widened,)
@@ -107,9 +109,24 @@ def _measured(loop: Recorded, law: KnownController) -> MeasuredSensitivity:
     """Measured sensitivity of the loop to certify; RobustnessError if it was another loop."""
     if loop.controller is None:
         raise RobustnessError("the controller of the experiment is not known")
-    if not is_same_law(loop.controller.at_rate(loop.data.sample_rate), law, len(loop.data.output_names)):
+    if not _runs(loop, law):
         raise RobustnessError("the experiment had another controller than the one to certify")
     return measured_sensitivity(loop.data, loop.controller)
+
+
+def _shown(loop: Recorded, law: KnownController) -> tuple[MeasuredSensitivity | None, tuple[str, ...]]:
+    """The sensitivity that other data than a swept sine show, or why they show none."""
+    try:
+        return _measured(loop, law), ()
+    except AmbError as problem:
+        return None, (f"sensitivity not measured: {problem}",)
+
+
+def _runs(loop: Recorded | None, law: KnownController) -> bool:
+    """Whether data are of a loop with a controller."""
+    if loop is None or loop.controller is None:
+        return False
+    return is_same_law(loop.controller.at_rate(loop.data.sample_rate), law, len(loop.data.output_names))
 
 
 def _displacement(loop: Recorded) -> dict[str, float]:
