@@ -37,8 +37,8 @@ class Kind:
 
     names: tuple[str, ...]
     planted: Callable[[Any], dict[str, Any]] = field(default=lambda rig: {})
-    plant: Mapping[str, float] = field(default_factory=dict)  # factors of parameters of the true plant
-    of: str = "axis"  # or pair, across, vertical, machine
+    plant: Mapping[str, float] = field(default_factory=dict)  # of the true plant: factors, and values where it has 0
+    of: str = "axis"  # or pair, across, below, machine
 
 
 def _one(part: str, fault: str, **values: float) -> Callable[[Any], dict[str, Any]]:
@@ -79,7 +79,7 @@ KINDS: dict[str, Kind] = {
     "current one sample late": Kind(("delay",), _one("coil", "late")),
     "current two samples late": Kind(("delay",), _one("coil", "late", late_steps=2.0)),
     "amplifier of 300 Hz": Kind(("low-pass",), _one("coil", "slow")),
-    "amplifier with an offset": Kind(("load",), _one("coil", "shifted", shift=0.8)),
+    "load that the model lacks": Kind(("load",), plant={"rotor.external_force_y": 30.0}, of="below"),
     "sensor and coils reversed": Kind(
         ("sensor reversed", "coils reversed"),
         lambda axes: {part: {"inverted": ", ".join(axes)} for part in ("sensor", "coil")},
@@ -88,8 +88,8 @@ KINDS: dict[str, Kind] = {
         ("sensors swapped",), lambda axes: {part: {"swapped": ", ".join(axes)} for part in ("sensor", "coil")},
         of="pair",
     ),
-    "heavier rotor": Kind(("mass",), plant={"rotor.mass": 1.6, "rigid_rotor.mass": 1.6,
-                                            "rigid_rotor.transverse_inertia": 1.6}, of="machine"),
+    "lighter rotor": Kind(("mass",), plant={"rotor.mass": 0.65, "rigid_rotor.mass": 0.65,
+                                            "rigid_rotor.transverse_inertia": 0.65}, of="machine"),
     "less bias": Kind(("bias or stiffness",), plant={"amplifier.bias_current": 0.7}, of="machine"),
     "amplifiers report a fault": Kind(("target trips",), lambda axes: {"amplifier": True}, of="machine"),
     "too hot": Kind(("target trips",), lambda axes: {"temperature": 150.0}, of="machine"),
@@ -154,7 +154,7 @@ def _machines(rig: Rig, generator: np.random.Generator) -> tuple[PlantParameters
     actual = {name: value * generator.uniform(0.97, 1.03) if name != "rotor.model" else value
               for name, value in drawn.items()}  # fmt: skip
     for name, factor in (kind.plant if kind is not None else {}).items():
-        actual[name] *= factor
+        actual[name] = actual[name] * factor if name in actual else factor
     others = {
         "sensor.noise": 10.0 ** generator.uniform(-8.0, -7.0), "sensor.noise_seed": rig.seed,
         "backup_bearing.stiffness": 10.0 ** generator.uniform(6.8, 7.8),
@@ -169,6 +169,8 @@ def _axes_of_fault(kind: Kind, axes: int, generator: np.random.Generator) -> tup
         return ()
     if kind.of == "across" and axes == 4:
         return names[::2] if generator.random() < 0.5 else names[1::2]
+    if kind.of == "below":
+        return (names[1],)
     if kind.of in ("pair", "across"):
         first = 2 * int(generator.integers(axes // 2))
         return names[first : first + 2]
@@ -202,8 +204,8 @@ def _by_hand(
                 radius * generator.uniform(0.95, 1.0) * np.array([math.cos(angle), math.sin(angle)])
             )
             link.hold(place)
-            bench.record(0.02)
-            pushed[bearing.name][way] = bench.record(0.1).position
+            bench.record(0.01)
+            pushed[bearing.name][way] = bench.record(0.06).position
     link.hold(None)
     return pushed
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from scipy.optimize import linear_sum_assignment
+
 from amb_core.commissioning.bench import Bench
 from amb_core.commissioning.dynamics import AxisDynamics, axis_dynamics
 from amb_core.commissioning.expected import Expected
@@ -20,28 +22,32 @@ from amb_core.commissioning.sensors_at_rest import (
     hand_findings,
     noise_findings,
     place_findings,
+    resolution_findings,
     stiff_sensors,
 )
 from amb_core.commissioning.tones import ToneResponse, tone_set, response_to
 from amb_core.errors import TargetError
-from amb_core.linear import LinearSystem
 from amb_core.loop.records import LoopRecord
 from amb_core.units import UM
 
 Hand = Callable[[Bench], Mapping[str, Mapping[str, NDArray[np.float64]]]]
 """Has the rotor pushed by hand in every bearing, see `hand_findings`; returns the measured positions."""
 
-REST, SETTLE, WINDOW = 0.4, 0.25, 0.6  # s
+UNCLEAR = ("sensor noise", "sensor hum", "sensor coarse")
+"""Nothing small can be measured with such a sensor."""
+REST, SETTLE, WINDOW = 0.3, 0.15, 0.5  # s
 LOW, HIGH, TONES = 40.0, 1200.0, 9  # Hz, of the tones at rest
-SEEN = 6.0  # deviations from which on a response is one
+SEEN = 3.2  # deviations from which on a response is one
 GAIN, REST_GAIN, FORCE = 1.35, 1.5, 2.5  # factors from which on a gain is wrong: levitated, at rest, of all axes at rest
-LATE, SURE = 0.6, 3.0  # samples and deviations from which on there is a delay
+LATE, LATE_AT_REST, SURE = 0.6, 3.0, 3.0  # samples, also of what no first levitation needs, and deviations
+UNSURE = 0.15  # relative deviation from which on a gain at rest says nothing
+LOWEST = 150.0  # Hz up to which the sign is read
 TURN = 0.15  # tangent of the angle from which on axes are turned
 LEVITATED_NOISE = 4.0  # times the noise with the currents off
 AMPLITUDE = 2e-6  # m, of the tones of a levitated rotor
 FAST_LOW, FAST_HIGH, FAST_TONES = 15.0, 900.0, 14
 LOUD, SHARE, LESS = 300.0, 0.25, 0.8  # Hz, of the bias current, of the motion in proportion
-LOAD = 0.2  # of the bias current
+LOAD = 0.12  # of the bias current
 
 
 @dataclass
@@ -83,13 +89,16 @@ def diagnose(bench: Bench, expected: Expected, hand: Hand | None = None, ramp: f
         return result
     dead = [axis for one in result.findings if one.fault == "sensor dead" for axis in one.axes]
     try:
-        result.findings += on_the_backup_bearing(bench, expected, hand is not None, result.findings, dead)
+        result.findings += on_the_backup_bearing(bench, expected, hand is not None, result.findings, dead, rest)
     except TargetError as problem:
         bench.off()
-        result.findings.append(Finding("target trips", (), str(problem)))
+        if result.findings:  # of a sensor that shows more than the target takes, for example
+            result.unchecked.append(f"coils and amplifiers: {problem}")
+        else:
+            result.findings.append(Finding("target trips", (), str(problem)))
     if not result.findings:
         result.levitated = True
-        result.findings += levitated(bench, expected, rest, ramp)
+        result.findings += levitated(bench, expected, rest, ramp, hand is not None)
     return result
 
 
@@ -105,17 +114,23 @@ def at_rest(bench: Bench, hand: Hand | None, result: Diagnosis) -> LoopRecord | 
     if any(one.fault == "sensor silent" for one in result.findings):
         result.findings = [one for one in result.findings if one.fault != "target trips"]
         return None
-    by_hand = hand_findings(hand(bench), bench.machine) if hand is not None else []
-    if hand is None:
+    by_hand: list[Finding] = []
+    if hand is not None:
+        pushed = hand(bench)
+        every = np.vstack([record.position, *(values for pushes in pushed.values() for values in pushes.values())])
+        result.findings += resolution_findings(every, names)
+        if not result.findings:
+            by_hand = hand_findings(pushed, bench.machine)
+    else:
         result.unchecked.append("sensors and coils that are both reversed, since nobody moved the rotor by hand")
         stuck = [Finding("sensor dead", (names[axis],), "it repeats one value") for axis in stiff_sensors(record.position)]
         by_hand = stuck or place_findings(record.position.mean(axis=0), bench.machine)
     result.findings += by_hand
-    return None if any(one.fault in ("sensor noise", "sensor coarse") for one in result.findings) else record
+    return None if any(one.fault in UNCLEAR for one in result.findings) else record
 
 
 def on_the_backup_bearing(
-    bench: Bench, expected: Expected, moved: bool, before: list[Finding], dead: list[str]
+    bench: Bench, expected: Expected, moved: bool, before: list[Finding], dead: list[str], rest: LoopRecord
 ) -> list[Finding]:
     """Sign, connection, angle, gain and delay of every axis, by currents that cannot move the rotor off.
 
@@ -131,37 +146,39 @@ def on_the_backup_bearing(
         Those of the sensors.
     dead : list of str
         Axes without a sensor that moves.
+    rest : LoopRecord
+        With the currents off.
     """
     names = bench.machine.axis_names
     tones = tone_set(LOW, HIGH, TONES, WINDOW, 0.7)
-    every = [
-        response_to(tones, bench.tones_at_rest(tones, axis, SETTLE, WINDOW)) for axis in range(len(names))
-    ]
+    records = [bench.tones_at_rest(tones, axis, SETTLE, WINDOW) for axis in range(len(names))]
+    if found := _of_noise(records[0], rest, bench):
+        return found
+    every = [response_to(tones, record) for record in records]
     response = matrix_of(every)  # tones, sensors, coils
     deviation = np.array([one.deviation for one in every]).T / np.abs(
         np.array([one.current[:, axis] for axis, one in enumerate(every)])
     ).T[:, np.newaxis, :]
-    strength = np.sqrt(np.mean(np.abs(response / deviation) ** 2, axis=0))  # sensors, coils
+    strength = np.sqrt(np.mean(np.abs(response / np.maximum(deviation, 1e-12)) ** 2, axis=0))  # sensors, coils
     swapped = {name for one in before if one.fault in ("sensors swapped", "sensors turned") for name in one.axes}
     words: dict[str, FaultName] = (
         {"swapped": "coils swapped", "reversed": "coils reversed", "turned": "coils turned", "none": "coil dead"}
         if moved
         else {"swapped": "swapped", "reversed": "reversed", "turned": "turned", "none": "no response"}
     )
-    found: list[Finding] = []
     silent = [axis for axis in range(len(names)) if names[axis] not in dead and strength[:, axis].max() < SEEN]
     for axis in silent:
         found.append(Finding(words["none"], (names[axis],), "its current moves nothing"))
     if silent or dead:
         return found
-    normal = np.abs(response[-3:] / np.abs(expected.plant.response(tones.frequency[-3:]))[:, range(len(names)), range(len(names))][:, np.newaxis, :]).mean(axis=0)
-    driven = [int(np.argmax(normal[:, axis])) for axis in range(len(names))]
+    size = np.log(np.abs(response) + 1e-12).mean(axis=0)
+    driven = linear_sum_assignment(-size.T)[1].tolist()  # sensor by coil; contact is stiffer along one axis
     for axis, sensor in enumerate(driven):
-        if sensor != axis and driven[sensor] == axis and axis < sensor and not {names[axis], names[sensor]} & swapped:
-            text = f"the current of {names[axis]} moves {names[sensor]}, and the other way round"
-            found.append(Finding(words["swapped"], (names[axis], names[sensor]), text))
-    if found or any(sensor != axis for axis, sensor in enumerate(driven)):
-        return found
+        if sensor != axis and not {names[axis], names[sensor]} & swapped:
+            text = f"the current of {names[axis]} moves {names[sensor]}"
+            found.append(Finding(words["swapped"], tuple(sorted((names[axis], names[sensor]))), text))
+    if found or driven != list(range(len(names))):
+        return list({one.axes: one for one in found}.values())
     return found + _dynamics_at_rest(bench, expected, tones.frequency, response, deviation, before, words)
 
 
@@ -179,7 +196,7 @@ def _dynamics_at_rest(
     turned = turn_of(inverse @ expected.plant.response(frequency), bench)
     of_sensors = {name for one in before for name in one.axes}
     reversed_sensors = {name for one in before if one.fault == "sensor reversed" for name in one.axes}
-    scaled = {name for one in before if one.fault in ("sensor scale", "sensor clips") for name in one.axes}
+    scaled = {name for one in before if one.fault in ("sensor scale", "sensor clips", "sensors swapped") for name in one.axes}
     wrong_way: list[Finding] = []
     others: list[Finding] = []
     gains: dict[str, float] = {}
@@ -189,11 +206,12 @@ def _dynamics_at_rest(
             inverse[:, axis, axis], model[:, axis, axis], frequency, relative, expected.fastest,
             1.0 / bench.rate, contact=True,
         )  # fmt: skip
-        if (one.gain < 0.0) != (name in reversed_sensors):
+        if _pulls_back(response[:, axis, axis], frequency) != (name in reversed_sensors):
             wrong_way.append(Finding(words["reversed"], (name,), "its current moves the rotor the wrong way"))
         elif name not in scaled:
-            others += _of_axis(name, one, 2.0 * LATE)
-            gains[name] = abs(one.gain) / float(expected.resting[axis])
+            others += _of_axis(name, one, LATE_AT_REST)
+            if one.gain_error < UNSURE and one.delay < LATE:
+                gains[name] = abs(one.gain) / float(expected.resting[axis])
     if wrong_way:
         return wrong_way
     if not others:
@@ -203,6 +221,12 @@ def _dynamics_at_rest(
             text = f"by {np.degrees(np.arctan(angle)):.0f} deg against the sensors"
             found.append(Finding(words["turned"], pair, text))
     return found or others
+
+
+def _pulls_back(response: NDArray[np.complex128], frequency: NDArray[np.float64]) -> bool:
+    """Whether a positive current moves the rotor down: a passive contact answers with a lag of 0 to 180 deg."""
+    low = frequency <= max(LOWEST, frequency[1])
+    return bool(np.sum((response[low] * np.exp(0.25j * np.pi) / np.abs(response[low])).real) < 0.0)
 
 
 def _gains_at_rest(gains: dict[str, float]) -> list[Finding]:
@@ -240,12 +264,12 @@ def turn_of(ratio: NDArray[np.complex128], bench: Bench) -> dict[tuple[str, str]
     return found
 
 
-def matrix_of(every: list[ToneResponse], by: NDArray[np.complex128] | None = None) -> NDArray[np.complex128]:
+def matrix_of(every: list[ToneResponse]) -> NDArray[np.complex128]:
     """Responses of all positions to the current of one axis after another, shape (tones, sensors, coils)."""
     return np.stack([one.position / one.current[:, axis : axis + 1] for axis, one in enumerate(every)], axis=2)
 
 
-def levitated(bench: Bench, expected: Expected, rest: LoopRecord, ramp: float) -> list[Finding]:
+def levitated(bench: Bench, expected: Expected, rest: LoopRecord, ramp: float, moved: bool) -> list[Finding]:
     """Lift the rotor, compare noise, load, gains, delays and angles with the model, and land it."""
     try:
         record = bench.levitate(ramp, REST)
@@ -260,7 +284,7 @@ def levitated(bench: Bench, expected: Expected, rest: LoopRecord, ramp: float) -
     found = _of_noise(still, rest, bench)
     if not found:
         try:
-            found = _of_dynamics(bench, expected, still)
+            found = _of_dynamics(bench, expected, still, moved)
         except TargetError as problem:
             bench.off()
             return [Finding("unstable loop", (), str(problem))]
@@ -290,7 +314,7 @@ def _of_noise(still: LoopRecord, rest: LoopRecord, bench: Bench) -> list[Finding
     return found
 
 
-def _of_dynamics(bench: Bench, expected: Expected, still: LoopRecord) -> list[Finding]:
+def _of_dynamics(bench: Bench, expected: Expected, still: LoopRecord, moved: bool) -> list[Finding]:
     names = bench.machine.axis_names
     tones = tone_set(FAST_LOW, FAST_HIGH, FAST_TONES, WINDOW)
     wave = AMPLITUDE * tones.waveform(round((SETTLE + WINDOW) * bench.rate), bench.rate)
@@ -305,7 +329,7 @@ def _of_dynamics(bench: Bench, expected: Expected, still: LoopRecord) -> list[Fi
     outputs = np.stack([one.position for one in every], axis=2)
     inputs = np.stack([one.current for one in every], axis=2)
     response = outputs @ np.linalg.inv(inputs)
-    found = dynamics_findings(response, tones.frequency, bench, expected.plant, expected, still)
+    found = dynamics_findings(response, tones.frequency, bench, expected, still, moved)
     return found or _saturation(bench, response, inputs, tones.frequency, np.stack([one.reference for one in every], 2))
 
 
@@ -341,9 +365,9 @@ def dynamics_findings(
     response: NDArray[np.complex128],
     frequency: NDArray[np.float64],
     bench: Bench,
-    plant: LinearSystem,
     expected: Expected,
     still: LoopRecord,
+    moved: bool,
 ) -> list[Finding]:
     """Compare a measured plant with that of the model.
 
@@ -355,21 +379,21 @@ def dynamics_findings(
         (Hz).
     bench : Bench
         Machine and sample rate.
-    plant : LinearSystem
-        Of the model.
     expected : Expected
         Of the model.
     still : LoopRecord
         The levitated rotor at rest.
+    moved : bool
+        Whether the sensors were checked by hand.
     """
     names = bench.machine.axis_names
-    inverse, of_model = np.linalg.inv(response), plant.response(frequency)
+    inverse, of_model = np.linalg.inv(response), expected.plant.response(frequency)
     model = np.linalg.inv(of_model)
     found: list[Finding] = []
     for pair, angle in turn_of(inverse @ of_model, bench).items():
         if abs(angle) > TURN:
             text = f"sensors and magnets by {np.degrees(np.arctan(angle)):.0f} deg"
-            found.append(Finding("turned", pair, text))
+            found.append(Finding("coils turned" if moved else "turned", pair, text))
     every = [
         axis_dynamics(
             inverse[:, axis, axis], model[:, axis, axis], frequency, np.full(len(frequency), 0.02), expected.fastest,

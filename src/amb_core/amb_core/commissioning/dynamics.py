@@ -30,6 +30,8 @@ class AxisDynamics:
         At high frequency, where mass and force decide (-).
     static_gain : float
         At frequency zero, where force and negative stiffness decide (-).
+    gain_error : float
+        Relative standard deviation of the gain (-).
     delay : float
         Further delay (samples).
     delay_error : float
@@ -42,6 +44,7 @@ class AxisDynamics:
 
     gain: float
     static_gain: float
+    gain_error: float
     delay: float
     delay_error: float
     lag: float
@@ -91,6 +94,8 @@ def axis_dynamics(
     cost = np.array([left for _, left in turned])
     best = int(np.argmin(cost))
     found = turned[best][0]
+    rows = weight[:, np.newaxis] * np.column_stack(columns)
+    spreads = np.diag(np.linalg.pinv((rows.conj().T @ rows).real))
     freedom = max(2 * len(frequency) - len(columns) - 1, 1)
     scale = max(cost[best] / freedom, 1.0)
     delay, spread = _vertex(cost, best, scale)
@@ -100,6 +105,7 @@ def axis_dynamics(
     return AxisDynamics(
         gain=_inverse(found[0]),
         static_gain=_inverse(static),
+        gain_error=float(np.sqrt(scale * spreads[0]) / max(abs(found[0]), 1e-300)),
         delay=delay,
         delay_error=spread,
         lag=float(lagging[-1] * _inverse(lagging[0])),

@@ -40,16 +40,25 @@ def noise_findings(position: NDArray[np.float64], names: tuple[str, ...]) -> lis
         if not np.isfinite(values).all():
             found.append(Finding("sensor silent", (name,), "no signal: not connected, without supply, or out of range"))
             continue
-        steps = np.unique(np.diff(np.unique(values)))
         noise = float(values.std())
-        if len(steps) and steps.min() > STEP:
-            text = f"its values are {UM * steps.min():.3g} um apart; allowed: {UM * STEP:g} um: a converter of too few bits"
-            found.append(Finding("sensor coarse", (name,), text))
+        if coarse := resolution_findings(position[:, axis : axis + 1], (name,)):
+            found += coarse
         elif noise > NOISE or _line(values) > _LINE and noise > 0.25 * NOISE:
             line = _line(values) > _LINE
             cause = "a line of the mains: a ground loop" if line else "a loose shield, or an amplifier that switches"
             text = f"{UM * noise:.3g} um rms with the currents off; allowed: {UM * NOISE:g} um; {cause}"
             found.append(Finding("sensor hum" if line else "sensor noise", (name,), text))
+    return found
+
+
+def resolution_findings(position: NDArray[np.float64], names: tuple[str, ...]) -> list[Finding]:
+    """Converters of too few bits, from positions (m), shape (steps, axes): no two values are close to each other."""
+    found = []
+    for axis, name in enumerate(names):
+        steps = np.diff(np.unique(position[:, axis]))
+        if len(steps) and steps.min() > STEP:
+            text = f"its values are {UM * steps.min():.3g} um apart; allowed: {UM * STEP:g} um: a converter of too few bits"
+            found.append(Finding("sensor coarse", (name,), text))
     return found
 
 

@@ -7,6 +7,7 @@ the currents, and the rotor stays on its backup bearing. Levitated, they are an 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from amb_core.loop.records import LoopRecord
 from amb_core.model import StateSpaceModel
 
-_TRIES = 200
+_TRIES = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,7 @@ class ToneSet:
         return np.asarray(np.cos(angle) @ self.amplitude)
 
 
+@cache
 def tone_set(low: float, high: float, tones: int, window: float, power: float = 0.0) -> ToneSet:
     """Tones from `low` to `high` (Hz), evenly in the logarithm, with whole periods in a window (s).
 
