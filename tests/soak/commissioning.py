@@ -131,7 +131,7 @@ def commission(rig: Rig) -> Outcome:
     settings = TargetSettings(
         controller, limits.with_current(controller.current_limit), (0.0, -180e-6) * (rig.axes // 2)
     )
-    bench = Bench(link, settings, lambda step: link.advance(max(step - link.steps, 0)))
+    bench = Bench(link, lambda _: settings, lambda step: link.advance(max(step - link.steps, 0)))
     link.advance(50)
     found = diagnose(bench, expected_of(model, controller), lambda _: _by_hand(link, bench, generator))
     return Outcome(rig, axes, tuple(map(str, found.findings)), _right(found, kind, axes), counted[0])

@@ -46,6 +46,10 @@ class Samples(LinkListener):
         self.rebooted = self.rebooted or rebooted
 
 
+class LostSamplesError(TargetError):
+    """Telemetry was lost: nothing is known about the rig."""
+
+
 class Bench:
     """A target for commissioning.
 
@@ -53,8 +57,8 @@ class Bench:
     ----------
     link : TargetLink
         Not connected yet.
-    settings : TargetSettings
-        With which the rotor is to be levitated.
+    settings_of : callable
+        Returns the settings with which the rotor is to be levitated, for the description of the target.
     wait : callable
         Waits until the target has made the step with this number.
 
@@ -64,10 +68,16 @@ class Bench:
         Of the target.
     """
 
-    def __init__(self, link: TargetLink, settings: TargetSettings, wait: Callable[[int], None]) -> None:
-        self._link, self._settings, self._wait, self._samples = link, settings, wait, Samples()
+    def __init__(
+        self,
+        link: TargetLink,
+        settings_of: Callable[[TargetDescription], TargetSettings],
+        wait: Callable[[int], None],
+    ) -> None:
+        self._link, self._wait, self._samples = link, wait, Samples()
         self.description = link.connect(self._samples)
         self.machine = self.description.machine
+        self._settings = settings_of(self.description)
 
     @property
     def rate(self) -> float:
@@ -83,7 +93,7 @@ class Bench:
 
         Raises
         ------
-        TargetError
+        LostSamplesError
             If some were lost.
         """
         begin = self._link.status().step if first is None else first
@@ -96,7 +106,7 @@ class Bench:
 
         Raises
         ------
-        TargetError
+        LostSamplesError
             If some were lost.
         """
         stop = first + steps
@@ -106,7 +116,7 @@ class Bench:
             if block.first_step < stop and block.first_step + block.steps > first
         ]
         if sum(part.steps for part in parts) != steps:
-            raise TargetError("telemetry was lost; try again")
+            raise LostSamplesError("telemetry was lost; try again")
         signals = (np.concatenate([getattr(part, name) for part in parts]) for name in ("reference", "position", "current"))
         return LoopRecord(first, 1.0 / self.rate, *signals, self.machine.axis_names)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from scipy.optimize import linear_sum_assignment
 
-from amb_core.commissioning.bench import Bench
+from amb_core.commissioning.bench import Bench, LostSamplesError
 from amb_core.commissioning.dynamics import AxisDynamics, axis_dynamics
 from amb_core.commissioning.expected import Expected
 from amb_core.commissioning.finding import FaultName, Finding
@@ -69,36 +69,52 @@ class Diagnosis:
     levitated: bool = False
 
 
-def diagnose(bench: Bench, expected: Expected, hand: Hand | None = None, ramp: float = 0.3) -> Diagnosis:
-    """Find the faults of a rig.
+def diagnose(bench: Bench, expected: Expected | None, hand: Hand | None = None, ramp: float = 0.3) -> Diagnosis:
+    """Find the faults of a rig: `before_lift`, and if there are none, `levitated`.
+
+    Parameters
+    ----------
+    bench, expected, hand
+        As in `before_lift`.
+    ramp : float
+        Duration of the ramp of the first levitation (s).
+    """
+    result = before_lift(bench, expected, hand)
+    if not result.findings:
+        result.levitated = True
+        result.findings += levitated(bench, expected, ramp, hand is not None)
+    return result
+
+
+def before_lift(bench: Bench, expected: Expected | None, hand: Hand | None = None) -> Diagnosis:
+    """Find what can be found while the rotor lies on its backup bearing.
 
     Parameters
     ----------
     bench : Bench
         The target, off.
-    expected : Expected
-        Of the model of the machine.
+    expected : Expected, optional
+        Of the model of the machine; without it no gain, angle or delay is compared.
     hand : callable, optional
         Moves the rotor by hand; without it, sensors and coils that are both reversed are not noticed.
-    ramp : float
-        Duration of the ramp of the first levitation (s).
     """
     result = Diagnosis()
     rest = at_rest(bench, hand, result)
+    if expected is None:
+        result.unchecked.append("gains, angles and delays, since the parameter file has no model of the machine")
     if rest is None:
         return result
     dead = [axis for one in result.findings if one.fault == "sensor dead" for axis in one.axes]
     try:
         result.findings += on_the_backup_bearing(bench, expected, hand is not None, result.findings, dead, rest)
+    except LostSamplesError:
+        raise
     except TargetError as problem:
         bench.off()
         if result.findings:  # of a sensor that shows more than the target takes, for example
             result.unchecked.append(f"coils and amplifiers: {problem}")
         else:
             result.findings.append(Finding("target trips", (), str(problem)))
-    if not result.findings:
-        result.levitated = True
-        result.findings += levitated(bench, expected, rest, ramp, hand is not None)
     return result
 
 
@@ -130,7 +146,12 @@ def at_rest(bench: Bench, hand: Hand | None, result: Diagnosis) -> LoopRecord | 
 
 
 def on_the_backup_bearing(
-    bench: Bench, expected: Expected, moved: bool, before: list[Finding], dead: list[str], rest: LoopRecord
+    bench: Bench,
+    expected: Expected | None,
+    moved: bool,
+    before: list[Finding],
+    dead: list[str],
+    rest: LoopRecord,
 ) -> list[Finding]:
     """Sign, connection, angle, gain and delay of every axis, by currents that cannot move the rotor off.
 
@@ -179,7 +200,25 @@ def on_the_backup_bearing(
             found.append(Finding(words["swapped"], tuple(sorted((names[axis], names[sensor]))), text))
     if found or driven != list(range(len(names))):
         return list({one.axes: one for one in found}.values())
-    return found + _dynamics_at_rest(bench, expected, tones.frequency, response, deviation, before, words)
+    found = _signs(bench, tones.frequency, response, before, words["reversed"])
+    if found or expected is None:
+        return found
+    return _dynamics_at_rest(bench, expected, tones.frequency, response, deviation, before, words["turned"])
+
+
+def _signs(
+    bench: Bench,
+    frequency: NDArray[np.float64],
+    response: NDArray[np.complex128],
+    before: list[Finding],
+    word: FaultName,
+) -> list[Finding]:
+    reversed_sensors = {name for one in before if one.fault == "sensor reversed" for name in one.axes}
+    return [
+        Finding(word, (name,), "its current moves the rotor the wrong way")
+        for axis, name in enumerate(bench.machine.axis_names)
+        if _pulls_back(response[:, axis, axis], frequency) != (name in reversed_sensors)
+    ]
 
 
 def _dynamics_at_rest(
@@ -189,38 +228,31 @@ def _dynamics_at_rest(
     response: NDArray[np.complex128],
     deviation: NDArray[np.float64],
     before: list[Finding],
-    words: dict[str, FaultName],
+    word: FaultName,
 ) -> list[Finding]:
-    names, found = bench.machine.axis_names, []
-    inverse, model = np.linalg.inv(response), np.linalg.inv(expected.plant.response(frequency))
-    turned = turn_of(inverse @ expected.plant.response(frequency), bench)
+    inverse, of_model = np.linalg.inv(response), expected.plant.response(frequency)
+    model = np.linalg.inv(of_model)
     of_sensors = {name for one in before for name in one.axes}
-    reversed_sensors = {name for one in before if one.fault == "sensor reversed" for name in one.axes}
-    scaled = {name for one in before if one.fault in ("sensor scale", "sensor clips", "sensors swapped") for name in one.axes}
-    wrong_way: list[Finding] = []
-    others: list[Finding] = []
+    found: list[Finding] = []
+    for pair, angle in turn_of(inverse @ of_model, bench).items():
+        if abs(angle) > TURN and not of_sensors & set(pair):
+            text = f"by {np.degrees(np.arctan(angle)):.0f} deg against the sensors"
+            found.append(Finding(word, pair, text))
+    if found:
+        return found
     gains: dict[str, float] = {}
-    for axis, name in enumerate(names):
+    for axis, name in enumerate(bench.machine.axis_names):
+        if name in of_sensors:
+            continue
         relative = deviation[:, axis, axis] / np.abs(response[:, axis, axis])
         one = axis_dynamics(
             inverse[:, axis, axis], model[:, axis, axis], frequency, relative, expected.fastest,
             1.0 / bench.rate, contact=True,
         )  # fmt: skip
-        if _pulls_back(response[:, axis, axis], frequency) != (name in reversed_sensors):
-            wrong_way.append(Finding(words["reversed"], (name,), "its current moves the rotor the wrong way"))
-        elif name not in scaled:
-            others += _of_axis(name, one, LATE_AT_REST)
-            if one.gain_error < UNSURE and one.delay < LATE:
-                gains[name] = abs(one.gain) / float(expected.resting[axis])
-    if wrong_way:
-        return wrong_way
-    if not others:
-        others = _gains_at_rest(gains)
-    for pair, angle in turned.items():
-        if abs(angle) > TURN and not of_sensors & set(pair):
-            text = f"by {np.degrees(np.arctan(angle)):.0f} deg against the sensors"
-            found.append(Finding(words["turned"], pair, text))
-    return found or others
+        found += _of_axis(name, one, LATE_AT_REST)
+        if one.gain_error < UNSURE and one.delay < LATE:
+            gains[name] = abs(one.gain) / float(expected.resting[axis])
+    return found or _gains_at_rest(gains)
 
 
 def _pulls_back(response: NDArray[np.complex128], frequency: NDArray[np.float64]) -> bool:
@@ -269,10 +301,24 @@ def matrix_of(every: list[ToneResponse]) -> NDArray[np.complex128]:
     return np.stack([one.position / one.current[:, axis : axis + 1] for axis, one in enumerate(every)], axis=2)
 
 
-def levitated(bench: Bench, expected: Expected, rest: LoopRecord, ramp: float, moved: bool) -> list[Finding]:
-    """Lift the rotor, compare noise, load, gains, delays and angles with the model, and land it."""
+def levitated(bench: Bench, expected: Expected | None, ramp: float, moved: bool) -> list[Finding]:
+    """Lift the rotor, compare noise, load, gains, delays and angles with the model, and land it.
+
+    Parameters
+    ----------
+    bench, expected
+        As in `before_lift`, which has found nothing.
+    ramp : float
+        Duration of the ramps (s).
+    moved : bool
+        Whether the sensors were checked by hand.
+    """
     try:
+        rest = bench.record(REST)
         record = bench.levitate(ramp, REST)
+    except LostSamplesError:
+        bench.off()
+        raise
     except TargetError as problem:
         bench.off()
         return [Finding("target trips", (), str(problem))]
@@ -282,9 +328,12 @@ def levitated(bench: Bench, expected: Expected, rest: LoopRecord, ramp: float, m
         return [_not_lifted(record, bench, ", ".join(trip.reason.name for trip in trips))]
     still = record.window(record.first_step + record.steps - round(0.3 * bench.rate), round(0.3 * bench.rate))
     found = _of_noise(still, rest, bench)
-    if not found:
+    if not found and expected is not None:
         try:
             found = _of_dynamics(bench, expected, still, moved)
+        except LostSamplesError:
+            bench.off()
+            raise
         except TargetError as problem:
             bench.off()
             return [Finding("unstable loop", (), str(problem))]
