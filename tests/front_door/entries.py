@@ -187,12 +187,13 @@ amb jitter --seconds 0.5
 amb rig reset
 amb rig land
 amb rig disconnect
+amb rig check --timeout 10 | 3
 ^C
 """
 """Every command at its smallest, one after the other in a folder of their own.
 
 `& COMMAND | TEXT` starts one behind the others and goes on when it shows TEXT; `^C` ends these. `COMMAND | CODE` has
-a verdict as its exit code: a model of so little data is not good.
+a verdict as its exit code: a model of so little data is not good, and a target slower than real time has a slow clock.
 """
 
 COMMANDS_ELSEWHERE: dict[str, Covered | Left] = {

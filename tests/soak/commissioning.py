@@ -1,7 +1,8 @@
 """Commissioning of rigs with planted faults, and of healthy ones: what is named, in lock-step with the emulated plant.
 
-A touch is a step in which the rotor is on its backup bearing and the control currents push it outwards with more than a
-fifth of the pull of one magnet at its bias current, by the true currents and the true position.
+A touch is a step in which the rotor is on its backup bearing, does not leave it, and the control currents push it
+outwards with more than a fifth of the pull of one magnet at its bias current: by the true currents, position and
+velocity. The pull of the bias alone is not counted: it flows as soon as the amplifiers are on.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ KINDS: dict[str, Kind] = {
     ),
     "lighter rotor": Kind(("mass",), plant={"rotor.mass": 0.65, "rigid_rotor.mass": 0.65,
                                             "rigid_rotor.transverse_inertia": 0.65}, of="machine"),
-    "less bias": Kind(("bias or stiffness",), plant={"amplifier.bias_current": 0.7}, of="machine"),
+    "less bias": Kind(("bias or stiffness", "too little force"), plant={"amplifier.bias_current": 0.7}, of="machine"),
     "amplifiers report a fault": Kind(("target trips",), lambda axes: {"amplifier": True}, of="machine"),
     "too hot": Kind(("target trips",), lambda axes: {"temperature": 150.0}, of="machine"),
 }  # fmt: skip
@@ -157,7 +158,7 @@ def _machines(rig: Rig, generator: np.random.Generator) -> tuple[PlantParameters
         actual[name] = actual[name] * factor if name in actual else factor
     others = {
         "sensor.noise": 10.0 ** generator.uniform(-8.0, -7.0), "sensor.noise_seed": rig.seed,
-        "backup_bearing.stiffness": 10.0 ** generator.uniform(6.8, 7.8),
+        "backup_bearing.stiffness": 10.0 ** generator.uniform(7.0, 7.8),
         "backup_bearing.friction": generator.uniform(0.05, 0.25),
     }  # fmt: skip
     return model, as_on_a_rig(validate(PlantParameters, base | actual | others))
@@ -181,12 +182,12 @@ def _count(link: LockStepLink, counted: list[int]) -> None:
     """A touch, by true currents and positions."""
     if not link.plant.contact:
         return
-    state = link.plant.snapshot_of_contact()
     bias = link.plant.parameters.amplifier.bias_current
-    for current, position, touched in zip(*state, strict=True):
-        radius = math.hypot(*position)
-        outwards = 0.5 * ((current[0] - current[2]) * position[0] + (current[1] - current[3]) * position[1]) / radius
-        counted[0] += bool(touched and outwards > TOUCH * bias)
+    coils = link.plant.coil_currents.reshape(-1, 4)
+    control = 0.5 * (coils[:, :2] - coils[:, 2:])
+    for current, position, velocity, touched in zip(control, *link.plant.journals(), strict=True):
+        outwards = position / math.hypot(*position)
+        counted[0] += bool(touched and velocity @ outwards >= 0.0 and current @ outwards > TOUCH * bias)
 
 
 def _by_hand(
@@ -219,17 +220,30 @@ def _right(found: Diagnosis, kind: Kind | None, axes: tuple[str, ...]) -> bool:
     return bool(found.findings) and right and (not axes or named == set(axes))
 
 
-def rigs(each: int, healthy: int) -> list[Rig]:
-    """So many of each kind, and healthy ones; half of them with four axes."""
-    faulty = [Rig(kind, 2 + 2 * (number % 2), number) for kind in KINDS for number in range(each)]
-    return faulty + [Rig("", 2 + 2 * (number % 2), number) for number in range(healthy)]
+def rigs(kinds: int, each: int, healthy: int) -> list[Rig]:
+    """So many of each of some kinds, spread over all, and healthy ones; half of them with four axes."""
+    chosen = list(KINDS)[:: max(len(KINDS) // kinds, 1)][:kinds]
+    faulty = [
+        Rig(kind, 2 + 2 * (number % 2), 1000 * list(KINDS).index(kind) + number)
+        for kind in chosen
+        for number in range(each)
+    ]
+    return faulty + [Rig("", 2 + 2 * (number % 2), 100_000 + number) for number in range(healthy)]
 
 
-def commissioning(each: int = 6, healthy: int = 60, jobs: int = 2) -> dict[str, Any]:
-    """Figures of all of them; what was wrong is printed."""
+def commissioning(kinds: int = len(KINDS), each: int = 6, healthy: int = 60, jobs: int = 2) -> dict[str, Any]:
+    """Figures of all rigs; what was wrong is printed.
+
+    Parameters
+    ----------
+    kinds, each, healthy : int, optional
+        Kinds of fault, rigs of each, and healthy ones.
+    jobs : int, optional
+        Processes.
+    """
     reference_library()
     with ProcessPoolExecutor(jobs) as pool:
-        outcomes = list(pool.map(commission, rigs(each, healthy), chunksize=4))
+        outcomes = list(pool.map(commission, rigs(kinds, each, healthy), chunksize=4))
     for one in outcomes:
         if not one.right or one.touches:
             print(f"commissioning: {one.rig}, planted in {one.planted}: {one.touches} touches, {one.said}", flush=True)

@@ -57,7 +57,7 @@ def commission(
     ] = True,
     report: Annotated[bool, typer.Option(help="Also write the report on the recording.")] = True,
 ) -> None:
-    """Commission a rig: check sensors, coils, link, levitation, polarity, resonance, plant and protection, step by step.
+    """Commission a rig: check sensors, coils, link, levitation, polarity, resonance, plant and protection.
 
     Starts the nodes of the rig with the parameter file, so `amb rig up` must not run. Asks before the rotor is moved.
     After a step that fails, and after Ctrl-C, the rotor is landed. Results of an earlier session in the folder are

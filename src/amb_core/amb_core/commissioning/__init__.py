@@ -1,10 +1,11 @@
 """Commissioning of a rig: what each step measures, its limits, what is expected of a model, and the protocol."""
 
 from amb_core.commissioning.bench import Bench
-from amb_core.commissioning.diagnosis import Diagnosis, before_lift, diagnose, levitated
+from amb_core.commissioning.diagnosis import Diagnosis, before_lift, diagnose
 from amb_core.commissioning.expected import Expected, expected_of
 from amb_core.commissioning.experiments import multisine, order_for, order_of_rig, small_steps, sweep, tone
 from amb_core.commissioning.finding import Finding
+from amb_core.commissioning.first_lift import levitated
 from amb_core.commissioning.levitation import levitation_checks, rest_checks, runaway
 from amb_core.commissioning.protocol import Check, Protocol, Step, at_least, at_most, between, measured
 from amb_core.commissioning.response import ClosedLoop, StaticResponse, closed_loop, fit_second_order, static_response

@@ -117,8 +117,10 @@ class Bench:
         ]
         if sum(part.steps for part in parts) != steps:
             raise LostSamplesError("telemetry was lost; try again")
-        signals = (np.concatenate([getattr(part, name) for part in parts]) for name in ("reference", "position", "current"))
-        return LoopRecord(first, 1.0 / self.rate, *signals, self.machine.axis_names)
+        reference, position, current = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("reference", "position", "current")
+        )
+        return LoopRecord(first, 1.0 / self.rate, reference, position, current, self.machine.axis_names)
 
     def tones_at_rest(self, tones: ToneSet, axis: int, settle: float, window: float) -> LoopRecord:
         """Play tones on one axis while the rotor lies on its backup bearing; the loop stays open.

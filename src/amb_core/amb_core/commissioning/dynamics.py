@@ -11,7 +11,9 @@ the error of the stiffness.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +54,8 @@ class AxisDynamics:
 
 
 def axis_dynamics(
-    inverse: NDArray[np.complex128],
-    model: NDArray[np.complex128],
+    inverse: NDArray[Any],
+    model: NDArray[Any],
     frequency: NDArray[np.float64],
     error: NDArray[np.float64],
     pole: float,
@@ -83,7 +85,7 @@ def axis_dynamics(
     ones = np.ones_like(s)
     columns = [ones, form, s * form] if contact else [ones, form]
 
-    def solved(columns: list[NDArray[np.complex128]], right: NDArray[np.complex128]) -> tuple[NDArray, float]:
+    def solved(columns: Sequence[NDArray[Any]], right: NDArray[Any]) -> tuple[NDArray[np.float64], float]:
         rows, values = weight[:, np.newaxis] * np.column_stack(columns), weight * right
         both = np.vstack([rows.real, rows.imag])
         wanted = np.concatenate([values.real, values.imag])

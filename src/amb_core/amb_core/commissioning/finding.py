@@ -6,10 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 FaultName = Literal[
-    "amplifier gain", "amplifier saturates", "bias or stiffness", "coil dead", "coils reversed", "coils swapped", "coils turned", "delay", "force",
-    "load", "low-pass", "mass", "no response", "noise when on", "reversed", "sensor clips", "sensor coarse",
-    "sensor dead", "sensor hum", "sensor noise", "sensor offset", "sensor reversed", "sensor scale", "sensor silent",
-    "sensors swapped", "sensors turned", "swapped", "target trips", "too little force", "turned", "unstable loop",
+    "amplifier gain", "amplifier saturates", "bias or stiffness", "coil dead",
+    "coils reversed", "coils swapped", "coils turned", "delay",
+    "force", "load", "low-pass", "mass", "no response",
+    "noise when on", "reversed", "sensor clips", "sensor coarse",
+    "sensor dead", "sensor hum", "sensor noise", "sensor offset",
+    "sensor reversed", "sensor scale", "sensor silent", "sensors swapped",
+    "sensors turned", "swapped", "target trips", "too little force",
+    "turned", "unstable loop",
 ]  # fmt: skip
 """Without `sensor` or `coil` in its name: one of both, which only a rotor moved by hand could tell apart."""
 

@@ -142,4 +142,5 @@ def axes_of(machine: Machine) -> dict[str, list[int]]:
 
 
 def clearance_of(machine: Machine, name: str) -> float:
+    """Clearance of a bearing (m)."""
     return next(bearing.clearance for bearing in machine.bearings if bearing.name == name)

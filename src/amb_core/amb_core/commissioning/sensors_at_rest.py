@@ -43,7 +43,7 @@ def noise_findings(position: NDArray[np.float64], names: tuple[str, ...]) -> lis
         noise = float(values.std())
         if coarse := resolution_findings(position[:, axis : axis + 1], (name,)):
             found += coarse
-        elif noise > NOISE or _line(values) > _LINE and noise > 0.25 * NOISE:
+        elif noise > NOISE or (_line(values) > _LINE and noise > 0.25 * NOISE):
             line = _line(values) > _LINE
             cause = "a line of the mains: a ground loop" if line else "a loose shield, or an amplifier that switches"
             text = f"{UM * noise:.3g} um rms with the currents off; allowed: {UM * NOISE:g} um; {cause}"
@@ -57,7 +57,7 @@ def resolution_findings(position: NDArray[np.float64], names: tuple[str, ...]) -
     for axis, name in enumerate(names):
         steps = np.diff(np.unique(position[:, axis]))
         if len(steps) and steps.min() > STEP:
-            text = f"its values are {UM * steps.min():.3g} um apart; allowed: {UM * STEP:g} um: a converter of too few bits"
+            text = f"its values are {UM * steps.min():.3g} um apart; allowed: {UM * STEP:g} um: too few bits"
             found.append(Finding("sensor coarse", (name,), text))
     return found
 
@@ -100,9 +100,7 @@ def stiff_sensors(position: NDArray[np.float64]) -> list[int]:
     return [axis for axis in range(position.shape[1]) if np.ptp(position[:, axis]) == 0.0]
 
 
-def hand_findings(
-    pushed: Mapping[str, Mapping[str, NDArray[np.float64]]], machine: Machine
-) -> list[Finding]:
+def hand_findings(pushed: Mapping[str, Mapping[str, NDArray[np.float64]]], machine: Machine) -> list[Finding]:
     """The rotor pushed by hand onto its backup bearing towards +x, +y, -x and -y, bearing by bearing.
 
     Parameters
@@ -136,7 +134,6 @@ def _of_bearing(
     every: tuple[str, ...],
     clearance: float,
 ) -> list[Finding]:
-    found = []
     own = gain[axes]
     names = tuple(every[axis] for axis in axes)
     others = [axis for axis in range(len(every)) if axis not in axes and np.abs(gain[axis]).max() > 1.0 - _SCALE]
@@ -144,32 +141,46 @@ def _of_bearing(
     if dead and others:
         pair = tuple(every[axis] for axis in (axes[dead[0]], others[0]))
         return [Finding("sensors swapped", pair, f"{pair[1]} follows the hand at the bearing of {pair[0]}")]
-    for row in dead:
-        found.append(Finding("sensor dead", (names[row],), "it does not follow the rotor moved by hand"))
     if dead:
-        return found
+        return [Finding("sensor dead", (names[row],), "it does not follow the rotor moved by hand") for row in dead]
     if abs(own[0, 1]) > abs(own[0, 0]) and abs(own[1, 0]) > abs(own[1, 1]):
         return [Finding("sensors swapped", names, "each follows the hand along the other axis")]
-    for row in range(2):
-        if own[row, row] < 0.0:
-            found.append(Finding("sensor reversed", (names[row],), "it falls when the rotor is pushed upwards along it"))
+    found = [
+        Finding("sensor reversed", (names[row],), "it falls when the rotor is pushed upwards along it")
+        for row in range(2)
+        if own[row, row] < 0.0
+    ]
     signed = own * np.sign(np.diag(own))[:, np.newaxis]
     angle = np.degrees(0.5 * (np.arctan2(signed[0, 1], signed[0, 0]) - np.arctan2(signed[1, 0], signed[1, 1])))
     if not found and abs(angle) > _TURN:
         found.append(Finding("sensors turned", names, f"by {angle:.0f} deg against the hand's directions"))
-    for row in range(2):
-        if any(np.ptp(values[:, axes[row]]) == 0.0 for values in pushes.values()):
-            reach = UM * float(np.abs(shown[:, axes[row]]).max())
-            found.append(Finding("sensor clips", (names[row],), f"it shows the same value from {reach:.0f} um onwards"))
-            continue
-        size = float(np.linalg.norm(own[row]))
-        if abs(size - 1.0) > _SCALE:
-            text = f"it shows {100.0 * size:.0f} % of the motion by hand over the clearance"
-            found.append(Finding("sensor scale", (names[row],), text))
-        elif abs(middle[axes[row]]) > _OFFSET * clearance:
-            text = f"the middle of its motion by hand is at {UM * middle[axes[row]]:.0f} um"
-            found.append(Finding("sensor offset", (names[row],), text))
-    return found
+    return found + [
+        one for row in range(2) for one in _of_sensor(row, own, shown, middle, pushes, axes, names, clearance)
+    ]
+
+
+def _of_sensor(
+    row: int,
+    own: NDArray[np.float64],
+    shown: NDArray[np.float64],
+    middle: NDArray[np.float64],
+    pushes: Mapping[str, NDArray[np.float64]],
+    axes: list[int],
+    names: tuple[str, ...],
+    clearance: float,
+) -> list[Finding]:
+    """Range, scale and offset of one sensor."""
+    name, axis = names[row], axes[row]
+    if any(np.ptp(values[:, axis]) == 0.0 for values in pushes.values()):
+        text = f"it shows the same value from {UM * float(np.abs(shown[:, axis]).max()):.0f} um onwards"
+        return [Finding("sensor clips", (name,), text)]
+    size = float(np.linalg.norm(own[row]))
+    if abs(size - 1.0) > _SCALE:
+        text = f"it shows {100.0 * size:.0f} % of the motion by hand over the clearance"
+        return [Finding("sensor scale", (name,), text)]
+    if abs(middle[axis]) > _OFFSET * clearance:
+        return [Finding("sensor offset", (name,), f"the middle of its motion by hand is at {UM * middle[axis]:.0f} um")]
+    return []
 
 
 def _once(found: list[Finding]) -> list[Finding]:

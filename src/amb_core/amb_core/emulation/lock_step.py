@@ -143,7 +143,11 @@ class LockStepLink(TargetLink):
         """Bring an excitation to the target; returns what arms it."""
         upload = excitation_upload(next(self._uploads), samples)
         self._bring(upload)
-        return lambda step: self._command(commands.arm(upload.id, step)) and None
+
+        def arm(step: int) -> None:
+            self._command(commands.arm(upload.id, step))
+
+        return arm
 
     def disarm(self) -> None:
         """Stop the excitation."""

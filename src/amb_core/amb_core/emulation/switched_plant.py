@@ -1,8 +1,9 @@
 """The plant behind amplifiers that a target switches on and off.
 
-Off, the rotor rests where the plant's reset puts it, or where a hand holds it, and the sensors show that position with
-their noise. The sample in which the amplifiers are switched on is sample 0 of the plant, so the samples from then onwards are those of a simulation from its
-reset, bit for bit.
+Off, the rotor rests where the plant's reset puts it, or where a hand holds it, and the sensors show that position; with
+their noise if the rotor can lie on its backup bearing. The sample in which the amplifiers are switched on is sample 0
+of the plant, so the samples from then onwards are those of a simulation from its reset, bit for bit; with noise at rest
+that first one has other noise.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ class SwitchedPlant:
         self._plant = plant
         self._no_current = np.zeros(len(plant.coil_currents))
         self._sensing = Sensing(plant.parameters, len(plant.machine.axes), _NOISE_OFF)
+        self._noisy = self._sensing.real and plant.parameters.backup_bearing.contact
         self._hand: NDArray[np.float64] | None = None
         self._rest()
 
@@ -57,8 +59,8 @@ class SwitchedPlant:
         if not enabled:
             if self._moved:
                 self._rest()
-            elif self._hand is not None or self._sensing.real:
-                self.position = self._sensing.measure(self._resting if self._hand is None else self._hand)
+            elif self._hand is not None or self._noisy:
+                self.position = self._sensing.measure(self._resting if self._hand is None else self._hand).tolist()
         elif not self.fault:
             self._move(currents)
 

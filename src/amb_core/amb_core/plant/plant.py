@@ -241,10 +241,11 @@ class Plant:
             axial=None if self.axial is None else self.axial.snapshot(),
         )
 
-    def snapshot_of_contact(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Coil currents (A), positions of the journals (m), and whether their backup bearings push them, by bearing."""
+    def journals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Position (m) and velocity (m/s), shape (bearings, 2), and whether its backup bearing pushes each journal."""
         bearings = self._arrays.bearings
-        return bearings["current"].copy(), bearings["position"].copy(), bearings["contact_force"].any(axis=1)
+        pushed: NDArray[np.bool_] = np.any(bearings["contact_force"], axis=1)
+        return bearings["position"].copy(), bearings["velocity"].copy(), pushed
 
     def iron_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Flux density (T) and field (A/m) of nonlinear iron, each of shape (bearings, 24).
