@@ -62,7 +62,7 @@ def axis_dynamics(
     sample_time: float,
     contact: bool,
 ) -> AxisDynamics:
-    """Fit the equation above.
+    """Fit the equation above, with a gain above zero: the sign is known before.
 
     Parameters
     ----------
@@ -93,7 +93,8 @@ def axis_dynamics(
         return found, float(np.sum((both @ found - wanted) ** 2))
 
     turned = [solved(columns, ratio * np.exp(-s * delay * sample_time)) for delay in DELAYS]
-    cost = np.array([left for _, left in turned])
+    # With a wrong sign and a delay of half a period of the high tones the equation holds almost as well.
+    cost = np.array([left if found[0] > 0.0 else np.inf for found, left in turned])
     best = int(np.argmin(cost))
     found = turned[best][0]
     rows = weight[:, np.newaxis] * np.column_stack(columns)
@@ -117,7 +118,7 @@ def axis_dynamics(
 
 def _vertex(cost: NDArray[np.float64], best: int, scale: float) -> tuple[float, float]:
     """Delay at the minimum of a parabola, and its standard deviation (samples)."""
-    if not 0 < best < len(cost) - 1:
+    if not (0 < best < len(cost) - 1 and np.isfinite(cost[best - 1 : best + 2]).all()):
         return float(DELAYS[best]), np.inf
     step = DELAYS[1] - DELAYS[0]
     curve = (cost[best - 1] - 2.0 * cost[best] + cost[best + 1]) / step**2
