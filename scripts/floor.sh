@@ -22,5 +22,4 @@ set +u
 unset VIRTUAL_ENV AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 source scripts/env.sh
 python -c 'import sys, numpy, scipy, numba; print("Python", sys.version.split()[0], *(f"{one.__name__} {one.__version__}" for one in (numpy, scipy, numba)))'
-# The samples of excitations have the last bits of NumPy 2.
-exec python -m pytest -m "not slow" tests/unit --ignore tests/unit/test_excitation_checksums.py --numprocesses 2 --dist worksteal "$@"
+exec python -m pytest -m "not slow" tests/unit --numprocesses 2 --dist worksteal "$@"

@@ -85,7 +85,7 @@ class ExcitationGeneratorNode(Node):
         starter, stopper, previewer = (
             ThreadPoolExecutor(1, thread_name_prefix=name) for name in ("start", "stop", "preview")
         )
-        create_service(self, StartExcitation, "~/start", self._on_start, starter, lambda: (self._stops,))
+        create_service(self, StartExcitation, "~/start", self._on_start, starter, lambda _request: (self._stops,))
         create_service(self, StopExcitation, "~/stop", self._on_stop, stopper, self._call_off)
         create_service(self, PreviewExcitation, "~/preview", self._on_preview, previewer)
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report, exclusive=(topics.EXCITATION_STATUS,))
@@ -111,7 +111,7 @@ class ExcitationGeneratorNode(Node):
         response.steps = status.steps
         return response
 
-    def _call_off(self) -> tuple[()]:
+    def _call_off(self, _request: StopExcitation.Request) -> tuple[()]:
         """Call off, when a stop arrives, the starts that arrived before it."""
         with self._publishing:
             self._stops += 1

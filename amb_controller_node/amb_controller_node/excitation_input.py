@@ -25,11 +25,11 @@ from amb_core.excitation.playback import WINDOW
 from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
-from amb_ros.excitation_messages import Checked, check, length, read, require_samples, resolve
+from amb_ros.excitation_answers import ExcitationAnswers, Identity, answer_to, identity_of
+from amb_ros.excitation_messages import Checked, check, read, require_samples, resolve
 from amb_ros.qos import EVERY_STATE
 from amb_ros.subscriptions import create_subscription
 
-LONGEST_KIND = 50  # characters of it that are repeated in an answer
 JOIN_TIME = 1.0  # s of wall-clock time for which a controller that joins a run waits for its active excitation
 
 Window = Callable[[int], tuple[int, NDArray[np.float64]]]
@@ -74,7 +74,7 @@ class ExcitationInput:
         self._joined = False
         self._started = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="excitation")
-        self._publisher = node.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, EVERY_STATE)
+        self._answers = ExcitationAnswers(node)
         self._subscription = create_subscription(
             node, Excitation, topics.EXCITATION, self._on_excitation, EVERY_STATE, raw=True, with_source_time=True
         )
@@ -126,8 +126,8 @@ class ExcitationInput:
         """Keep a message until the machine is known; only the newest, since an excitation replaces the previous one."""
         if self._early is not None:
             former = read(self._early[0])
-            self._refuse(
-                ExcitationStatus(run=former.run, id=former.id, kind=former.kind[:LONGEST_KIND]),
+            self._answers.refuse(
+                answer_to(former),
                 "replaced by a later excitation before the machine was known",
             )
         self._early = data, source_time
@@ -139,7 +139,7 @@ class ExcitationInput:
         latched = 0 < source_time < self._started
         message = read(data)
         if isinstance(message, ExcitationStatus):
-            self._refuse(message, message.message)
+            self._answers.refuse(message, message.message)
             self._end_joining()
             return
         resolve(message, run, step)
@@ -147,16 +147,16 @@ class ExcitationInput:
         if machine is None:
             self._keep(data, source_time)
             return
-        identity = _identity(message)
+        identity = identity_of(message, message.first_step)
         if any(known is not None and known.identity == identity for known in (self._playing, self._pending)):
             return  # published again with its step resolved, or by `ros2 topic pub` every second
         joins = latched and message.first_step != Excitation.FROM_NEXT_STEP
         late = joins and self._joined and message.run == run and message.first_step <= step
-        status = ExcitationStatus(run=message.run, id=message.id, kind=message.kind[:LONGEST_KIND])
+        status = answer_to(message)
         try:
             checked = check(message, machine, run, -1 if joins else step)
         except ExcitationError as problem:
-            self._refuse(status, str(problem))
+            self._answers.refuse(status, str(problem))
             self._end_joining()
             return
         self._call_off(f"replaced by excitation {message.id} before its samples were ready")
@@ -175,7 +175,7 @@ class ExcitationInput:
     def _call_off(self, reason: str) -> None:
         pending, self._pending = self._pending, None
         if pending is not None:
-            self._refuse(pending.status, reason)
+            self._answers.refuse(pending.status, reason)
 
     def _make(self, pending: _Pending) -> None:
         """Make the samples; runs in the worker."""
@@ -213,7 +213,7 @@ class ExcitationInput:
         if not problem and pending.run < run:
             problem = f"meant for run {pending.run}, which ended before its samples were ready; now it is {run}"
         if problem:
-            self._refuse(status, problem)
+            self._answers.refuse(status, problem)
         else:
             if pending.late:
                 self._node.get_logger().warning(
@@ -222,14 +222,8 @@ class ExcitationInput:
             steps = pending.checked.steps
             identity = (*pending.identity[:-1], first_step)
             self._playing = _Playing(pending.run, first_step, steps, pending.window, identity, pending.machine)
-            status.accepted, status.first_step, status.steps = True, first_step, steps
-            self._publisher.publish(status)
+            self._answers.accept(status, first_step, steps)
         self._release()
-
-    def _refuse(self, status: ExcitationStatus, reason: str) -> None:
-        status.message = reason
-        self._node.get_logger().warning(f"excitation {status.id} refused: {reason}")
-        self._publisher.publish(status)
 
     # -- joining a run
 
@@ -250,17 +244,6 @@ class ExcitationInput:
         if self.holding and self._joined and (self._pending is None or not self._pending.joins):
             self.holding = False
             self._resume()
-
-
-Identity = tuple[int, int, str, str, int, int, int]
-
-
-def _identity(message: Excitation) -> Identity:
-    """Fields that are equal in two copies of an excitation; last the first step, which may be resolved."""
-    return (
-        message.run, message.id, message.kind, message.description, message.steps or length(message),
-        message.checksum, message.first_step,
-    )  # fmt: skip
 
 
 @dataclass(eq=False)

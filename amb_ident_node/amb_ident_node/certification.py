@@ -39,6 +39,7 @@ class Source:
 
     bag: str
     controller: str
+    description: str = ""
     first_step: int = -1
     steps: int = 0
 
@@ -105,10 +106,10 @@ class Certifier:
         if not path:
             return None
         inputs[f"{field.replace('_', ' ')} {Path(path).name}"] = sha256_of(path)
-        return self._sources.loop(Source(path, request.experiment_controller), with_plant=True)[0]
+        return self._sources.loop(Source(path, request.experiment_controller, request.description), with_plant=True)[0]
 
     def _telemetry(self, request: srv.Certify.Request, inputs: dict[str, str]) -> RecordedLoop:
-        source = Source("", request.experiment_controller, request.first_step, request.steps)
+        source = Source("", request.experiment_controller, "", request.first_step, request.steps)
         loop, _ = self._sources.loop(source, with_plant=True)
         inputs[f"validation data {loop.data.experiments[0].source}"] = sha256_of_data(loop.data)
         return loop

@@ -8,10 +8,17 @@ from typing import Any, TypeVar
 
 from rclpy.node import Node
 
-from amb_core.analysis import RecordedLoop, read_loop
+from amb_core.analysis import RecordedLoop, read
 from amb_core.errors import AmbError, BagError, IdentificationError, ParameterError
 from amb_core.files.parameter_files import BRIDGE_NODE, CONTROLLERS
-from amb_core.identification.controller_choice import ALLOWED, is_named_set, named_controller, needs_controller
+from amb_core.identification.controller_choice import (
+    ALLOWED,
+    NO_CONTROLLER,
+    is_named_set,
+    named_controller,
+    needs_controller,
+)
+from amb_core.identification.data import DataDescription
 from amb_core.loop.experiments import controller_of_bridge, linear_controller_of
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.pd_parameters import ControllerParameters
@@ -25,7 +32,9 @@ from amb_ros.qos import LATCHED
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.subscriptions import create_subscription
 
-NAME_A_CONTROLLER = f"name it in `controller`: {ALLOWED}, or a running node"
+NAME_A_CONTROLLER = (
+    f"name it in `controller`: {ALLOWED}, a running node, or {NO_CONTROLLER} to leave the closed loop out"
+)
 
 P = TypeVar("P", bound=Parameters)
 
@@ -56,13 +65,16 @@ class LoopSources:
         )
 
     def check(self, request: Any) -> None:
-        """Refuse impossible steps, a bag that does not exist, and an invalid parameter file."""
+        """Refuse impossible steps, a bag that does not exist, an invalid description, and an invalid controller."""
         if request.first_step < -1:
             raise IdentificationError(f"first_step = {request.first_step} is not allowed; allowed: -1 or more")
         if request.bag and not os.path.exists(request.bag):  # noqa: PTH110  # Path.exists raises on long names
             raise BagError(f"bag {request.bag}: there is no such file or folder")
-        if is_named_set(request.controller):
-            self.named_controller(request.controller, None)
+        known = DataDescription.given(request.description)
+        if request.description and not request.bag:
+            raise IdentificationError("description is for a bag or data file; name one in `bag`, or leave it empty")
+        if is_named_set(name := request.controller or known.controller):
+            self.named_controller(name, None)
 
     def loop(self, request: Any, with_plant: bool = False) -> tuple[RecordedLoop, str]:
         """The requested data, from a bag or from the current run, and a remark on them.
@@ -74,22 +86,21 @@ class LoopSources:
         ParameterError
             If the parameters of the requested controller are not available.
         """
+        known = DataDescription.given(request.description)
+        name = request.controller or known.controller
         if request.bag:
-            named = request.controller if is_named_set(request.controller) else ""
-            loop = read_loop(request.bag, named, first_step=request.first_step, steps=request.steps)
+            of_file = name if is_named_set(name) or name == NO_CONTROLLER else ""
+            known = known.model_copy(update={"controller": of_file})
+            loop = read(request.bag, known, first_step=request.first_step, steps=request.steps)
         else:
             data = self._live.data(request.first_step, request.steps)
-            running = None if request.controller else self._running_controller(data.sample_rate)
-            loop = RecordedLoop(
-                data,
-                running,
-                self._read(PlantParameters, self._simulator) if with_plant else None,
-            )
+            running = None if name else self._running_controller(data.sample_rate)
+            loop = RecordedLoop(data, running, self._read(PlantParameters, self._simulator) if with_plant else None)
         remark = f"; bag is truncated: {loop.damage}" if loop.damage else ""
-        if request.controller:
-            if not (request.bag and is_named_set(request.controller)):
-                loop = replace(loop, controller=self.named_controller(request.controller, loop.data.sample_rate))
-            remark += f"; controller: {request.controller}, as requested"
+        if name:
+            if name != NO_CONTROLLER and not (request.bag and is_named_set(name)):
+                loop = replace(loop, controller=self.named_controller(name, loop.data.sample_rate))
+            remark += f"; controller: {name}, as requested"
         elif loop.controller is None and needs_controller(loop.data):
             source = f"bag {request.bag} lacks" if request.bag else f"node {self._controller} does not give"
             raise IdentificationError(f"{source} the parameters of the controller; {NAME_A_CONTROLLER}")

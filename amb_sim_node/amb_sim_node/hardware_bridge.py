@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import TimeoutError as NotInTime
 from dataclasses import replace
 from functools import partial
@@ -91,6 +92,8 @@ class HardwareBridgeNode(ManagedNode):
         self._watch = RigWatch(self, reactions, self._host_loop)
         self._state = RigState(self, self._watch)
         create_service(self, Trigger, "~/reset_faults", self._on_reset_faults, self.worker)
+        self._at_once = ThreadPoolExecutor(1, thread_name_prefix="off")  # does not wait for a transition
+        create_service(self, Trigger, "~/off", self._on_off, self._at_once)
         self._diagnostics = diagnostics.DiagnosticsReporter(
             self, self._report, exclusive=(topics.MACHINE, sampled, topics.BRIDGE_STATE)
         )
@@ -98,13 +101,15 @@ class HardwareBridgeNode(ManagedNode):
 
     def finish(self) -> None:
         """Land if the bridge is active and its parameters say so; leave the target."""
+        self.called_off.set()
         if self._excitation is not None:
             self._excitation.close()
         try:
             self.worker.submit(self._leave).result(self._settings.landing_time + 2.0 * PATIENCE)
         except NotInTime:
             self.get_logger().error("the worker does not end; the target is left as it is")
-        self.worker.shutdown(wait=False, cancel_futures=True)
+        for worker in (self.worker, self._at_once):
+            worker.shutdown(wait=False, cancel_futures=True)
 
     def _leave(self) -> None:
         try:
@@ -157,12 +162,13 @@ class HardwareBridgeNode(ManagedNode):
         if self._unsent:
             self._send(link)
         if status.state in (TargetState.OFF, TargetState.LANDING):
-            self._wait_for((TargetState.OFF,), self._settings.landing_time)
+            self._wait_for((TargetState.OFF,), self._settings.landing_time, self._require_wanted)
             self._rehearse()
             seconds = self._settings.levitation_time if self._host_loop is None else 0.0  # the reference is the host's
+            self._require_wanted()
             link.levitate(seconds)
             try:
-                self._wait_for((TargetState.LEVITATED,), seconds)
+                self._wait_for((TargetState.LEVITATED,), seconds, self._require_wanted)
                 self._wait_for_run()
             except TargetError:
                 self._land(link)  # a node that is not active must not leave a rotor up that it has levitated
@@ -222,6 +228,11 @@ class HardwareBridgeNode(ManagedNode):
             raise TargetError("the bridge is not configured")
         return self._link
 
+    def _require_wanted(self) -> None:
+        """Raise TargetError if a levitation is not wanted any more."""
+        if self.called_off.is_set():
+            raise TargetError("called off, by a request to land, to switch off or to end")
+
     def _require_same_machine(self) -> None:
         """Raise TargetError if the target is another machine since its reboot."""
         if self._watch.known is not None and self._watch.known.machine != self._watch.machine:
@@ -250,12 +261,15 @@ class HardwareBridgeNode(ManagedNode):
         """Wait until telemetry of the levitated rotor arrives: the run has begun."""
         late = self._deadline(PATIENCE)
         while (runs := self._watch.runs) is None or not runs.levitated:
+            self._require_wanted()
             if self._watch.status is None or late(self._watch.status):
                 raise TargetError(f"the rotor is levitated, but no telemetry arrives within {PATIENCE:g} s")
             time.sleep(0.002)
 
-    def _wait_for(self, states: tuple[TargetState, ...], duration: float) -> None:
-        """Wait until the target is in one of some states.
+    def _wait_for(
+        self, states: tuple[TargetState, ...], duration: float, require: Callable[[], None] = lambda: None
+    ) -> None:
+        """Wait until the target is in one of some states, as long as what is required holds.
 
         Raises
         ------
@@ -266,6 +280,7 @@ class HardwareBridgeNode(ManagedNode):
         while (status := self._connected().status()).state not in states:
             if status.state is TargetState.TRIPPED:
                 raise TargetError(self._watch.latched() or "the target has tripped")
+            require()
             if late(status):
                 raise TargetError(f"the target is still {status.state.name.lower()} after {duration + PATIENCE:g} s")
             time.sleep(0.01)
@@ -326,6 +341,17 @@ class HardwareBridgeNode(ManagedNode):
         self._watch.on_status(link.status())
         response.success = True
         self._note_state()
+        return response
+
+    def _on_off(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Currents off, in whatever state target and node are; the rotor falls onto its backup bearings."""
+        link = self._connected()
+        self.get_logger().warning("off: asked for")
+        self.called_off.set()
+        self._excitable = False
+        link.land(0.0)
+        self.fall_back()
+        response.success = True
         return response
 
     def _on_timer(self) -> None:

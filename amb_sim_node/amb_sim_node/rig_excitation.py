@@ -24,6 +24,7 @@ from amb_core.rig import ExcitationProtection, Runs
 from amb_core.target import ExcitationPhase, TargetLink, TargetState, TooLateError
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
+from amb_ros.excitation_answers import ExcitationAnswers, answer_to, identity_of
 from amb_ros.excitation_messages import STOP, Checked, check, read, require_samples, resolve
 from amb_ros.qos import EVERY_STATE
 from amb_ros.subscriptions import create_subscription
@@ -32,7 +33,6 @@ from amb_sim_node.region_guard import Guard
 LEAD = 0.02  # s from the next step of the target until an excitation begins that is to begin as soon as possible
 ATTEMPTS = 5  # to arm one; a frame that is lost costs more than the lead
 FADE_TIMEOUT = 70.0  # s; the longest fade of a target, and some
-LONGEST_KIND = 50  # characters of it that are repeated in an answer
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class RigExcitation:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="rig_excitation")
         self._newest = 0  # number of the newest message: older ones are called off
         self._counting = threading.Lock()
-        self._publisher = node.create_publisher(ExcitationStatus, topics.EXCITATION_STATUS, EVERY_STATE)
+        self._answers = ExcitationAnswers(node)
         self._applied: tuple[object, ...] = ()  # the latest one, with its step resolved
         self._subscription = create_subscription(
             node, Excitation, topics.EXCITATION, self._on_excitation, EVERY_STATE, raw=True
@@ -81,9 +81,9 @@ class RigExcitation:
     def _on_excitation(self, data: bytes) -> None:
         message = read(data)
         if isinstance(message, ExcitationStatus):
-            self._refuse(message, message.message)
+            self._answers.refuse(message, message.message)
             return
-        if _identity(message, message.first_step) == self._applied:
+        if identity_of(message, message.first_step) == self._applied:
             return  # published again with its step resolved
         with self._counting:
             self._newest += 1
@@ -94,7 +94,7 @@ class RigExcitation:
 
     def _apply(self, message: Excitation, number: int) -> None:
         """Apply an excitation, and answer it in every case."""
-        status = ExcitationStatus(run=message.run, id=message.id, kind=message.kind[:LONGEST_KIND])
+        status = answer_to(message)
 
         def called_off() -> bool:
             return number != self._newest
@@ -108,20 +108,17 @@ class RigExcitation:
             if message.run != rig.runs.run:
                 raise ExcitationError(f"meant for run {message.run}; the present run is {rig.runs.run}")
             checked = check(message, rig.machine, rig.runs.run, rig.runs.next_step - 1)
-            status.first_step = self._play(rig, message, checked, called_off)
-            status.steps = checked.steps
+            first_step = self._play(rig, message, checked, called_off)
         except AmbError as problem:
-            self._refuse(status, "replaced by a later one" if called_off() else one_line(problem))
+            self._answers.refuse(status, "replaced by a later one" if called_off() else one_line(problem))
             return
         except Exception as problem:  # in every case the sender gets an answer and the bridge goes on
             self._node.get_logger().error(traceback.format_exc())
-            self._refuse(status, f"internal error: {problem!r}; see the log of the bridge")
+            self._answers.refuse(status, f"internal error: {problem!r}; see the log of the bridge")
             return
-        self._node.get_logger().info(f"excitation {status.kind} from step {status.first_step}")
-        status.accepted = True
-        self._applied = _identity(message, status.first_step)
-        if self._node.context.ok():
-            self._publisher.publish(status)
+        self._node.get_logger().info(f"excitation {status.kind} from step {first_step}")
+        self._applied = identity_of(message, first_step)
+        self._answers.accept(status, first_step, checked.steps)
 
     def _play(self, rig: Rig, message: Excitation, checked: Checked, called_off: Callable[[], bool]) -> int:
         """Bring it to the target and arm it. The step of the run at which it begins."""
@@ -193,14 +190,3 @@ class RigExcitation:
                 continue
             return step
         raise ExcitationError("the target did not take it in time; is the network overloaded?")
-
-    def _refuse(self, status: ExcitationStatus, reason: str) -> None:
-        status.accepted, status.message = False, reason
-        self._node.get_logger().warning(f"excitation {status.id} refused: {reason}")
-        if self._node.context.ok():
-            self._publisher.publish(status)
-
-
-def _identity(message: Excitation, first_step: int) -> tuple[object, ...]:
-    """What is equal in two copies of an excitation; a generator that starts anew counts from 1 again."""
-    return message.run, message.id, message.kind, message.description, message.checksum, int(first_step)

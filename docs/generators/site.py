@@ -11,6 +11,7 @@ from typing import Any
 from docs.generators import links, measured, modules
 from docs.generators.commands import command_reference
 from docs.generators.messages import message_reference
+from docs.generators.results import result_names
 from docs.generators.tables import excitation_table, parameter_reference
 
 MARK = re.compile(r"^<!-- generated: (\w+) -->$", re.MULTILINE)
@@ -19,6 +20,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "messages": message_reference,
     "parameters": parameter_reference,
     "excitations": excitation_table,
+    "results": result_names,
 }
 
 

@@ -186,6 +186,7 @@ amb rig status
 amb jitter --seconds 0.5
 amb rig reset
 amb rig land
+amb rig off
 amb rig disconnect
 amb rig check --timeout 10 | 3
 ^C

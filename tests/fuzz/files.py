@@ -84,7 +84,7 @@ class Found:
 
 def seeds(folder: Path) -> list[Path]:
     """Whole files of all kinds."""
-    from amb_core.analysis import read_bag_data
+    from amb_core.analysis import read
     from amb_core.identification.data import write_data
     from tests.unit.conftest import LinearBearing
     from tests.written_bags import write_telemetry
@@ -97,7 +97,7 @@ def seeds(folder: Path) -> list[Path]:
     for ending in (".json", ".npz", ".mat"):
         model.save(folder / f"model{ending}")
         found.append(folder / f"model{ending}")
-    data = read_bag_data(telemetry)
+    data = read(telemetry).data
     for ending in (".csv", ".npz", ".mat"):
         write_data(data, folder / f"written{ending}")
         found.append(folder / f"written{ending}")

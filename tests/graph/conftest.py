@@ -146,13 +146,21 @@ class Graph:
 
     def call(self, service_type: Any, name: str, /, **fields: Any) -> Any:
         """Call a service once it is there, with these fields in the request, and return its response."""
+        return self.asked(service_type, name, **fields)()
+
+    def asked(self, service_type: Any, name: str, /, **fields: Any) -> Callable[[], Any]:
+        """Call a service once it is there; what is returned waits for its response."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(service_type, name)
         client = self._clients[name]
         self.wait_until(client.service_is_ready, what=f"service {name}")
         future = client.call_async(service_type.Request(**fields))
-        self.wait_until(future.done, what=f"an answer of {name}")
-        return future.result()
+
+        def answer() -> Any:
+            self.wait_until(future.done, what=f"an answer of {name}")
+            return future.result()
+
+        return answer
 
     def send_goal(self, action: ActionClient, goal: Any, on_feedback: Callable[[Any], None]) -> ClientGoalHandle:
         """Send a goal to an action once it is there, and return its handle when it is accepted or rejected."""

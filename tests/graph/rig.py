@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,8 +101,13 @@ class Rig:
         self.graph.wait_until(lambda: self.states, "the bridge")
 
     def change(self, label: str = "", number: int = 0) -> bool:
+        return self.asked(label, number)()
+
+    def asked(self, label: str = "", number: int = 0) -> Callable[[], bool]:
+        """Ask for a transition; what is returned waits for whether it has succeeded."""
         transition = Transition(label=label, id=number)
-        return bool(self.graph.call(ChangeState, "/amb/hardware_bridge/change_state", transition=transition).success)
+        answer = self.graph.asked(ChangeState, "/amb/hardware_bridge/change_state", transition=transition)
+        return lambda: bool(answer().success)
 
     @property
     def life_cycle(self) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from std_srvs.srv import Trigger
 
 from amb_bringup.demo_run import controller_of, plant_of
 from amb_bringup.packages import find_executable
@@ -62,6 +63,34 @@ def test_wrong_transitions_are_refused_and_right_ones_lead_through_the_life_cycl
     assert rig.change("shutdown")
     assert rig.life_cycle == "finalized"
     assert not rig.change("configure")
+
+
+def test_a_levitation_is_called_off_by_a_landing_and_by_the_end_of_the_bridge(graph: Graph) -> None:
+    rig = Rig(graph, bridge={"levitation_time": 60.0})
+    for label in ("deactivate", "shutdown"):
+        assert rig.change("configure")
+        levitated = rig.asked("activate")
+        graph.wait_until(lambda: rig.state.mode == BridgeState.LEVITATING, "the levitation")
+        rig.states.clear()
+        assert rig.change(label)
+        assert not levitated()
+        graph.wait_until(lambda: BridgeState.OFF in [state.mode for state in rig.states], "the landing")
+        assert rig.change("cleanup") == (label == "deactivate")
+
+
+@pytest.mark.parametrize("levitated", [True, False])
+def test_off_switches_the_currents_off_at_once(graph: Graph, levitated: bool) -> None:
+    rig = Rig(graph, bridge={"levitation_time": 0.0 if levitated else 60.0, "landing_time": 60.0})
+    refused = graph.call(Trigger, "/amb/hardware_bridge/off")
+    assert (refused.success, refused.message) == (False, "the bridge is not configured")
+    assert rig.change("configure")
+    answer = rig.asked("activate")
+    mode = BridgeState.LEVITATED if levitated else BridgeState.LEVITATING
+    graph.wait_until(lambda: rig.state.mode == mode, "the rotor")
+    assert graph.call(Trigger, "/amb/hardware_bridge/off").success
+    assert answer() == levitated
+    graph.wait_until(lambda: rig.state.mode == BridgeState.OFF, "the end of the currents")
+    graph.wait_until(lambda: rig.life_cycle == "inactive", "the end of the levitation")
 
 
 @pytest.mark.parametrize("machine", ["paper", "rig"])

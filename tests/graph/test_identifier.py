@@ -265,6 +265,12 @@ def test_the_action_tells_how_far_it_is_and_other_services_are_answered_meanwhil
     assert costs == sorted(costs, reverse=True)
     assert all(told.done <= told.total for told in feedback)
 
+    waiting, _ = loop.send()
+    loop.graph.cancel(waiting)
+    status, result = loop.graph.result_of(waiting)
+    assert (status, result.message) == (CANCELED, "cancelled before it began")
+    assert handle.status < SUCCEEDED, "a goal that waits for others ends without waiting"
+
     loop.graph.cancel(handle)
     status, result = loop.graph.result_of(handle)
     assert (status, result.success) == (CANCELED, False)

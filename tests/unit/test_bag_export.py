@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.commands.results import new_file
-from amb_core.analysis.own_files import read_own
+from amb_core.analysis import read
 from amb_core.errors import AmbError, BagError
 from amb_core.export import RunTelemetry, write_foxglove, write_plotjuggler, write_table
 from amb_core.files.matlab import load_variables
-from amb_core.identification.data.described import DataDescription
+from amb_core.identification.data import DataDescription
 from amb_core.loop.records import LoopRecord, axis_names
 from amb_core.recording import BagWriter, Recording
 from tests.bag_messages import TELEMETRY, TYPES, definition, telemetry
@@ -62,7 +62,7 @@ def export(bag: Path, out: Path, topics: tuple[str, ...] = ()) -> Path:
 def test_a_table_identified_again_has_the_same_data_bit_for_bit(ending: str, axes: int, tmp_path: Path) -> None:
     record = samples(axes)
     bag = write_bag(tmp_path / "bag", record, whole(1000))
-    table = read_own(export(bag, tmp_path / f"run{ending}"), NO_LOOP).loop.data
+    table = read(export(bag, tmp_path / f"run{ending}"), NO_LOOP).data
     (experiment,) = table.experiments
     assert table.sample_time == record.sample_time
     assert table.output_names == axis_names(axes)
@@ -76,14 +76,14 @@ def test_a_table_identified_again_has_the_same_data_bit_for_bit(ending: str, axe
 def test_an_odd_sample_time_comes_back_bit_for_bit(ending: str, tmp_path: Path) -> None:
     record = samples(rate=3000.0)
     bag = write_bag(tmp_path / "bag", record, whole(1000))
-    assert read_own(export(bag, tmp_path / f"run{ending}"), NO_LOOP).loop.data.sample_time == 1.0 / 3000.0
+    assert read(export(bag, tmp_path / f"run{ending}"), NO_LOOP).data.sample_time == 1.0 / 3000.0
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_missing_samples_stay_missing_in_a_table(ending: str, tmp_path: Path) -> None:
     record = samples()
     bag = write_bag(tmp_path / "bag", record, [(0, 300), (500, 500)])
-    data = read_own(export(bag, tmp_path / f"run{ending}"), NO_LOOP).loop.data
+    data = read(export(bag, tmp_path / f"run{ending}"), NO_LOOP).data
     assert [(one.first_step, len(one.outputs)) for one in data.experiments] == [(0, 300), (500, 500)]
     assert data.experiments[1].outputs.tobytes() == record.position[500:].tobytes()
 
@@ -152,7 +152,7 @@ def test_a_bag_for_plotjuggler_is_identified_as_any_bag_of_joint_states(tmp_path
     described = DataDescription.of(
         topics="/amb/loop", inputs="effort[x],effort[y]", outputs="position[x],position[y]", controller="none"
     )
-    (experiment,) = read_own(path, described).loop.data.experiments
+    (experiment,) = read(path, described).data.experiments
     assert experiment.inputs.tobytes() == record.current.tobytes()
     assert experiment.outputs.tobytes() == record.position.tobytes()
 

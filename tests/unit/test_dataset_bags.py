@@ -11,9 +11,11 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from amb_core.analysis import read_bag_data, read_data
+from amb_core.analysis import read, recorded_data
 from amb_core.errors import BagError, IdentificationError
 from amb_core.identification.data import IdentificationData
+from amb_core.recording import Recording
+from tests.written_bags import BLOCK, write_telemetry
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
@@ -84,45 +86,79 @@ def assert_samples(data: IdentificationData) -> None:
 
 def test_telemetry_of_the_last_run_is_read_and_gaps_split_it(tmp_path: Path) -> None:
     bag = write(tmp_path / "bag", [telemetry(1, 0), *(telemetry(2, step) for step in (0, 100, 300, 700))])
-    data = read_data(bag)
+    data = read(bag).data
     assert spans(data) == [(0, 200), (300, 400), (700, 800)]
     assert [gap.steps for gap in data.gaps] == [100, 300]
     assert data.experiments[0].source == f"{bag}, run 2"
     assert data.sample_time == SAMPLE_TIME
     assert_samples(data)
-    assert spans(read_data(bag, run=1)) == [(0, 100)]
-    assert spans(read_data(bag, first_step=150, steps=200)) == [(150, 200), (300, 350)]
+    assert spans(read(bag, run=1).data) == [(0, 100)]
+    assert spans(read(bag, first_step=150, steps=200).data) == [(150, 200), (300, 350)]
+
+
+def read_bag(path: Path, **options: Any) -> IdentificationData:
+    return recorded_data(Recording.read(path), **options)
 
 
 def test_the_last_experiment_is_the_default(tmp_path: Path) -> None:
-    data = read_bag_data(write(tmp_path / "bag", [status(1, 120, 300), *(telemetry(1, 100 * k) for k in range(6))]))
+    data = read_bag(write(tmp_path / "bag", [status(1, 120, 300), *(telemetry(1, 100 * k) for k in range(6))]))
     assert spans(data) == [(120, 420)]
+
+
+def identical(one: IdentificationData, other: IdentificationData) -> bool:
+    pairs = zip(one.experiments, other.experiments, strict=True)
+    return all(np.array_equal(a.signals, b.signals) and a.first_step == b.first_step for a, b in pairs)
+
+
+@pytest.mark.parametrize("run", [1, 2, None])
+def test_a_stretch_is_read_by_the_index_and_nothing_else(tmp_path: Path, run: int | None) -> None:
+    bag = write_telemetry(tmp_path / "bag", [(number, BLOCK * k) for number in (1, 2) for k in range(200)])
+    chosen = {"run": run, "first_step": 9_050, "steps": 700}
+    whole = recorded_data(Recording.read(bag), **chosen)
+    file = bag / "bag_0.mcap"
+    content = bytearray(file.read_bytes())
+    for place in (0.06, 0.34, 0.59, 0.84):  # before and after the stretch in both runs
+        content[int(place * len(content))] ^= 0xFF
+    file.write_bytes(content)
+    assert Recording.read(bag).truncated.count("is damaged") == 4
+    loop = read(bag, **chosen)
+    assert loop.damage == ""
+    assert identical(loop.data, whole)
+
+
+def test_steps_that_the_index_does_not_find_are_looked_for_in_the_whole_bag(tmp_path: Path) -> None:
+    blocks = [(1, BLOCK * k) for k in range(100)]
+    bag = write_telemetry(tmp_path / "bag", [*blocks[:50], *blocks[80:], *blocks[50:80]])
+    chosen = {"run": 1, "first_step": 4_500, "steps": 1_000}
+    assert identical(read(bag, **chosen).data, recorded_data(Recording.read(bag), **chosen))
+    with pytest.raises(BagError, match="does not hold steps 20000 to 20099; it has steps 0 to 9999"):
+        read(bag, run=1, first_step=20_000, steps=100)
 
 
 def test_positions_and_currents_are_paired_by_step(tmp_path: Path) -> None:
     missing = {5, 40, 41}
     messages = [position(3, step) for step in range(100) if step != 5]
     messages += [current(3, step) for step in reversed(range(110)) if step not in {40, 41}]
-    data = read_bag_data(write(tmp_path / "bag", [*loop(2, range(5)), *messages, current(3, 50)]))
+    data = read_bag(write(tmp_path / "bag", [*loop(2, range(5)), *messages, current(3, 50)]))
     assert spans(data) == [(0, 5), (6, 40), (42, 100)]
     assert sum(gap.steps for gap in data.gaps) == len(missing)
     assert data.sample_time == SAMPLE_TIME
     assert data.experiments[0].reference is None
     assert_samples(data)
-    assert spans(read_bag_data(tmp_path / "bag", run=2)) == [(0, 5)]
-    assert spans(read_bag_data(tmp_path / "bag", first_step=50, steps=10)) == [(50, 60)]
+    assert spans(read_bag(tmp_path / "bag", run=2)) == [(0, 5)]
+    assert spans(read_bag(tmp_path / "bag", first_step=50, steps=10)) == [(50, 60)]
 
 
 def test_topics_can_be_named_where_there_are_several(tmp_path: Path) -> None:
     extra = [position(1, step, "/other/position") for step in range(10)]
     bag = write(tmp_path / "bag", [*loop(1, range(10)), *extra])
     with pytest.raises(BagError, match="on more than one topic: /other/position, /rig/position; name one as position_"):
-        read_bag_data(bag)
-    assert_samples(read_bag_data(bag, position_topic="/rig/position"))
+        read_bag(bag)
+    assert_samples(read_bag(bag, position_topic="/rig/position"))
 
 
 def test_named_topics_go_before_telemetry(tmp_path: Path) -> None:
-    data = read_bag_data(
+    data = read_bag(
         write(tmp_path / "bag", [telemetry(1, 0), *loop(1, range(10))]), current_topic="/rig/current_reference"
     )
     assert spans(data) == [(0, 10)]
@@ -164,15 +200,15 @@ def test_topics_that_do_not_fit_are_refused_in_one_line(
     tmp_path: Path, messages: list[Message], options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises((BagError, IdentificationError), match=message) as refusal:
-        read_bag_data(write(tmp_path / "bag", messages), **options)
+        read_bag(write(tmp_path / "bag", messages), **options)
     assert "\n" not in str(refusal.value)
 
 
 def test_a_bag_without_topics_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="its topics: none"):
-        read_bag_data(write(tmp_path / "bag", []))
+        read_bag(write(tmp_path / "bag", []))
 
 
 def test_other_options_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(IdentificationError, match="option inputs is not allowed; allowed: run, first_step, steps"):
-        read_data(tmp_path, inputs=[1])
+    with pytest.raises(IdentificationError, match="'position_topic' is not allowed; allowed: inputs, outputs"):
+        read(tmp_path, position_topic="/rig/position")

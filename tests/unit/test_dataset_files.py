@@ -14,18 +14,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import io
 
-from amb_core.analysis import read_data
+from amb_core.analysis import read
 from amb_core.errors import AmbError, IdentificationError
 from amb_core.identification.data import (
     Experiment,
     IdentificationData,
     detrend,
     merge,
-    read_csv,
-    read_mat,
-    read_npz,
     write_data,
 )
+from amb_core.identification.data.proposal import UndescribedError
 
 ENDINGS = ["csv", "npz", "mat"]
 VALUES = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -86,7 +84,7 @@ def test_what_is_written_is_read_bit_for_bit(ending: str, tmp_path_factory: pyte
     @settings(max_examples=12, deadline=None)
     def round_trip(data: IdentificationData) -> None:
         write_data(data, path)
-        assert identical(read_data(path), data)
+        assert identical(read(path).data, data)
 
     round_trip()
 
@@ -134,23 +132,23 @@ def write_text(path: Path, text: str) -> Path:
 def test_a_table_with_names_units_and_times_is_read(tmp_path: Path) -> None:
     rows = [f"{0.2 + 0.1 * k:.4f};{k};{-k};{2 * k}" for k in range(5)]
     path = write_text(tmp_path / "rig.csv", "\n".join(["# rig 7", "t [ms];i [A];speed;z [um]", *rows]))
-    data = read_csv(path, inputs=["i"], outputs=["z"])
+    data = read(path, inputs=["i"], outputs=["z"]).data
     assert data.sample_time == pytest.approx(1e-4)
-    assert (data.input_names, data.input_units, data.output_units) == (("i",), ("A",), ("um",))
+    assert (data.input_names, data.input_units, data.output_units) == (("i",), ("A",), ("m",))
     assert data.experiments[0].first_step == 2
-    assert data.experiments[0].outputs[:, 0].tolist() == [0.0, 2.0, 4.0, 6.0, 8.0]
+    assert data.experiments[0].outputs[:, 0].tolist() == pytest.approx([0.0, 2e-6, 4e-6, 6e-6, 8e-6])
 
 
 def test_a_table_of_a_spreadsheet_begins_with_a_byte_order_mark(tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text("\ufeffi,x\n1,2\n3,4\n", encoding="utf-8")
-    data = read_csv(tmp_path / "table.csv", ["i"], ["x"], sample_time=0.1)
+    data = read(tmp_path / "table.csv", inputs=["i"], outputs=["x"], sample_time=0.1).data
     assert data.experiments[0].inputs.tolist() == [[1.0], [3.0]]
 
 
 def test_missing_times_split_a_table(tmp_path: Path) -> None:
     times = [0.0, 0.001, 0.002, 0.005, 0.006, 0.010]
     path = write_text(tmp_path / "rig.csv", "\n".join(["time,u,y", *(f"{time},1,2" for time in times)]))
-    data = read_csv(path, ["u"], ["y"])
+    data = read(path, inputs=["u"], outputs=["y"]).data
     assert [(item.first_step, item.stop) for item in data.experiments] == [(0, 3), (5, 7), (10, 11)]
     assert [gap.steps for gap in data.gaps] == [2, 3]
 
@@ -162,19 +160,23 @@ COLUMNS = {"inputs": ["u"], "outputs": ["y"]}
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        (TABLE, {}, "which columns are inputs and which outputs is not known.*there are time, u, y"),
-        (TABLE, {"inputs": ["v"], "outputs": ["y"]}, "there must be one column 'v'; there are time, u, y"),
+        (
+            TABLE.replace(",u,", ",v,"),
+            {},
+            "which of the 3 columns are inputs and which outputs is not known.*time, v, y",
+        ),
+        (TABLE, {"inputs": ["v"], "outputs": ["y"]}, "--inputs: there must be one column 'v'; there are time, u, y"),
         (TABLE, COLUMNS | {"sample_time": 1e-4}, "sample_time 0.0001 s is given, but the times are 0.1 s apart"),
         (TABLE.replace("0.2,", "0.15,"), COLUMNS, "irregular sample time: between samples"),
         (TABLE.replace("0.2,", "0.1,"), COLUMNS, "times must rise; sample 2 is at 0.1 s, the one before at 0.1 s"),
         (TABLE.replace("0.2,", "nan,"), COLUMNS, "the times must be two or more finite numbers"),
         (TABLE.replace("[s]", "[h]"), COLUMNS, "times are in h; allowed: s, ms, us"),
         (TABLE.replace("time [s]", "step"), COLUMNS, "the sample time is not known; give sample_time in s"),
-        ("0,1,2\n0.1,2,3\n", COLUMNS, "the first line must have the names of the columns"),
+        ("0,1,2\n0.1,2,3\n", COLUMNS, "there must be one column 'u'; there are column 0, column 1, column 2"),
         (TABLE + "0.4,oops,3\n", COLUMNS, "could not convert string 'oops'"),
-        (TABLE + "0.4,3\n", COLUMNS, "damaged"),
-        ("u,y\n", COLUMNS, "there are no samples, only a header"),
-        ("", COLUMNS, "names of the columns"),
+        (TABLE + "0.4,3\n0.5,3,4\n", COLUMNS, "damaged"),
+        ("u,y\n", COLUMNS, "there are no samples"),
+        ("", COLUMNS, "is empty"),
         ("# amb_core {}\nu,y\n1,2\n", {}, "damaged"),
         ("# amb_core {\nu,y\n1,2\n", {}, "damaged"),
     ],
@@ -184,53 +186,116 @@ def test_tables_that_do_not_tell_enough_are_refused_in_one_line(
 ) -> None:
     path = write_text(tmp_path / "rig.csv", text)
     with pytest.raises(IdentificationError, match=message) as refusal:
-        read_data(path, **options)
+        read(path, **options)
     assert str(refusal.value).startswith(f"data {path}: ")
     assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize(
-    ("ending", "read", "save"),
+    ("ending", "save"),
     [
-        ("mat", read_mat, lambda path, **content: io.savemat(path, content)),
-        ("npz", read_npz, lambda path, **content: np.savez(path, **content)),
+        ("mat", lambda path, **content: io.savemat(path, content)),
+        ("npz", lambda path, **content: np.savez(path, **content)),
     ],
 )
-def test_one_matrix_whose_columns_are_signals_is_read(
-    tmp_path: Path, ending: str, read: Callable[..., IdentificationData], save: Callable[..., None]
-) -> None:
+def test_one_matrix_whose_columns_are_signals_is_read(tmp_path: Path, ending: str, save: Callable[..., None]) -> None:
     matrix = np.arange(20.0).reshape(5, 4)
     path = tmp_path / f"arm.{ending}"
     save(path, arm=matrix, note=np.zeros((2, 2)))
-    data = read(path, "arm", inputs=[0, 1], outputs=[2, 3], sample_time=0.1)
+    data = read(path, variable="arm", inputs=[0, 1], outputs=[2, 3], sample_time=0.1).data
     assert np.array_equal(data.experiments[0].inputs, matrix[:, :2])
     assert np.array_equal(data.experiments[0].outputs, matrix[:, 2:])
     assert data.output_names == ("y1", "y2")
     columns = {"inputs": [0], "outputs": [1]}
     for options, message in (
-        ({}, r"needs the name of one matrix as variable; its matrices: arm \(5, 4\), note \(2, 2\)"),
+        ({}, r"needs the name of one matrix \(--variable\): .*its matrices: arm \(5, 4\), note \(2, 2\)"),
         ({"variable": "leg"}, "has no matrix leg"),
         ({"variable": "arm"}, "which of the 4 columns are inputs and which outputs is not known"),
         ({"variable": "arm", "inputs": [0], "outputs": [4]}, "there is no column 4; allowed: 0 to 3"),
         ({"variable": "arm", **columns}, "the sample time is not known; give sample_time in s"),
-        ({"variable": "arm", **columns, "sample_time": -1.0}, "'sample_time' = -1.0 s is not allowed"),
+        ({"variable": "arm", **columns, "sample_time": -1.0}, "'sample_time' = -1.0 is not allowed"),
     ):
         with pytest.raises(IdentificationError, match=message):
-            read(path, **options)
+            read(path, **options)  # type: ignore[arg-type]
 
 
 def test_matrices_u_and_y_are_read_from_a_mat_file(tmp_path: Path) -> None:
     path = tmp_path / "motor.mat"
     io.savemat(path, {"u": np.zeros((5, 1)), "y": np.ones((5, 2))})
-    data = read_mat(path, sample_time=0.1)
-    assert (data.input_names, data.output_names, data.samples) == (("u1",), ("y1", "y2"), 5)
+    data = read(path, sample_time=0.1).data
+    assert (data.input_names, data.output_names, data.samples) == (("u",), ("y1", "y2"), 5)
     io.savemat(path, {"u": np.zeros((5, 1)), "y": np.ones((5, 2)), "Ts": 0.2})
-    assert read_mat(path).sample_time == 0.2
+    assert read(path).data.sample_time == 0.2
     with pytest.raises(IdentificationError, match=r"sample_time 0.1 s is given, but the file has Ts = 0.2 s"):
-        read_mat(path, sample_time=0.1)
+        read(path, sample_time=0.1)
     io.savemat(path, {"u": np.zeros((5, 1)), "y": np.ones((4, 2)), "Ts": 0.2})
-    with pytest.raises(IdentificationError, match=r"inputs \(5, 1\) and outputs \(4, 2\)"):
-        read_mat(path)
+    with pytest.raises(IdentificationError, match="the lengths differ"):
+        read(path)
+
+
+def cells(*matrices: np.ndarray) -> np.ndarray:
+    array = np.empty((1, len(matrices)), dtype=object)
+    array[0, :] = matrices
+    return array
+
+
+def test_cells_of_experiments_are_read_from_a_mat_file(tmp_path: Path) -> None:
+    path = tmp_path / "motor.mat"
+    io.savemat(path, {"u": cells(np.zeros((5, 1)), np.zeros((4, 1))), "y": cells(np.ones((5, 1)), np.ones((4, 1)))})
+    data = read(path, sample_time=0.1).data
+    assert [item.steps for item in data.experiments] == [5, 4]
+    assert data.foreign
+    assert not data.gaps
+
+
+def test_names_and_units_of_matlabs_iddata_are_those_of_the_signals(tmp_path: Path) -> None:
+    path = tmp_path / "rig.mat"
+    named = {"InputName": ["cur_x", "cur_y"], "OutputName": ["pos_x", "pos_y"]}
+    units = {"InputUnit": ["mA", "mA"], "OutputUnit": ["um", "um"]}
+    texts = {name: np.array(value, dtype=object) for name, value in (named | units).items()}
+    io.savemat(path, {"u": np.ones((9, 2)), "y": np.ones((9, 2)), "r": np.ones((9, 2)), "Ts": 1e-4, **texts})
+    data = read(path).data
+    assert (data.input_names, data.output_names) == (("cur_x", "cur_y"), ("pos_x", "pos_y"))
+    assert (data.input_units, data.output_units) == (("A", "A"), ("m", "m"))
+    assert data.experiments[0].inputs[0].tolist() == [1e-3, 1e-3]
+    assert data.experiments[0].outputs[0].tolist() == [1e-6, 1e-6]
+    assert data.experiments[0].reference is not None
+
+
+LAB = "t [s],cur_x_A,cur_y_A,pos_x_m,pos_y_m,ref_x_m,temperature\n" + "\n".join(
+    f"{1e-4 * k:g},{k % 3},{k % 2},{k % 5},{k % 7},0,20" for k in range(40)
+)
+
+
+def test_signals_get_the_names_and_units_that_a_description_gives(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "lab.csv", LAB)
+    found = read(path, inputs="i_x=cur_x_A,i_y=cur_y_A", outputs="x=pos_x_m,y=pos_y_m", controller="none")
+    assert (found.data.input_names, found.data.output_names) == (("i_x", "i_y"), ("x", "y"))
+    assert (found.data.input_units, found.data.output_units) == (("A", "A"), ("m", "m"))
+    assert found.described is not None
+    assert "columns not used: ref_x_m, temperature; if one is the setpoint: --reference, one for each output" in (
+        found.described.notes
+    )
+    scaled = read(path, inputs="i_x=cur_x_A", outputs="x=pos_x_m", units="x=um", controller="none").data
+    assert scaled.experiments[0].outputs.max() == pytest.approx(4e-6)
+
+
+def test_an_axis_in_brackets_is_no_unit(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k % 3},{k % 2},{k % 5},{k}" for k in range(40))
+    path = write_text(tmp_path / "lab.csv", f"coil[x] [mA],coil [y],position[x] (um),[y]\n{rows}\n")
+    data = read(path, inputs=["coil[x]", "coil [y]"], outputs=["position[x]", "[y]"], rate=1e4, controller="none").data
+    assert (data.input_names, data.output_names) == (("coil[x]", "coil [y]"), ("position[x]", "[y]"))
+    assert (data.input_units, data.output_units) == (("A", ""), ("m", ""))
+
+
+def test_a_description_is_proposed_never_assumed(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "lab.csv", LAB)
+    with pytest.raises(UndescribedError, match="perhaps --inputs i_x=cur_x_A,i_y=cur_y_A --outputs x=pos_x_m") as found:
+        read(path)
+    assert found.value.proposal is not None
+    found.value.proposal.save(tmp_path / "lab.yaml")
+    data = read(path, tmp_path / "lab.yaml").data
+    assert (data.input_names, data.output_names, data.input_units) == (("i_x", "i_y"), ("x", "y"), ("A", "A"))
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -241,10 +306,10 @@ def test_damaged_and_missing_files_are_refused_in_one_line(tmp_path: Path, endin
     for length in (0, 40, len(whole) // 2):
         path.write_bytes(whole[:length])
         with pytest.raises(IdentificationError, match=f"data {path}: ") as refusal:
-            read_data(path)
+            read(path)
         assert "\n" not in str(refusal.value)
     with pytest.raises(IdentificationError, match="cannot be read: No such file"):
-        read_data(tmp_path / f"missing.{ending}")
+        read(tmp_path / f"missing.{ending}")
     with pytest.raises(IdentificationError, match="cannot be written: No such file"):
         write_data(small(), tmp_path / "missing" / f"data.{ending}")
 
@@ -256,20 +321,21 @@ def test_a_damaged_mat_file_of_version_7_3_says_how_to_write_another(tmp_path: P
     with pytest.raises(
         IdentificationError, match=r"version 7\.3 that is damaged.*; write it with save\(\.\.\., '-v7'\)"
     ):
-        read_data(path)
+        read(path)
 
 
 def test_unknown_endings_and_options_are_refused(tmp_path: Path) -> None:
     with pytest.raises(IdentificationError, match=r"must end in \.csv, \.npz, \.mat"):
         write_data(small(), tmp_path / "data.txt")
-    with pytest.raises(IdentificationError, match="option run is not allowed; allowed: variable, inputs, outputs"):
-        read_data(tmp_path / "data.mat", run=1)
+    write_data(small(), tmp_path / "data.mat")
+    with pytest.raises(IdentificationError, match="run and steps are not allowed; they are for bags"):
+        read(tmp_path / "data.mat", run=1)
     with pytest.raises(AmbError, match="no such file or folder"):
-        read_data(tmp_path / "data.txt")
+        read(tmp_path / "data.bag")
 
 
 @pytest.mark.skipif("AMB_CD_PLAYER" not in os.environ, reason="AMB_CD_PLAYER does not name the CD player's file")
 def test_the_cd_players_arm_is_read() -> None:
     """The benchmark CD player's arm of the DaISy collection: two inputs, two outputs, 2048 samples."""
-    data = read_data(os.environ["AMB_CD_PLAYER"], inputs=[0, 1], outputs=[2, 3], sample_time=1.0)
+    data = read(os.environ["AMB_CD_PLAYER"], inputs=[0, 1], outputs=[2, 3], sample_time=1.0).data
     assert (data.samples, len(data.input_names), len(data.output_names)) == (2048, 2, 2)

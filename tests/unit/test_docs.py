@@ -162,6 +162,8 @@ def test_topics_in_the_readme_are_those_of_the_nodes(package: str) -> None:
         used.add(topics.MACHINE)
     if "AxisSignalPublishers(" in code:
         used.add(topics.SIGNALS)
+    if "ExcitationAnswers(" in code:
+        used.add(topics.EXCITATION_STATUS)
     if "topics.clock(" in code:
         used.add(topics.clock(f"/{topics.NAMESPACE}"))
     if "diagnostics." in code:

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.analysis import read_loop
+from amb_core.analysis import read
 from amb_core.errors import AmbError, ParameterError
 from amb_core.identification import IdentificationData, StateSpaceModel, identify
 from amb_core.identification.controller_choice import named_controller
@@ -117,7 +117,7 @@ def test_a_bag_with_a_published_controller_is_identified(
             ),
         ],
     )
-    loop = read_loop(folder)
+    loop = read(folder)
     assert loop.controller == LinearControl(law, LinearControllerParameters(current_limit=LIMIT))
     assert identify(loop.data, 6, "ssarx", loop.controller).model.fit.min() > 95.0
 
@@ -128,13 +128,13 @@ def test_a_bag_names_the_file_of_its_controller(record: LoopRecord, file: Path, 
         tmp_path / "bag",
         [("/amb/telemetry", TELEMETRY, telemetry(record)), ("/parameter_events", PARAMETERS, own)],
     )
-    controller = read_loop(folder).controller
+    controller = read(folder).controller
     assert isinstance(controller, LinearControl) and controller.current_limit == LIMIT
     moved = file.rename(tmp_path / "moved.json")
     with pytest.raises(ParameterError, match=r"^controller model .*lqg.json"):
-        read_loop(folder)
+        read(folder)
     # Named by the user, it keeps the limit of the recording.
-    assert read_loop(folder, str(moved)).controller == controller
+    assert read(folder, controller=str(moved)).controller == controller
 
 
 def test_a_bag_of_two_controllers_does_not_show_which_of_them_ran(
@@ -148,7 +148,7 @@ def test_a_bag_of_two_controllers_does_not_show_which_of_them_ran(
         tmp_path / "bag",
         [("/amb/telemetry", TELEMETRY, telemetry(record)), *(("/parameter_events", PARAMETERS, own) for own in both)],
     )
-    assert read_loop(folder).controller is None
+    assert read(folder).controller is None
 
 
 def test_a_parameter_file_names_a_linear_controller_or_has_a_pd_one(file: Path, tmp_path: Path) -> None:

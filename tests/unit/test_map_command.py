@@ -61,7 +61,7 @@ def test_a_grid_over_files_has_a_folder_for_each(amb_map, tmp_path):
     table, out = tmp_path / "steel.csv", tmp_path / "out"
     table.write_text(STEEL)
     assert amb_map("--out", out, "--grid", "iron.saturation=true", "--grid", f"iron.bh_table={table}").exit_code == 0
-    (cell,) = json.loads((out / "summary.json").read_text())
+    (cell,) = json.loads((out / "summary.json").read_text())["maps"]
     assert cell["values"]["iron.bh_table"] == str(table)
     assert len(RegionMap.load(out / cell["map"]).sweeps) == 3
 
@@ -77,7 +77,7 @@ def test_a_confirmed_map_reports_its_bands_its_rate_and_what_moves_with_it(amb_m
     (spread,) = confirmation["dwell_over_sweep"]
     assert (spread["region"], spread["amplitudes"]) == ("D", 3)
     assert spread["median_ratio"] == pytest.approx(900.0 / 400.0, rel=0.03)
-    assert confirmation["bands"][0]["D_hz"]["dwell_below"]["low"] < 900.0
+    assert confirmation["bands"][0]["boundaries"]["D"]["dwell_below"]["low"] < 900.0
     of_rate, of_fixed_sines = confirmation["warnings"]
     assert of_rate.startswith("D depends on the rate of the sweeps")
     assert of_fixed_sines.startswith("D differs under fixed sines")

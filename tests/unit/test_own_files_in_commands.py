@@ -106,3 +106,18 @@ def test_distortion_is_measured_or_refused_with_the_reason(
     assert code == 1  # none of these files holds whole periods of a multisine, or is long enough for coherence
     reason = "the reference repeats no period" if case.file in WITH_REFERENCE else "--reference"
     assert shown.count(reason) == 1
+
+
+def test_a_proposed_description_is_saved_on_request_and_then_used(tmp_path: Path) -> None:
+    lines = (FOLDER / "mil.csv").read_text().splitlines()
+    heading = next(index for index, line in enumerate(lines) if "i_x" in line)
+    renamed = lines[heading].replace("i_x", "cur_x").replace("x (mil)", "pos_x (mil)").replace("x [mil]", "pos_x [mil]")
+    (tmp_path / "lab.csv").write_text("\n".join([*lines[:heading], renamed, *lines[heading + 1 :]]) + "\n")
+    words = ("identify", tmp_path / "lab.csv", "--order", 2, "--controller", "none")
+    code, shown = amb(*words, "--save-description", tmp_path / "lab.yaml")
+    assert code == 1
+    assert "check it, then give --description" in shown
+    code, shown = amb(*words, "--description", tmp_path / "lab.yaml", "--out", tmp_path / "model.json")
+    assert code == 0, shown
+    model = StateSpaceModel.load(tmp_path / "model.json")
+    assert (model.input_names, model.output_names) == (("i_x",), ("x",))

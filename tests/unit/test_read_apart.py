@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.analysis.own_files import read_own
+from amb_core.analysis import read
 from amb_core.errors import AmbError, BagError, IdentificationError
 from amb_core.files import apart, limits
 from amb_core.files.matlab import load_variables
 from amb_core.recording import BagWriter, Recording, inspect_bag
-from amb_core.tables import read_table
+from amb_core.tables import load_content
 from tests.fuzz.crafted_files import CRAFTED, SECRET, make_secret
 
 
@@ -50,7 +50,7 @@ def made(tmp_path: Path) -> Callable[[str], Path]:
 )
 def test_a_hostile_table_is_refused_in_one_line(made: Callable[[str], Path], name: str, reason: str) -> None:
     with pytest.raises(IdentificationError, match=reason) as refusal:
-        read_own(made(name))
+        read(made(name))
     assert SECRET.decode() not in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
@@ -71,10 +71,10 @@ def test_a_hostile_table_is_refused_in_one_line(made: Callable[[str], Path], nam
 )
 def test_a_hostile_bag_is_refused_in_one_line(made: Callable[[str], Path], name: str, reason: str) -> None:
     path = made(name)
-    for read in (Recording.read, inspect_bag):
+    for reader in (Recording.read, inspect_bag):
         with pytest.raises(BagError) as refusal:
-            read(path).telemetry() if read is Recording.read else _all_of(read(path))
-        if read is Recording.read:
+            reader(path).telemetry() if reader is Recording.read else _all_of(reader(path))
+        if reader is Recording.read:
             assert re.search(reason, str(refusal.value)), refusal.value
 
 
@@ -85,9 +85,9 @@ def _all_of(state: object) -> None:
 
 def test_the_reader_ends_and_the_next_file_is_read(made: Callable[[str], Path], tmp_path: Path) -> None:
     with pytest.raises(AmbError):
-        read_own(made("cells_v5.mat"))
+        read(made("cells_v5.mat"))
     np.savez(tmp_path / "good.npz", u=np.arange(6.0), Ts=0.1)
-    assert read_table(tmp_path / "good.npz").rows == 6
+    assert len(load_content(tmp_path / "good.npz")["u"]) == 6
 
 
 def test_a_child_that_waits_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,12 +113,12 @@ def test_a_reader_that_is_not_there_is_an_error_of_the_file(tmp_path: Path) -> N
 
 def test_a_server_that_has_ended_is_started_again(tmp_path: Path) -> None:
     np.savez(tmp_path / "good.npz", u=np.arange(6.0), Ts=0.1)
-    assert read_table(tmp_path / "good.npz").rows == 6
+    assert len(load_content(tmp_path / "good.npz")["u"]) == 6
     server = apart._server
     assert server._process is not None
     server._process.kill()
     server._process.wait()
-    assert read_table(tmp_path / "good.npz").rows == 6
+    assert len(load_content(tmp_path / "good.npz")["u"]) == 6
 
 
 def test_a_damaged_definition_affects_only_its_messages(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from scipy.signal import butter, lfilter
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.analysis import read_data
+from amb_core.analysis import read
 from amb_core.distortion import (
     DistortionSettings,
     find_evidence,
@@ -286,12 +286,12 @@ def test_region_a_is_named_by_what_it_says() -> None:
 
 
 def test_validation_and_data_check_name_distortion_as_the_limit_of_the_fit(mixed_up: Path, gentle: Path) -> None:
-    data = read_data(mixed_up)
+    data = read(mixed_up).data
     finding = check_distortion(data)
     assert finding.severity is Severity.WARNING
     assert re.search(r"a linear loop fits to about [3-6]\d % at most", finding.advice)
     for source in (mixed_up, gentle):
-        found = validate(identify(read_data(source), 8, method="ssarx").model, data, ControllerParameters())
+        found = validate(identify(read(source).data, 8, method="ssarx").model, data, ControllerParameters())
         assert found.fit[1] < 65.0, "not even the model of these data follows, though its controller is limited too"
     text = " ".join(found.report().split())
     assert "may not be linear" in text and "Excite less" in text

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.analysis import read_loop
+from amb_core.analysis import read
 from amb_core.errors import AmbError, ParameterError
 from amb_core.files.regular_files import read_text
 from amb_core.identification import StateSpaceModel
@@ -22,9 +22,9 @@ from amb_core.regions.region_map import RegionMap
 READERS: dict[str, Callable[[Path], object]] = {
     ".yaml": lambda path: load_parameters(PlantParameters, path, "simulator"),
     ".json": StateSpaceModel.load,
-    ".npz": read_loop,
-    ".csv": read_loop,
-    ".mat": read_loop,
+    ".npz": read,
+    ".csv": read,
+    ".mat": read,
     ".mcap": Recording.read,
 }
 

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from amb_bringup.cli import app
-from amb_core.analysis import read_loop
+from amb_core.analysis import read
 from amb_core.errors import AmbError, IdentificationError
 from amb_core.identification import StateSpaceModel, ssarx
 from amb_core.identification.data import IdentificationData, write_data
@@ -100,7 +100,7 @@ def test_data_without_the_controller_are_judged_without_the_loop(folder: Path) -
         (("slow.json", "bag"), "sample time"),
         (("good.json", "bag", "--horizon", "5000"), "horizons from 1 to 5000 steps are not allowed"),
         (("good.json", "bag", "--steps", "120"), "horizons|too few"),
-        (("good.json", "data.npz", "--run", "1"), "option run is not allowed"),
+        (("good.json", "data.npz", "--run", "1"), "run and steps are not allowed"),
         (("good.json", "bag", "--results", "numbers.txt"), "numbers.txt: the file name must end in .json"),
     ],
 )
@@ -147,8 +147,8 @@ def test_models_of_one_name_are_told_apart_by_their_folders(folder: Path, tmp_pa
 
 def test_a_bag_knows_its_controller_and_its_simulated_plant(record: LoopRecord, tmp_path: Path) -> None:
     gains = ControllerParameters(proportional_gain=15_000.0)
-    known = read_loop(write_bag(tmp_path / "known", record, gains, plant=True))
+    known = read(write_bag(tmp_path / "known", record, gains, plant=True))
     assert known.controller == gains and known.plant is not None and known.plant.rotor.gravity == 9.0
-    unknown = read_loop(write_bag(tmp_path / "unknown", record, None))
+    unknown = read(write_bag(tmp_path / "unknown", record, None))
     assert unknown.controller is None and unknown.plant is None
     assert np.array_equal(unknown.data.record().position, record.position)

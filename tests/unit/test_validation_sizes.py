@@ -109,11 +109,11 @@ def test_a_bode_diagram_has_a_panel_for_every_entry(size: tuple[int, int]) -> No
 
 @pytest.mark.parametrize("ending", ["csv", "mat", "npz"])
 def test_files_keep_any_size_bit_for_bit(tmp_path: Path, ending: str) -> None:
-    from amb_core.analysis import read_data
+    from amb_core.analysis import read
 
     data = data_of((3, 2))
     write_data(data, tmp_path / f"data.{ending}")
-    found = read_data(tmp_path / f"data.{ending}")
+    found = read(tmp_path / f"data.{ending}").data
     assert (found.experiments[0].inputs == data.experiments[0].inputs).all()
     assert (found.experiments[0].outputs == data.experiments[0].outputs).all()
     assert found.input_names == data.input_names and found.output_units == data.output_units

@@ -296,12 +296,12 @@ class AmbClient(IdentifierCalls):
         AmbError
             As for `experiment`; and if the data do not determine the sensitivity.
         """
-        from amb_core.analysis import read_loop  # loads compilers, which other calls do not need
+        from amb_core.analysis import read  # loads compilers, which other calls do not need
         from amb_core.robustness import SweepSettings, measured_sensitivity
 
         sweep = validate(SweepSettings, settings).excitation
         self.experiment([Experiment("swept sine", sweep)], bag, progress)
-        loop = read_loop(bag, controller)
+        loop = read(bag, controller=controller)
         if loop.controller is None:
             raise ClientError(f"bag {bag}: lacks the parameters of the controller; name it in `controller`")
         return measured_sensitivity(loop.data, loop.controller)

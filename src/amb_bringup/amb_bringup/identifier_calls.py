@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from amb_bringup.connection import ClientError, GraphConnection
-from amb_bringup.request_fields import absolute, controller_name, known_settings
+from amb_bringup.request_fields import absolute, controller_name, description_text, known_settings
 from amb_core.identification import IdentificationProgress, StateSpaceModel
+from amb_core.identification.data import DataDescription
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_msgs.action import Identify
 from amb_msgs.srv import Certify, GetModel, Validate
@@ -50,13 +51,14 @@ class IdentifierCalls(GraphConnection):
         progress: Callable[[IdentificationProgress], None] | None = None,
         cancelled: Callable[[], bool] | None = None,
         controller: str | Path = "",
+        description: DataDescription | str | Path = "",
     ) -> IdentifiedModel:
         """Identify from the last experiment or from a bag, without a time limit.
 
         Parameters
         ----------
         bag : str or Path, optional
-            The bag; by default the telemetry of the current run.
+            Bag or data file, as `amb identify` takes; by default the telemetry of the current run.
         order : int or "auto", optional
             Number of states, or "auto" to choose it from the data; 0 for the identifier's default.
         method, focus : str, optional
@@ -68,8 +70,11 @@ class IdentifierCalls(GraphConnection):
         cancelled : callable, optional
             Called while waiting; when it returns true the identification is cancelled, which raises an error.
         controller : str or Path, optional
-            Controller of the experiment: `paper`, a ROS parameter file (.yaml), or the name of a running node; by
-            running one, or the one recorded in the bag. An error if that is not known.
+            Controller of the experiment: `paper`, `pd:K_P,K_D`, a ROS parameter file (.yaml), the file of a linear
+            controller, `none`, or the name of a running node; by default the running one, or the one recorded in the
+            bag. An error if that is not known.
+        description : DataDescription or str or Path, optional
+            How to read a data file or bag of others: a description, its text, or the file of a saved one (.yaml).
 
         Returns
         -------
@@ -92,6 +97,7 @@ class IdentifierCalls(GraphConnection):
             first_step=first_step,
             steps=steps,
             controller=controller_name(controller),
+            description=description_text(description),
         )
         result = self.act(Identify, "identifier/identify", goal, on_feedback, cancelled or (lambda: False))
         if not result.success:
@@ -106,13 +112,14 @@ class IdentifierCalls(GraphConnection):
         steps: int = 0,
         timeout: float = 300.0,
         controller: str | Path = "",
+        description: DataDescription | str | Path = "",
     ) -> Validate.Response:
         """Validate a model on the last experiment or a bag, ideally with data that it was not identified from.
 
         Parameters
         ----------
         bag : str or Path, optional
-            The bag; by default the telemetry of the current run.
+            Bag or data file, as `amb identify` takes; by default the telemetry of the current run.
         model : str or Path, optional
             File of the model; by default the last identified one.
         first_step, steps : int, optional
@@ -121,6 +128,8 @@ class IdentifierCalls(GraphConnection):
             Longest wait (s).
         controller : str or Path, optional
             Controller of the experiment, as for `identify`.
+        description : DataDescription or str or Path, optional
+            How to read a data file or bag of others, as for `identify`.
 
         Returns
         -------
@@ -137,6 +146,7 @@ class IdentifierCalls(GraphConnection):
             first_step=first_step,
             steps=steps,
             controller=controller_name(controller),
+            description=description_text(description),
         )
 
     def certify(
@@ -150,6 +160,7 @@ class IdentifierCalls(GraphConnection):
         timeout: float = 300.0,
         on_telemetry: bool = False,
         experiment_controller: str | Path = "",
+        description: DataDescription | str | Path = "",
         **settings: Any,
     ) -> Certify.Response:
         """Certify the robustness of a model with a controller, as `amb certify` does.
@@ -178,6 +189,8 @@ class IdentifierCalls(GraphConnection):
             Validate on the last experiment of the current run.
         experiment_controller : str or Path, optional
             Controller of the experiments, as for `identify`.
+        description : DataDescription or str or Path, optional
+            How to read files of others, as for `identify`.
         **settings
             Further fields of `amb_msgs/srv/Certify`: sizes of the perturbations, confidence, limits of the zones.
 
@@ -192,6 +205,7 @@ class IdentifierCalls(GraphConnection):
             timeout=timeout,
             repeat_after=COMPUTED,
             controller=controller_name(controller),
+            description=description_text(description),
             model=absolute(model),
             bag=absolute(bag),
             validation_bag=absolute(validation_bag),

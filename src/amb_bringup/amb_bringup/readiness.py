@@ -15,7 +15,7 @@ from amb_sim_node.simulator import MODE_NAMES
 
 OFFERED = {
     "simulator": ("reset", "run", "pause"),
-    BRIDGE_NODE: ("get_state", "change_state", "reset_faults"),
+    BRIDGE_NODE: ("get_state", "change_state", "reset_faults", "off"),
     "excitation_generator": ("start", "stop", "preview"),
     "recorder": ("start", "stop"),
     "identifier": ("validate", "get_model"),

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from amb_bringup.connection import ClientError
+from amb_core.identification.data import DataDescription
 
 FILES = (".yaml", ".yml", ".json", ".npz", ".mat")  # of parameters, and of linear controllers
 
@@ -13,6 +14,13 @@ FILES = (".yaml", ".yml", ".json", ".npz", ".mat")  # of parameters, and of line
 def absolute(path: str | Path) -> str:
     """A path as text for a node in another folder; empty for none."""
     return str(Path(path).absolute()) if path else ""
+
+
+def description_text(description: DataDescription | str | Path) -> str:
+    """A description of data as text for a node in another folder: its content, or an absolute path."""
+    if isinstance(description, DataDescription):
+        return description.text
+    return absolute(description) if str(description).lower().endswith(FILES) else str(description)
 
 
 def controller_name(name: str | Path) -> str:

@@ -91,6 +91,10 @@ class Rig:
         """Land the rotor (transition `deactivate`)."""
         self._transition("deactivate")
 
+    def off(self) -> None:
+        """Switch the currents off at once, in whatever state bridge and target are: the rotor falls."""
+        self._client.call(Trigger, f"{BRIDGE}/off", repeat_after=QUICKLY)
+
     def disconnect(self) -> None:
         """Leave the target (transition `cleanup`)."""
         self._transition("cleanup")

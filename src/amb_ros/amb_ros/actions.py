@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -25,8 +25,8 @@ def create_action(
 ) -> ActionServer:
     """Offer an action whose result has the fields `success` and `message`.
 
-    A goal is accepted unless `check` refuses it. Every request to cancel is accepted. The worker decides the order of
-    the goals.
+    A goal is accepted unless `check` refuses it. Every request to cancel is accepted; a goal that waits for others ends
+    at once. The worker decides the order of the goals.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def create_action(
         name,
         goals.execute,
         goal_callback=goals.judge,
-        cancel_callback=lambda _goal: CancelResponse.ACCEPT,
+        cancel_callback=goals.cancel,
     )
 
 
@@ -66,6 +66,8 @@ class _Goals:
     worker: Executor
     check: Check
     rejections: RejectionPublisher
+    waiting: dict[bytes, Callable[[], None]] = field(default_factory=dict)
+    """By the number of a goal, what ends one that has not begun."""
 
     def judge(self, goal: Any) -> GoalResponse:
         """Accept a goal, or reject it and publish why."""
@@ -80,22 +82,37 @@ class _Goals:
         return GoalResponse.ACCEPT
 
     async def execute(self, goal: ServerGoalHandle) -> Any:
-        """The result of a goal, once the worker has finished."""
+        """The result of a goal, once the worker has finished, or it has been cancelled before the worker was free."""
         finished: Future = Future(executor=self.node.executor)
-        self.worker.submit(self._work, goal, finished)
-        return await finished
+        work = self.worker.submit(self._work, goal, finished)
+        self.waiting[_number(goal)] = lambda: self._finish(finished, None) if work.cancel() else None
+        result = await finished
+        del self.waiting[_number(goal)]
+        if result is None:
+            goal.canceled()
+            return self.action_type.Result(message="cancelled before it began")
+        return result
+
+    def cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        """Accept; a goal that waits for the worker ends at once."""
+        if call_off := self.waiting.get(_number(goal)):
+            call_off()
+        return CancelResponse.ACCEPT
 
     def _work(self, goal: ServerGoalHandle, finished: Future) -> None:
-        executor = self.node.executor
         try:
-            finished.set_result(self._outcome(goal))
+            result = self._outcome(goal)
         except Exception:
             if self.node.context.ok():
                 raise
             return  # the node was shut down meanwhile, and nobody waits any more
+        self._finish(finished, result)
+
+    def _finish(self, finished: Future, result: Any) -> None:
+        finished.set_result(result)
         # EventsExecutor resumes a coroutine only after another event. This triggers one.
-        if executor is not None:
-            executor.create_task(lambda: None)
+        if self.node.executor is not None:
+            self.node.executor.create_task(lambda: None)
 
     def _outcome(self, goal: ServerGoalHandle) -> Any:
         result = self._result(goal)
@@ -122,3 +139,7 @@ class _Goals:
     def _internal_error(self, problem: Exception) -> str:
         self.node.get_logger().error(traceback.format_exc())
         return f"internal error in {self.node.get_fully_qualified_name()}: {problem!r}; see its log"
+
+
+def _number(goal: ServerGoalHandle) -> bytes:
+    return bytes(goal.goal_id.uuid)

@@ -19,10 +19,11 @@ SEEN_WITH = "7.1.6"
 """Version of rclpy with which the tests of this module passed."""
 
 Work = Callable[..., Any]
+Arrival = Callable[[Any], tuple[Any, ...]]
 
 
 def answer_by(
-    node: Node, service: Any, work: Work, worker: Executor | None, on_arrival: Callable[[], tuple[Any, ...]] = tuple
+    node: Node, service: Any, work: Work, worker: Executor | None, on_arrival: Arrival = lambda _request: ()
 ) -> None:
     """Let a worker answer the requests of a service, or the executor itself if there is none.
 
@@ -37,12 +38,12 @@ def answer_by(
     worker : concurrent.futures.Executor or None
         Calls `work`, which may then block.
     on_arrival : callable, optional
-        Called in the executor when a request arrives.
+        Called in the executor with a request that arrives.
     """
     send = service.send_response
 
     def hand_over(request: Any, response: Any) -> tuple[Any, ...]:
-        return request, response, *on_arrival()
+        return request, response, *on_arrival(request)
 
     def do(call: tuple[Any, ...], header: Any, number: int) -> None:
         response = work(*call)

@@ -2,11 +2,13 @@
 
 rclpy 7.1.6 ends the whole process at a transition that the present state does not allow. Here such a request is
 answered with success=false, and the log says what is allowed. Transitions run in a worker: topics and services go on.
+A request to leave ends an activation that takes its time: who wants the rotor down does not wait until it is up.
 There is no transition from `active` to an error: a node that falls into one deactivates itself and keeps the reason.
 """
 
 from __future__ import annotations
 
+import threading
 import traceback
 from abc import abstractmethod
 from collections.abc import Callable
@@ -20,7 +22,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from amb_core.errors import AmbError, bounded, one_line
 from amb_ros.deferred_answers import answer_by
 
-SHUTDOWN = "shutdown"
+ACTIVATE, DEACTIVATE, SHUTDOWN = "activate", "deactivate", "shutdown"
 LONGEST_LABEL = 50  # characters of a request that are repeated in the log
 
 
@@ -33,6 +35,8 @@ class ManagedNode(LifecycleNode):
         Runs the transitions, and whatever must not run at the same time.
     problem : str
         Why the last transition failed; empty after one that did not.
+    called_off : threading.Event
+        Set while an activation must not begin or go on, since the node has been asked to leave meanwhile.
     refusal : str
         Why the last request was refused, since the present state does not allow it; empty after one that is allowed.
     """
@@ -40,8 +44,10 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, **arguments: Any) -> None:
         self.worker = ThreadPoolExecutor(1, thread_name_prefix=name)
         self.problem = self.refusal = ""
+        self.called_off = threading.Event()
+        self._has_called_off = False  # the last transition: what follows is the request that has done so
         super().__init__(name, **arguments)
-        answer_by(self, self._service_of(ChangeState, "change_state"), self._on_change, self.worker)
+        answer_by(self, self._service_of(ChangeState, "change_state"), self._on_change, self.worker, self._note_leaving)
 
     # -- what a node gives
 
@@ -95,6 +101,15 @@ class ManagedNode(LifecycleNode):
         answer = self._service_of(kind, "get_available_transitions").callback(kind.Request(), kind.Response())
         return {item.transition.label: item.transition.id for item in answer.available_transitions}
 
+    def _note_leaving(self, request: Any) -> tuple[()]:
+        """The latest request decides whether the node is to be active."""
+        asked = _name_of(request.transition)
+        if asked in (DEACTIVATE, SHUTDOWN):
+            self.called_off.set()
+        elif asked == ACTIVATE:
+            self.called_off.clear()
+        return ()
+
     def _on_change(self, request: Any, response: Any) -> Any:
         try:
             response.success = self._change(request.transition)
@@ -110,13 +125,18 @@ class ManagedNode(LifecycleNode):
         label = asked.label or next((name for name, number in allowed.items() if number == asked.id), "")
         triggers: dict[str, Callable[[], Any]] = {
             "configure": self.trigger_configure,
-            "activate": self.trigger_activate,
-            "deactivate": self.trigger_deactivate,
+            ACTIVATE: self.trigger_activate,
+            DEACTIVATE: self.trigger_deactivate,
             "cleanup": self.trigger_cleanup,
             SHUTDOWN: self.trigger_shutdown,
         }
+        called_off, self._has_called_off = self._has_called_off, False
+        if called_off and _name_of(asked) in (DEACTIVATE, SHUTDOWN):
+            self._done(DEACTIVATE, self.deactivate)
+            if _name_of(asked) == DEACTIVATE:
+                return True
         if label not in allowed or label not in triggers:
-            name = bounded(label, LONGEST_LABEL) or _NAMES.get(asked.id, f"transition {asked.id}")
+            name = bounded(_name_of(asked), LONGEST_LABEL)
             possible = ", ".join(name for name in triggers if name in allowed) or "none, the node has been shut down"
             self.refusal = f"{name} is not allowed while {self.state_label}; allowed: {possible}"
             self.get_logger().error(self.refusal)
@@ -146,11 +166,13 @@ class ManagedNode(LifecycleNode):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate; a failure leaves the node inactive."""
-        return self._done("activate", self.activate)
+        done = self._done(ACTIVATE, self.activate)
+        self._has_called_off = done != TransitionCallbackReturn.SUCCESS and self.called_off.is_set()
+        return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate. What fails is kept as the problem; the node is inactive in every case."""
-        self._done("deactivate", self.deactivate)
+        self._done(DEACTIVATE, self.deactivate)
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -160,16 +182,21 @@ class ManagedNode(LifecycleNode):
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate if active, and clean up; the node is finalized in every case."""
         if state.state_id == State.PRIMARY_STATE_ACTIVE:
-            self._done("deactivate", self.deactivate)
+            self._done(DEACTIVATE, self.deactivate)
         self._done("cleanup", self.clean_up)
         return TransitionCallbackReturn.SUCCESS
+
+
+def _name_of(transition: Any) -> str:
+    """What a request asks for, by its label or number."""
+    return str(transition.label) or _NAMES.get(transition.id, f"transition {transition.id}")
 
 
 _NAMES = {
     Transition.TRANSITION_CONFIGURE: "configure",
     Transition.TRANSITION_CLEANUP: "cleanup",
-    Transition.TRANSITION_ACTIVATE: "activate",
-    Transition.TRANSITION_DEACTIVATE: "deactivate",
+    Transition.TRANSITION_ACTIVATE: ACTIVATE,
+    Transition.TRANSITION_DEACTIVATE: DEACTIVATE,
     Transition.TRANSITION_UNCONFIGURED_SHUTDOWN: SHUTDOWN,
     Transition.TRANSITION_INACTIVE_SHUTDOWN: SHUTDOWN,
     Transition.TRANSITION_ACTIVE_SHUTDOWN: SHUTDOWN,

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.service import Service
 
 from amb_core.errors import AmbError, one_line
-from amb_ros.deferred_answers import answer_by
+from amb_ros.deferred_answers import Arrival, answer_by
 
 
 def create_service(
@@ -20,7 +20,7 @@ def create_service(
     name: str,
     callback: Callable[..., Any],
     worker: Executor | None = None,
-    on_arrival: Callable[[], tuple[Any, ...]] = tuple,
+    on_arrival: Arrival = lambda _request: (),
 ) -> Service:
     """Offer a service whose response has the fields `success` and `message`.
 
@@ -35,8 +35,8 @@ def create_service(
         Runs the callback, which may then block: on work, or on futures and conditions that the node's own callbacks
         complete. The answer goes out when the callback returns. Without a worker the callback runs in the executor.
     on_arrival : callable, optional
-        Called in the executor when a request arrives, which may be long before the worker is free. What it returns are
-        further arguments of the callback.
+        Called in the executor with a request that arrives, which may be long before the worker is free. What it returns
+        are further arguments of the callback.
 
     Returns
     -------

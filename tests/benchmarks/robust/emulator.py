@@ -14,7 +14,7 @@ from pathlib import Path
 
 from amb_bringup.experiment import Experiment
 from amb_bringup.experiment_session import GraphChoice, run_session
-from amb_core.analysis import RecordedLoop, read_loop
+from amb_core.analysis import RecordedLoop, read
 from amb_core.excitation import Excitation, excitation_from_request
 from amb_core.identification import identify
 from amb_core.robustness import SweepSettings, feedback_of, measured_sensitivity
@@ -60,7 +60,7 @@ def main() -> None:
 
 def _record(excitation: Excitation, bag: Path, rig: GraphChoice) -> RecordedLoop:
     run_session([Experiment(excitation.kind, excitation)], bag, rig, lambda *_: None)
-    loop = read_loop(bag)
+    loop = read(bag)
     assert loop.controller is not None
     print(f"{excitation.kind}: {len(loop.data.experiments)} pieces at {loop.data.sample_rate:g} Hz", file=sys.stderr)
     return loop

@@ -15,9 +15,9 @@ from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
-from amb_bringup.commands.validate import FirstStepOption, RunOption, StepsOption, chosen_steps
-from amb_core.analysis import evidence_of_data, evidence_of_run
-from amb_core.distortion import Coherence, Distortion, DistortionSettings, Evidence, simulate_distortion
+from amb_bringup.commands.validate import FirstStepOption, RunOption, StepsOption
+from amb_core.analysis import evidence_of_run
+from amb_core.distortion import Coherence, Distortion, DistortionSettings, simulate_distortion
 from amb_core.errors import SpectrumError
 from amb_core.figures.coherence import coherence_chart
 from amb_core.figures.distortion import distortion_chart
@@ -59,7 +59,7 @@ def distortion(
     else:
         names = {f"--{name.replace('_', '-')}": True for name in given}
         _refuse("the simulation", names | {"--params or --set": params is not None})
-        _measure(console, files, recording, chosen_steps(run, first_step, steps), out)
+        _measure(console, files, recording, (run, first_step, steps), out)
 
 
 def _refuse(only_for: str, given: dict[str, bool]) -> None:
@@ -81,8 +81,10 @@ def _simulate(
     console.print(f"summary.json, figures: {out}")
 
 
-def _measure(console: Console, files: DataOptions, path: Path, chosen: dict[str, int], out: Path) -> None:
-    found = _evidence(console, files, path, chosen)
+def _measure(console: Console, files: DataOptions, path: Path, chosen: tuple[int | None, int, int], out: Path) -> None:
+    recording, _ = files.recording(console, path)
+    with working(console, f"measuring {path}"):
+        found = evidence_of_run(recording, *chosen)
     if found.distortion is None and found.coherence is None:
         raise SpectrumError(f"{path}: {'; '.join(dict.fromkeys([found.problem, found.coherence_problem]))}")
     make_folder(out)
@@ -97,15 +99,6 @@ def _measure(console: Console, files: DataOptions, path: Path, chosen: dict[str,
         coherence_chart(found.coherence).save(out, "coherence")
     write_json(out / "summary.json", {"recording": str(path), **found.as_dict()})
     console.print(f"summary.json, figures: {out}")
-
-
-def _evidence(console: Console, files: DataOptions, path: Path, chosen: dict[str, int]) -> Evidence:
-    """Distortion and coherence of a bag with telemetry in the chosen steps, or of a file."""
-    own = files.read(console, path, **chosen)
-    with working(console, f"measuring {path}"):
-        if own.is_bag_of_ours:
-            return evidence_of_run(own.recording, **chosen)
-        return evidence_of_data(own.loop.data)
 
 
 def _table(found: Distortion) -> Table:

@@ -21,6 +21,7 @@ from amb_bringup.node_parameters import check_parameter_file
 from amb_core.commissioning import order_for
 from amb_core.errors import ExcitationError
 from amb_core.excitation import KINDS, excitation_from_request
+from amb_core.excitation_design import designed_excitation
 from amb_core.recording import Recording
 from amb_core.report import write_report
 from amb_core.report.recording import recording_report
@@ -28,11 +29,15 @@ from amb_core.report.recording import recording_report
 DURATION = {"duration": 4.0}  # s
 
 
-@declared_options({"Signal": KINDS.values()}, defaults=DURATION)
+@declared_options({"Signal": KINDS.values()}, notes={"duration": "by default 4, or that of --design"})
 def experiment(
     given: dict[str, Any],
     kind: Annotated[
-        str | None, typer.Argument(help="sweep, square, multisine, prbs, white_noise or tones; or --file.")
+        str | None, typer.Argument(help="sweep, square, multisine, prbs, white_noise or tones; or --design, or --file.")
+    ] = None,
+    design: Annotated[
+        Path | None,
+        typer.Option(help="Folder of `amb excitation design`: its excitation; other options change it, as --seed 2."),
     ] = None,
     file: Annotated[Path | None, typer.Option(help="YAML list of several experiments.", show_default=False)] = None,
     record: Annotated[Path | None, typer.Option(help="New folder for the bag.", show_default="bag in --out")] = None,
@@ -53,7 +58,7 @@ def experiment(
     units: --amplitude 10um --frequency-end 1kHz. After Ctrl-C, and after an error, the rotor is landed and the bag
     closed.
     """
-    experiments = _experiments(kind, file, given)
+    experiments = _experiments(kind, design, file, given)
     bag = record or out / "bag"
     if bag.exists():
         raise ResultError(f"bag {bag}: exists already; give another folder with --record, or remove it")
@@ -76,13 +81,20 @@ def experiment(
         _report(console, bag, runs, wanted, out)
 
 
-def _experiments(kind: str | None, file: Path | None, given: dict[str, Any]) -> list[Experiment]:
-    if file is None and kind is not None:
-        return [Experiment(kind, excitation_from_request(kind, given))]
-    if file is None or kind is not None:
-        raise ExcitationError(f"give one kind of excitation ({', '.join(KINDS)}), or several experiments with --file")
-    if given != DURATION:
-        names = ", ".join(f"--{name.replace('_', '-')}" for name in given if given.get(name) != DURATION.get(name))
+def _experiments(kind: str | None, design: Path | None, file: Path | None, given: dict[str, Any]) -> list[Experiment]:
+    if [kind, design, file].count(None) != 2:
+        raise ExcitationError(
+            f"give one kind of excitation ({', '.join(KINDS)}), or that of a design with --design, or several "
+            "experiments with --file"
+        )
+    if kind is not None:
+        return [Experiment(kind, excitation_from_request(kind, DURATION | given))]
+    if design is not None:
+        excitation = designed_excitation(design, given)
+        return [Experiment(excitation.kind, excitation)]
+    assert file is not None
+    if given:
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise ExcitationError(f"{names}: not allowed with --file, whose entries have settings of their own")
     return read_experiments(file)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -29,6 +27,7 @@ from amb_core.identification.data import merge
 from amb_core.identification.data.drift import DriftOption
 from amb_core.identification.validation import Verdict
 from amb_core.loop.known_controller import KnownController
+from amb_core.results import plain
 
 UNITS = 1e6
 """Micrometres in a metre."""
@@ -150,9 +149,9 @@ def _cost(now: IdentificationProgress) -> str:
 def summary_of(result: Identification) -> dict[str, Any]:
     """The result as plain JSON values in SI units; numbers that do not exist are None."""
     model, selection, uncertainty = result.model, result.order_selection, result.uncertainty
-    deviations = None if uncertainty is None else uncertainty.pole_deviations()
+    deviations = [None] * model.order if uncertainty is None else uncertainty.pole_deviations()
     rms = np.sqrt(np.diag(model.innovation_covariance))
-    return {
+    content = {
         "source": model.source,
         "method": model.method,
         "order": model.order,
@@ -162,47 +161,28 @@ def summary_of(result: Identification) -> dict[str, Any]:
             {"source": item.source, "first_step": item.first_step, "steps": item.steps}
             for item in result.data.experiments
         ],
-        "fit": {name: _finite(fit) for name, fit in zip(model.output_names, model.fit, strict=False)},
-        "innovation_rms": dict(zip(model.output_names, rms.tolist(), strict=True)),
-        "input_offset": dict(zip(model.input_names, model.input_offset.tolist(), strict=True)),
-        "output_offset": dict(zip(model.output_names, model.output_offset.tolist(), strict=True)),
+        "fit": dict(zip(model.output_names, model.fit, strict=False)),
+        "innovation_rms": dict(zip(model.output_names, rms, strict=True)),
+        "input_offset": dict(zip(model.input_names, model.input_offset, strict=True)),
+        "output_offset": dict(zip(model.output_names, model.output_offset, strict=True)),
         "poles": [
-            {
-                "real": pole.real,
-                "imaginary": pole.imag,
-                "deviation": None if deviations is None else [_finite(value) for value in deviations[index]],
-            }
-            for index, pole in enumerate(model.poles().tolist())
+            {"real": pole.real, "imaginary": pole.imag, "deviation": deviation}
+            for pole, deviation in zip(model.poles(), deviations, strict=True)
         ],
         "unstable_poles": len(model.unstable_poles()),
-        "feedthrough": model.d.tolist() if np.any(model.d) else None,
-        "poles_at_one": None if uncertainty is None else [[p.real, p.imag] for p in uncertainty.poles_at_one.tolist()],
-        "search": None if result.search is None else asdict(result.search),
-        "drift": None
-        if result.drift is None
-        else {
-            "removed": result.drift.summary,
-            "corner": result.drift.corner,
-            "steps": [
-                {"experiment": step.experiment, "step": step.step, "size": step.size.tolist()}
-                for step in result.drift.steps
-            ],
-        },
+        "feedthrough": model.d if np.any(model.d) else None,
+        "poles_at_one": None if uncertainty is None else uncertainty.poles_at_one,
+        "search": result.search,
+        "drift": result.drift
+        and {"removed": result.drift.summary, "corner": result.drift.corner, "steps": result.drift.steps},
         "verdict": result.verdict,
         "conditions": None if result.validation is None else result.validation.as_dict()["conditions"],
         "closed_loop_stable": None if result.closed_loop_poles is None else result.stable,
-        "closed_loop_poles": None
-        if result.closed_loop_poles is None
-        else [[pole.real, pole.imag] for pole in result.closed_loop_poles.tolist()],
-        "order_selection": None
-        if selection is None
-        else {
-            "chosen": selection.chosen,
-            "orders": list(selection.orders),
-            "bic": [_finite(value) for value in selection.bic],
-            "aic": [_finite(value) for value in selection.aic],
-            "validation_error": [_finite(value) for value in selection.validation_error],
-            "singular_values": selection.singular_values.tolist(),
+        "closed_loop_poles": result.closed_loop_poles,
+        "order_selection": selection
+        and {
+            name: getattr(selection, name)
+            for name in ("chosen", "orders", "bic", "aic", "validation_error", "singular_values")
         },
         "findings": [
             {
@@ -215,11 +195,7 @@ def summary_of(result: Identification) -> dict[str, Any]:
             for finding in result.report.findings
         ],
     }
-
-
-def _finite(value: float) -> float | None:
-
-    return float(value) if math.isfinite(value) else None
+    return dict(plain(content))
 
 
 def _table(result: Identification) -> Table:

@@ -191,7 +191,7 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
             row = [str(len(cell.map.sweeps)), *(_range(cell.map, region) for region in BOUNDARIES)]
         summaries.append(summary)
         table.add_row(*(str(value) for value in cell.values.values()), *row)
-    write_json(out / "summary.json", summaries)
+    write_json(out / "summary.json", {"maps": summaries})
     files = "summary.json, a folder with map.json for each"
     if any(cell.map is not None for cell in cells):
         map_grid_chart(cells).save(out, "grid")
@@ -209,8 +209,8 @@ def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
         "sweep_rate": sweep_rate_text(found),
         "sweeps": [
             {
-                "amplitude_um": round(1e6 * sweep.amplitude, 4),
-                **{f"{region.name}_hz": round(edge.frequency, 2) for region, edge in sweep.boundaries.items()},
+                "amplitude": sweep.amplitude,
+                "boundaries": {region.name: edge.frequency for region, edge in sweep.boundaries.items()},
                 "resonance": [region.name for region, edge in sweep.boundaries.items() if edge.resonance],
             }
             for sweep in found.sweeps
@@ -220,9 +220,9 @@ def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
                 "line": one.line,
                 "region": one.region.name,
                 "amplitudes": len(one.ratio),
-                "median_ratio": round(one.median, 4),
-                "smallest_ratio": round(float(one.ratio.min()), 4),
-                "largest_ratio": round(float(one.ratio.max()), 4),
+                "median_ratio": one.median,
+                "smallest_ratio": one.ratio.min(),
+                "largest_ratio": one.ratio.max(),
             }
             for one in comparisons
         ],

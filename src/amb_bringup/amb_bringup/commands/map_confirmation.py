@@ -36,8 +36,7 @@ def confirmation_summary(found: RegionMap) -> dict[str, Any]:
         "other_sweep_rate": sweep_rate_text(found, confirmation.settings.rate_factor),
         "warnings": confirmation_warnings(found),
         "bands": [
-            {"amplitude_um": round(UM * sweep.amplitude, 4), **_band_entry(found, sweep.amplitude)}
-            for sweep in found.sweeps
+            {"amplitude": sweep.amplitude, "boundaries": _band_entry(found, sweep.amplitude)} for sweep in found.sweeps
         ],
         "dwell_over_sweep": [_spread(band) for band in sweep_and_dwell(found)],
         "above_over_below": [_spread(band) for band in below_and_above(found)],
@@ -67,20 +66,20 @@ def _band_entry(found: RegionMap, amplitude: float) -> dict[str, Any]:
         sides: dict[str, Any] = {}
         for name, swept in (("sweep", own), ("other_rate", other)):
             if region in swept.get(amplitude, {}):
-                sides[name] = round(swept[amplitude][region].frequency, 2)
+                sides[name] = swept[amplitude][region].frequency
         for direction in DIRECTIONS:
             dwell = found.confirmation.dwell(region, amplitude, direction)
             if dwell is not None:
                 sides[f"dwell_{direction}"] = _bracket(dwell)
         if sides:
-            entry[f"{region.name}_hz"] = sides
+            entry[region.name] = sides
     return entry
 
 
 def _bracket(dwell: DwellBoundary) -> dict[str, Any]:
     return {
-        "low": round(dwell.low, 2) or None,
-        "high": None if math.isinf(dwell.high) else round(dwell.high, 2),
+        "low": dwell.low or None,
+        "high": dwell.high,
         "reached": dwell.reached,
     }
 
@@ -95,9 +94,9 @@ def _spread(band: BoundaryBand) -> dict[str, Any]:
     }
     if len(band.ratio):
         entry |= {
-            "median_ratio": round(float(np.median(band.ratio)), 4),
-            "smallest_ratio": round(float(band.ratio.min()), 4),
-            "largest_ratio": round(float(band.ratio.max()), 4),
+            "median_ratio": np.median(band.ratio),
+            "smallest_ratio": band.ratio.min(),
+            "largest_ratio": band.ratio.max(),
         }
     return entry
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -14,9 +15,11 @@ from rich.table import Table
 
 from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import working
-from amb_core.analysis.own_files import OwnFile, read_own, read_own_recording
-from amb_core.identification.data.described import DataDescription, DescribedData
-from amb_core.identification.data.described.description import LISTS
+from amb_core.analysis import read, read_recording
+from amb_core.errors import IdentificationError
+from amb_core.identification.data import DataDescription, DescribedData, RecordedLoop
+from amb_core.identification.data.description import LISTS
+from amb_core.identification.data.proposal import UndescribedError
 from amb_core.recording import Recording
 from amb_core.units import UM
 
@@ -48,23 +51,23 @@ class DataOptions:
         saved = DataDescription.of() if self.description is None else DataDescription.load(self.description)
         return saved.with_values(**self.values)
 
-    def read(self, console: Console, path: Path, **chosen: Any) -> OwnFile:
+    def read(self, console: Console, path: Path, **chosen: Any) -> RecordedLoop:
         """Read a file or bag, warn of damage, and show what was understood of a file of others.
 
         Raises
         ------
         BagError, IdentificationError, ParameterError
-            As for `read_own`.
+            As for `amb_core.analysis.read`.
         """
-        with working(console, f"reading {path}"):
-            own = read_own(path, self.resolve(), **chosen)
-        self._show(console, path, own.loop.damage, own.described)
-        return own
+        with working(console, f"reading {path}"), self._proposing():
+            loop = read(path, self.description, **chosen, **self.values)
+        self._show(console, path, loop.damage, loop.described)
+        return loop
 
     def recording(self, console: Console, path: Path) -> tuple[Recording, DescribedData | None]:
         """A bag with telemetry, or a file as a recording of one run, and what was understood; errors as for `read`."""
-        with working(console, f"reading {path}"):
-            recording, described = read_own_recording(path, self.resolve())
+        with working(console, f"reading {path}"), self._proposing():
+            recording, described = read_recording(path, self.description, **self.values)
         self._show(console, path, recording.truncated, described)
         return recording, described
 
@@ -76,6 +79,19 @@ class DataOptions:
         if self.save is not None:
             described.description.save(self.save)
             console.print(f"description: {self.save}; for the next file: --description {self.save}", highlight=False)
+
+    @contextmanager
+    def _proposing(self) -> Iterator[None]:
+        """Save what an undescribed file may be, where a description is to be saved."""
+        try:
+            yield
+        except UndescribedError as problem:
+            if self.save is None or problem.proposal is None:
+                raise
+            problem.proposal.save(self.save)
+            raise IdentificationError(
+                f"{problem}; this proposal is in {self.save}: check it, then give --description {self.save}"
+            ) from None
 
     @property
     def given(self) -> list[str]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 from rich.console import Console
@@ -22,6 +21,7 @@ from amb_core.figures.sweep import rises
 from amb_core.loop.telemetry import describe_gaps
 from amb_core.regions import Onset, Region
 from amb_core.regions.stretches import beats, shares, stretches
+from amb_core.results import plain
 
 
 @data_options
@@ -80,11 +80,10 @@ def _summary(found: RecordedRegions, bag: Path) -> dict[str, Any]:
 
 def _onset(region: Region, onset: Onset) -> dict[str, Any]:
 
-    known = not math.isnan(onset.input_frequency)
     return {
         "step": onset.step,
         "time": onset.time,
-        "input_frequency": onset.input_frequency if known else None,
+        "input_frequency": plain(onset.input_frequency),
         "resonance": onset.resonance,
         "reason": _reason(region, onset),
     }
@@ -104,8 +103,7 @@ def _frequency(found: RecordedRegions, step: int) -> float | None:
     """Input frequency at a step according to the bag; None if unknown."""
     if found.frequency is None:
         return None
-    value = float(found.frequency[min(step - found.record.first_step, found.record.steps - 1)])
-    return None if math.isnan(value) else value
+    return cast("float | None", plain(found.frequency[min(step - found.record.first_step, found.record.steps - 1)]))
 
 
 def _print(console: Console, found: RecordedRegions, summary: dict[str, Any]) -> None:

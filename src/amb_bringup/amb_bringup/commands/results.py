@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from amb_core.errors import AmbError
 from amb_core.files.regular_files import is_folder, shown
 from amb_core.files.whole_files import whole_file
+from amb_core.results import VERSION, plain
 
 
 class ResultError(AmbError):
@@ -71,11 +72,9 @@ def new_file(path: Path, overwrite: bool = False) -> Iterator[Path]:
         raise ResultError(f"{path}: cannot be written: {problem.strerror or problem}") from None
 
 
-def write_json(path: Path, content: Any) -> None:
-    """Write JSON that every reader accepts, without NaN; ResultError if the file cannot be written."""
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a result as JSON that every reader accepts; ResultError if the file cannot be written."""
     try:
-        path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+        path.write_text(json.dumps({"version": VERSION, **plain(content)}, indent=2, allow_nan=False) + "\n")
     except OSError as problem:
         raise ResultError(f"{path}: cannot be written: {problem.strerror}") from None
-    except ValueError as problem:  # NaN or infinity
-        raise ResultError(f"{path}: cannot be written: {problem}") from None

@@ -1,4 +1,4 @@
-"""`amb rig`: start the nodes of a rig, levitate, land, and see what the bridge reports."""
+"""`amb rig`: start the nodes of a rig, levitate, land, switch off, and see what the bridge reports."""
 
 from __future__ import annotations
 
@@ -63,6 +63,14 @@ def land() -> None:
     """Land the rotor: the excitation fades, the reference goes to the landing one, the currents go off."""
     with _client() as amb:
         amb.rig.land()
+        _show(amb)
+
+
+@app.command()
+def off() -> None:
+    """Switch the currents off at once, whatever bridge and target do: the rotor falls onto its backup bearings."""
+    with _client() as amb:
+        amb.rig.off()
         _show(amb)
 
 

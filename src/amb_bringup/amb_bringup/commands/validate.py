@@ -87,7 +87,7 @@ def load_recorded(
 
     If no controller is known and the data need one, this and the consequence are reported.
     """
-    loop = files.read(console, bag, **chosen_steps(run, first_step, steps)).loop
+    loop = files.read(console, bag, run=run, first_step=first_step, steps=steps)
     if loop.controller is None and needs_controller(loop.data) and files.resolve().controller != NO_CONTROLLER:
         console.print(
             f"{bag} has no controller parameters; the closed loop of the models is not validated. Give the "
@@ -95,10 +95,3 @@ def load_recorded(
             style="yellow",
         )
     return loop
-
-
-def chosen_steps(run: int | None, first_step: int, steps: int) -> dict[str, int]:
-    """The options of run and steps that a user gave, as arguments of `read_own`."""
-    chosen = {"run": run, "first_step": first_step, "steps": steps}
-    default = {"run": None, "first_step": -1, "steps": 0}
-    return {name: value for name, value in chosen.items() if value is not None and value != default[name]}

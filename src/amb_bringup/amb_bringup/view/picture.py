@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from amb_core.recording.messages.region_state import region_state_from_message
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_core.regions.region_map import BOUNDARIES, RegionMap
 from amb_core.regions.state import AxisState, RegionState
+from amb_core.results import plain
 from amb_msgs.msg import BridgeState, ExcitationStatus
 from amb_ros import topics
 from amb_ros.diagnostics import TOPIC as DIAGNOSTICS
@@ -82,13 +82,11 @@ class Picture:
 
     def use_map(self, region_map: RegionMap) -> None:
         """Show a region map."""
-        boundaries = {
-            region.name: [_number(value) for value in region_map.frequencies(region)] for region in BOUNDARIES
-        }
+        boundaries = {region.name: [plain(value) for value in region_map.frequencies(region)] for region in BOUNDARIES}
         self.sections["map"] = {
             "amplitude": region_map.amplitudes.tolist(),
             "boundaries": boundaries,
-            "highest": [_number(sweep.highest_frequency) for sweep in region_map.sweeps],
+            "highest": [plain(sweep.highest_frequency) for sweep in region_map.sweeps],
             "frequencies": [region_map.settings.frequency_start, region_map.settings.frequency_end],
         }
 
@@ -130,7 +128,7 @@ class Picture:
             "source": _text(machine.source),
             "sampleRate": machine.sample_rate,
             "axes": [{"name": _text(axis.name), "bearing": _text(axis.bearing)} for axis in machine.axes],
-            "bearings": [{"name": _text(part.name), "clearance": _number(part.clearance)} for part in machine.bearings],
+            "bearings": [{"name": _text(part.name), "clearance": plain(part.clearance)} for part in machine.bearings],
         }
 
     def _on_simulator(self, message: Any) -> None:
@@ -155,7 +153,7 @@ class Picture:
             "run": int(message.run),
             "region": state.region.name,
             "settled": state.settled,
-            "radius": _number(state.radius),
+            "radius": plain(state.radius),
             "axes": [_axis(axis) for axis in state.axes],
         }
 
@@ -177,7 +175,7 @@ class Picture:
             "source": _text(model.source),
             "samples": model.samples,
             "outputs": [_text(name) for name in message.output_names],
-            "fit": [_number(value) for value in message.fit],
+            "fit": [plain(value) for value in message.fit],
             "unstable": len(model.unstable_poles()),
         }
 
@@ -208,27 +206,22 @@ def _axis(axis: AxisState) -> dict[str, Any]:
     return {
         "name": _text(axis.name),
         "region": axis.region.name,
-        "since": _number(axis.since.time),
-        "bias": _number(axis.bias),
-        "trend": _number(axis.trend),
-        "significance": _number(axis.trend_significance),
-        "oscillation": [_number(axis.oscillation_amplitude), _number(axis.oscillation_frequency)],
-        "input": [_number(axis.input_amplitude), _number(axis.input_frequency)],
-        "response": _number(axis.response_amplitude),
+        "since": plain(axis.since.time),
+        "bias": plain(axis.bias),
+        "trend": plain(axis.trend),
+        "significance": plain(axis.trend_significance),
+        "oscillation": [plain(axis.oscillation_amplitude), plain(axis.oscillation_frequency)],
+        "input": [plain(axis.input_amplitude), plain(axis.input_frequency)],
+        "response": plain(axis.response_amplitude),
         "resonance": axis.since.resonance,
         "beat": axis.sampling_beat,
         "drifting": axis.drift is not None,
         "oscillating": axis.oscillation is not None,
-        "steady": [_number(axis.steady_amplitude), _number(axis.steady_frequency)],
-        "even": _number(axis.even_distortion),
-        "odd": _number(axis.odd_distortion),
+        "steady": [plain(axis.steady_amplitude), plain(axis.steady_frequency)],
+        "even": plain(axis.even_distortion),
+        "odd": plain(axis.odd_distortion),
         "frozen": axis.frozen,
     }
-
-
-def _number(value: float) -> float | None:
-    """A number for JSON, which has neither NaN nor infinity."""
-    return float(value) if math.isfinite(value) else None
 
 
 def _text(text: str) -> str:

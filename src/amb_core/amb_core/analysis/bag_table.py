@@ -7,7 +7,6 @@ headers, or without headers the times of recording, to half a sample of the firs
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -148,8 +147,3 @@ def is_ours(recording: Recording) -> bool:
     types = {topic.type for topic in recording.topics}
     single = {"amb_msgs/msg/RotorPosition", "amb_msgs/msg/CurrentReference"}
     return bool(recording.runs) or single <= types
-
-
-def read_bag_table(path: str | Path, topics: Sequence[str] = (), columns: Sequence[str] = ()) -> Table:
-    """As `table_of_bag`, from the bag at a path."""
-    return table_of_bag(Recording.read(path), topics, columns)

@@ -19,6 +19,8 @@ from amb_core.recording.content import BagContent
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES
 
 RUN = 1
+NO_STEPS = "run and steps are not allowed; they are for bags with telemetry of this workbench"
+"""Why a part of a file cannot be chosen."""
 
 
 class FileContent(BagContent):
@@ -34,7 +36,7 @@ class FileContent(BagContent):
 
     def __init__(self, path: Path, data: IdentificationData) -> None:
         self.path = path
-        self._data = data
+        self.data = data
         self.topics = [TopicInfo("telemetry", LOOP_SAMPLES, len(data.experiments))]
         self.start = 0
         self.duration = data.samples * data.sample_time
@@ -44,7 +46,7 @@ class FileContent(BagContent):
     def blocks(self) -> dict[int, list[LoopRecord]]:
         """The experiments, as blocks of one run."""
         try:
-            records = [self._data.record(index) for index in range(len(self._data.experiments))]
+            records = [self.data.record(index) for index in range(len(self.data.experiments))]
         except IdentificationError as problem:
             raise BagError(f"data {shown(self.path)}: {problem}") from None
         return {RUN: records}

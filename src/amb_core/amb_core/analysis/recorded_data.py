@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -59,21 +58,6 @@ def recorded_data(
     if position_topic is None and current_topic is None and recording.runs:
         return _from_telemetry(recording, run, first_step, steps)
     return _from_topics(recording, position_topic, current_topic, run, first_step, steps)
-
-
-def read_bag_data(
-    path: str | Path,
-    run: int | None = None,
-    first_step: int = -1,
-    steps: int = 0,
-    *,
-    position_topic: str | None = None,
-    current_topic: str | None = None,
-) -> IdentificationData:
-    """As `recorded_data`, from the bag at a path: a folder, an `.mcap` or a `.db3` file."""
-    return recorded_data(
-        Recording.read(path), run, first_step, steps, position_topic=position_topic, current_topic=current_topic
-    )
 
 
 def _from_telemetry(recording: Recording, run: int | None, first_step: int, steps: int) -> IdentificationData:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
-from amb_core.analysis.data_files import data_reader
-from amb_core.analysis.recorded_data import read_bag_data, recorded_data
+from amb_core.analysis.file_recording import NO_STEPS, FileContent
+from amb_core.analysis.recorded_data import recorded_data
 from amb_core.distortion import Evidence, find_evidence
-from amb_core.errors import AmbError
+from amb_core.errors import AmbError, IdentificationError
 from amb_core.identification.data import IdentificationData
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import Recording
@@ -19,13 +18,13 @@ NO_REFERENCE = (
 )
 
 
-def read_evidence(path: str | Path, run: int | None = None, first_step: int = -1, steps: int = 0) -> Evidence:
-    """Distortion and coherence of a bag, or of a `.csv`, `.npz` or `.mat` file with a reference.
+def evidence_of_run(recording: Recording, run: int | None = None, first_step: int = -1, steps: int = 0) -> Evidence:
+    """Distortion and coherence of a recording.
 
     Parameters
     ----------
-    path : path
-        As for `read_data`.
+    recording : Recording
+        A bag, or a file as a recording of one run.
     run, first_step, steps : int, optional
         Samples of a bag that are used; by default the whole of its last run, and its last experiment for coherence.
 
@@ -34,19 +33,10 @@ def read_evidence(path: str | Path, run: int | None = None, first_step: int = -1
     BagError, IdentificationError
         If there are no such data.
     """
-    chosen = {
-        name: value
-        for name, value, default in (("run", run, None), ("first_step", first_step, -1), ("steps", steps, 0))
-        if value != default
-    }
-    reader = data_reader(path, chosen)
-    if reader is read_bag_data:
-        return evidence_of_run(Recording.read(path), run, first_step, steps)
-    return evidence_of_data(reader(path))
-
-
-def evidence_of_run(recording: Recording, run: int | None = None, first_step: int = -1, steps: int = 0) -> Evidence:
-    """Distortion and coherence of a run of a bag, by default the last one; see `read_evidence`."""
+    if isinstance(recording.content, FileContent):
+        if run is not None or first_step != -1 or steps:
+            raise IdentificationError(f"data {recording.path}: {NO_STEPS}")
+        return evidence_of_data(recording.content.data)
     data = recorded_data(recording, run, first_step, steps)
     if not recording.runs or first_step >= 0 or steps:
         return evidence_of_data(data)

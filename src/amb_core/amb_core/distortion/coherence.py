@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from amb_core.distortion.records import axes_of
 from amb_core.errors import SpectrumError
 from amb_core.loop.records import LoopRecord
+from amb_core.results import Result, plain, rows_by_axis
 
 _DEGREE = 2
 _LINES_PER_BAND = 24  # at least; two for each unknown of a machine of more axes
@@ -39,8 +40,8 @@ _NEGLIGIBLE = 1e-9  # singular value of the regressors of a band
 Complex = NDArray[np.complex128]
 
 
-@dataclass(frozen=True, eq=False)
-class Coherence:
+@dataclass(frozen=True, eq=False, repr=False)
+class Coherence(Result):
     """Which part of the motion a linear response to the references explains, over frequency and as a whole.
 
     Attributes
@@ -83,6 +84,11 @@ class Coherence:
         return "noise and distortion together " + ", ".join(f"{100.0 * ratio:.2g} % on {name}" for name, ratio in known)
 
     @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The numbers of each axis."""
+        return rows_by_axis(self.as_dict())
+
+    @property
     def summary(self) -> str:
         """One line for people."""
         known = [(name, value) for name, value in zip(self.axes, self.overall, strict=True) if not np.isnan(value)]
@@ -93,9 +99,9 @@ class Coherence:
         """Numbers of each axis, as plain values for strict JSON; None where there is none."""
         return {
             name: {
-                "coherence": _plain(self.overall[axis]),
-                "lowest_coherence": _plain(self.coherence[:, axis].min()),
-                "noise_and_distortion_percent": _plain(100.0 * self.ratio[axis]),
+                "coherence": plain(self.overall[axis]),
+                "lowest_coherence": plain(self.coherence[:, axis].min()),
+                "noise_and_distortion_percent": plain(100.0 * self.ratio[axis]),
             }
             for axis, name in enumerate(self.axes)
         }
@@ -143,10 +149,6 @@ def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
         rest=np.sqrt(rest.sum(axis=0)),
         width=resolution * (bands[0].stop - bands[0].start),
     )
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _lines(signal: NDArray[np.float64]) -> Complex:

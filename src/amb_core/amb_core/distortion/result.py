@@ -9,11 +9,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.results import Result, plain, rows_by_axis
+
 Method = Literal["robust", "fast"]
 
 
-@dataclass(frozen=True, eq=False)
-class Distortion:
+@dataclass(frozen=True, eq=False, repr=False)
+class Distortion(Result):
     """Linear response, noise and distortions of the position; levels are peak amplitudes of lines in one experiment.
 
     Attributes
@@ -97,6 +99,11 @@ class Distortion:
         return f"{self._measured} {', '.join(parts)}"
 
     @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The numbers of each axis."""
+        return rows_by_axis(self.as_dict())
+
+    @property
     def summary(self) -> str:
         """One line for people."""
         parts = []
@@ -118,11 +125,11 @@ class Distortion:
         """Numbers of each axis, as plain values for strict JSON; None where there is none."""
         return {
             name: {
-                "distortion_percent": _plain(100.0 * self.ratio[axis]),
-                "distortion_db": _plain(self.decibel[axis]),
-                "even_percent": _plain(100.0 * self.even_ratio[axis]),
-                "odd_percent": _plain(100.0 * self.odd_ratio[axis]),
-                "noise_percent": _plain(100.0 * self.noise_ratio[axis]),
+                "distortion_percent": plain(100.0 * self.ratio[axis]),
+                "distortion_db": plain(self.decibel[axis]),
+                "even_percent": plain(100.0 * self.even_ratio[axis]),
+                "odd_percent": plain(100.0 * self.odd_ratio[axis]),
+                "noise_percent": plain(100.0 * self.noise_ratio[axis]),
             }
             for axis, name in enumerate(self.axes)
         }
@@ -130,7 +137,3 @@ class Distortion:
 
 def _percent(ratio: float) -> str:
     return f"{100.0 * ratio:.2g} %"
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

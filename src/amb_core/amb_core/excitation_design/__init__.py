@@ -8,6 +8,7 @@ from amb_core.excitation_design.limits import Limits, use_of_trial
 from amb_core.excitation_design.load import Load
 from amb_core.excitation_design.measures import AxisMeasure
 from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
+from amb_core.excitation_design.saved import designed_excitation
 from amb_core.excitation_design.trial import Trial, TrialBench
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "TrialBench",
     "check_excitation",
     "design_excitation",
+    "designed_excitation",
     "excited_order",
     "use_of_trial",
 ]

@@ -1,15 +1,14 @@
-"""Results of check and design as plain values with units in their names, for a file or a message."""
+"""Results of check and design as plain values in SI units, for a file or a message."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from amb_core.excitation_design.design import DesignedExcitation
 from amb_core.excitation_design.measures import DEVIATION, AxisMeasure
 from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
 from amb_core.excitation_design.trial import Trial
-from amb_core.units import UM
+from amb_core.results import plain
 
 
 def check_summary(check: ExcitationCheck) -> dict[str, Any]:
@@ -19,13 +18,13 @@ def check_summary(check: ExcitationCheck) -> dict[str, Any]:
         "verdict": check.verdict,
         "predicted": check.predicted.name,
         "certain": check.certain,
-        "margin": round(check.margin, 4),
-        "map_margin": round(check.map_margin, 4),
-        "shares": {region.name: round(share, 6) for region, share in check.shares.items()},
+        "margin": check.margin,
+        "map_margin": check.map_margin,
+        "shares": {region.name: share for region, share in check.shares.items()},
         "axes": {axis.axis: _axis(axis) for axis in check.axes},
-        "bias_current_a": check.bias_current,
-        "current_limit_a": check.current_limit,
-        "slew_rate_a_per_s": None if check.slew_rate is None else round(check.slew_rate, 1),
+        "bias_current": check.bias_current,
+        "current_limit": check.current_limit,
+        "slew_rate": check.slew_rate,
         "notes": list(check.notes),
     }
 
@@ -35,8 +34,8 @@ def trial_summary(trial: Trial) -> dict[str, Any]:
     return {
         "region": trial.region.name,
         "classified": trial.classified.name,
-        "onsets_s": {region.name: round(onset.time, 4) for region, onset in trial.onsets.items()},
-        "bias_shift_um": [None if math.isnan(shift) else round(UM * shift, 4) for shift in trial.bias_shift.tolist()],
+        "onsets": {region.name: onset.time for region, onset in trial.onsets.items()},
+        "bias_shift": plain(trial.bias_shift),
         "measure": DEVIATION,
         "axes": {measure.axis: measure_summary(measure) for measure in trial.measures},
     }
@@ -45,10 +44,10 @@ def trial_summary(trial: Trial) -> dict[str, Any]:
 def measure_summary(measure: AxisMeasure) -> dict[str, float]:
     """Measures of an axis; shares of samples are pure numbers."""
     return {
-        "deviation_percent": round(100.0 * measure.deviation, 4),
-        "fit_percent": round(measure.fit, 3),
-        "clipped": round(measure.clipped, 6),
-        "slewed": round(measure.slewed, 6),
+        "deviation_percent": 100.0 * measure.deviation,
+        "fit_percent": measure.fit,
+        "clipped": measure.clipped,
+        "slewed": measure.slewed,
     }
 
 
@@ -63,9 +62,9 @@ def design_summary(design: DesignedExcitation) -> dict[str, Any]:
         "kind": design.signal.kind,
         "verdict": design.verdict,
         "parameters": design.signal.parameters.model_dump(),
-        "amplitude_um": round(UM * design.amplitude, 4),
-        "largest_amplitude_um": round(UM * design.largest_amplitude, 4),
-        "beyond_amplitude_um": None if math.isinf(beyond) else round(UM * beyond, 4),
+        "amplitude": design.amplitude,
+        "largest_amplitude": design.largest_amplitude,
+        "beyond_amplitude": plain(beyond),
         "limited_by": design.limited_by,
         "limits": design.limits.model_dump(),
         "seeds": len(design.certificate.trials),
@@ -73,15 +72,15 @@ def design_summary(design: DesignedExcitation) -> dict[str, Any]:
         "axes": {measure.axis: measure_summary(measure) for measure in worst},
         "distortion_percent": None
         if distortion is None
-        else {item.axis: round(100.0 * float(distortion.ratio[distortion.axes.index(item.axis)]), 4) for item in worst},
+        else {item.axis: 100.0 * float(distortion.ratio[distortion.axes.index(item.axis)]) for item in worst},
         "identifiable_order": design.excited_order.order,
         "identifiable_order_tried": design.excited_order.tried,
         "tried": [
-            {"amplitude_um": round(UM * tried.amplitude, 4), "region": tried.region.name, "most_used": tried.use}
+            {"amplitude": tried.amplitude, "region": tried.region.name, "most_used": tried.use}
             for tried in design.tried
         ],
         "trial": trial_summary(design.trial),
-        "map_amplitude_um": None if predicted is None else round(UM * predicted, 4),
+        "map_amplitude": predicted,
     }
 
 
@@ -89,30 +88,30 @@ def _axis(axis: AxisCheck) -> dict[str, Any]:
     load = axis.load
     return {
         "form": axis.form,
-        "shares": {region.name: round(share, 6) for region, share in axis.shares.items()},
+        "shares": {region.name: share for region, share in axis.shares.items()},
         "load": {
-            **{region.name: round(value, 4) for region, value in load.towards.items()},
-            "linear": round(load.linear, 4),
-            "bounded": round(load.bounded, 4),
-            "continued": round(load.continued, 4),
+            **{region.name: value for region, value in load.towards.items()},
+            "linear": load.linear,
+            "bounded": load.bounded,
+            "continued": load.continued,
         },
-        "rms_um": round(UM * axis.rms, 4),
-        "peak_um": round(UM * axis.peak, 4),
-        "crest_factor": round(axis.crest_factor, 4),
-        "static_current_a": round(axis.static_current, 4),
-        "command_rms_a": round(axis.command_rms, 4),
-        "command_peak_a": round(axis.command_peak, 4),
-        "slew_rms_a_per_s": round(axis.slew_rms, 1),
-        "slew_peak_a_per_s": round(axis.slew_peak, 1),
-        "limited": round(axis.limited, 6),
-        "slewed": round(axis.slewed, 6),
-        "current_margin": _finite(axis.current_margin),
-        "slew_margin": _finite(axis.slew_margin),
+        "rms": axis.rms,
+        "peak": axis.peak,
+        "crest_factor": axis.crest_factor,
+        "static_current": axis.static_current,
+        "command_rms": axis.command_rms,
+        "command_peak": axis.command_peak,
+        "slew_rms": axis.slew_rms,
+        "slew_peak": axis.slew_peak,
+        "limited": axis.limited,
+        "slewed": axis.slewed,
+        "current_margin": plain(axis.current_margin),
+        "slew_margin": plain(axis.slew_margin),
         "points": [
             {
-                "frequency_hz": round(frequency, 3),
-                "amplitude_um": round(UM * amplitude, 5),
-                "share": round(share, 7),
+                "frequency": frequency,
+                "amplitude": amplitude,
+                "share": share,
                 "region": "ABCD"[region],
                 "covered": covered,
             }
@@ -122,7 +121,3 @@ def _axis(axis: AxisCheck) -> dict[str, Any]:
             )
         ],
     }  # fmt: skip
-
-
-def _finite(factor: float) -> float | None:
-    return round(factor, 4) if math.isfinite(factor) else None

@@ -26,6 +26,7 @@ from amb_core.figures.sweep import sweep_chart
 from amb_core.figures.sweep_comparison import sweep_comparison_chart
 from amb_core.figures.sweep_error import sweep_error_chart
 from amb_core.figures.trial import trial_chart
+from amb_core.results import Result
 
 __all__ = [
     "Chart",
@@ -57,3 +58,5 @@ __all__ = [
     "sweep_error_chart",
     "trial_chart",
 ]
+
+Result.draw_with(plot)

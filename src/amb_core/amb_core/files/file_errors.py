@@ -20,7 +20,8 @@ def reading(what: str, path: Path) -> Iterator[None]:
     try:
         yield
     except IdentificationError as problem:
-        raise IdentificationError(f"{what} {name}: {problem}") from None
+        problem.args = (f"{what} {name}: {problem}",)
+        raise
     except OSError as problem:
         raise IdentificationError(f"{what} {name}: cannot be read: {problem.strerror or problem}") from None
     except Exception as problem:

@@ -31,6 +31,7 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
 from amb_core.model.state_space import StateSpaceModel
+from amb_core.results import Result
 
 if TYPE_CHECKING:
     from amb_core.plant import PlantParameters
@@ -38,8 +39,8 @@ if TYPE_CHECKING:
 Focus = Literal["prediction", "simulation"]
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, repr=False)
+class Identification(Result):
     """An identified model and what its validation shows.
 
     Attributes
@@ -114,6 +115,13 @@ class Identification:
         return validate(
             self.model, self.data, self.controller, uncertainty=self.uncertainty, plant=plant, search=self.search
         )
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Size of model and data, and the conditions of the validation."""
+        poles = ", ".join(f"{pole:.6g}" for pole in self.model.unstable_poles()) or "none"
+        rows = [("order", f"{self.model.order}"), ("samples", f"{self.model.samples}"), ("unstable poles z", poles)]
+        return rows if self.validation is None else [*rows, *self.validation.rows]
 
     @property
     def summary(self) -> str:

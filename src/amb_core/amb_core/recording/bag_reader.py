@@ -11,7 +11,7 @@ from amb_core.files.apart import Apart, UnreadableError
 from amb_core.files.apart_server import yields
 from amb_core.recording.decoder import Decoder
 from amb_core.recording.layout import layout_hash
-from amb_core.recording.storage import Definition, open_storage
+from amb_core.recording.storage import Definition, StoredMessage, Stretch, open_storage
 
 CONTROLLER = "controller"
 """Last part of the name of the topic with linear controllers, whose message type is that of identified models."""
@@ -37,11 +37,27 @@ class BagReader:
         self._decoder = Decoder(self._path, self._storage.definitions)
         self._kept: dict[str, list[tuple[str, bytes]]] = {}
 
-    def survey(self, kept: list[str]) -> dict[str, Any]:
-        """Read the bag once, and keep the messages of some types for `kept`."""
+    def survey(self, kept: list[str], stretch: list[Any] | None = None) -> dict[str, Any] | None:
+        """Read the bag once, and keep the messages of some types for `kept`.
+
+        With `stretch`, which is a type with the fields run and first_step, the run, the first step and the one after
+        the last, only of that part of this type, by the index of the files; None without an index.
+        """
+        messages: Iterator[StoredMessage] | None = self._storage.messages()
+        if stretch is not None:
+            kind, run, first_step, stop = stretch
+
+            def place(data: bytes) -> tuple[int, int]:
+                message = self._decoder.decode(kind, data)
+                return int(message.run), int(message.first_step)
+
+            others = tuple(other for other in kept if other != kind)
+            messages = self._storage.stretch(Stretch(kind, others, run, first_step, stop, place))
+        if messages is None:
+            return None
         counts: dict[tuple[str, str], int] = {}
         start, end = 2**63 - 1, 0
-        for message in self._storage.messages():
+        for message in messages:
             key = (message.topic, message.type)
             counts[key] = counts.get(key, 0) + 1
             start, end = min(start, message.log_time), max(end, message.log_time)

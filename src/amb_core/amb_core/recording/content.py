@@ -48,12 +48,22 @@ KEPT = (
     PARAMETER_EVENT,
 )
 """Message types that the library reads, except those of single samples, since there are too many of these."""
+OF_STRETCH = (LOOP_SAMPLES, MACHINE, EXCITATION, EXCITATION_STATUS, STATE_SPACE_MODEL, PARAMETER_EVENT)
+"""Those that data of a stretch of telemetry need."""
 
 
 class BagContent:
     """The messages of a bag: those of known types are kept as stored, until they are asked for.
 
     A wrong message affects only the data to which it belongs.
+
+    Parameters
+    ----------
+    path : Path
+        Folder or file of the bag.
+    stretch : (int or None, int, int), optional
+        Run (None for the last), first step and step after the last: where the files have an index, only what belongs to
+        this telemetry is read.
 
     Attributes
     ----------
@@ -69,10 +79,14 @@ class BagContent:
         Why it cannot be read to its end; empty for a complete bag.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, stretch: tuple[int | None, int, int] | None = None) -> None:
         self.path = path
         self._reader = BagApart(path)
-        found = self._reader.call("survey", KEPT)
+        found = None
+        if stretch is not None:
+            found = self._reader.call("survey", OF_STRETCH, [LOOP_SAMPLES, *stretch])
+        if found is None:
+            found = self._reader.call("survey", KEPT)
         self.topics = [TopicInfo(*topic) for topic in found["counts"]]
         self.start = found["start"]
         self.duration = found["duration"]

@@ -15,7 +15,7 @@ import lz4.frame
 import zstandard
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, DataEnd, Footer, McapRecord, Message, Schema
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
@@ -103,6 +103,47 @@ class McapScan:
                     self.position = stream.tell()
         except OSError as problem:
             raise BagError(f"bag {self.path}: cannot be read: {problem.strerror}") from None
+
+    def indexed(self) -> list[tuple[ChunkIndex, set[tuple[str, str]]]]:
+        """Chunks in order with the names and types of their topics, from the index; none where it does not hold all.
+
+        Raises
+        ------
+        BagError
+            If the file cannot be opened.
+        """
+        try:
+            with self._open() as stream, contextlib.suppress(*UNREADABLE):
+                self.size = stream.seek(0, os.SEEK_END)
+                stream.seek(0)
+                summary = SeekingReader(stream, record_size_limit=min(self.size, LARGEST)).get_summary()
+                if summary is None or summary.statistics is None:
+                    return []
+                for record in (*summary.schemas.values(), *summary.channels.values()):
+                    self._learn(record)
+                chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
+                keys = [{self._channels[channel].key for channel in chunk.message_index_offsets} for chunk in chunks]
+                if len(chunks) == summary.statistics.chunk_count and all(keys):
+                    return list(zip(chunks, keys, strict=True))
+        except OSError as problem:
+            raise BagError(f"bag {self.path}: cannot be read: {problem.strerror}") from None
+        return []
+
+    def messages_at(self, chunk: ChunkIndex) -> list[tuple[StoredTopic, Message]]:
+        """The messages of one chunk; errors as for `messages`, damage as there."""
+        try:
+            with self._open() as stream:
+                self.position = stream.seek(chunk.chunk_start_offset)
+                bounded = cast("IO[bytes]", _BoundedReads(stream, min(self.size, LARGEST)))
+                reader = StreamReader(
+                    bounded, skip_magic=True, emit_chunks=True, record_size_limit=min(self.size, LARGEST)
+                )
+                return list(self._messages_in(next(iter(reader.records))))
+        except UNREADABLE:
+            self.damage.append(f"{self.path.name} is damaged: the chunk at byte {self.position} cannot be read")
+        except OSError as problem:
+            raise BagError(f"bag {self.path}: cannot be read: {problem.strerror}") from None
+        return []
 
     def _top_level(self, reader: StreamReader) -> Iterator[McapRecord]:
         is_closed = False

@@ -79,6 +79,17 @@ class Recording:
         """
         return cls(BagContent(Path(path)))
 
+    @classmethod
+    def read_stretch(cls, path: str | Path, run: int | None, first_step: int, stop: int) -> Recording:
+        """Read telemetry of a run (None for the last) and what describes it, by the index of an MCAP bag.
+
+        The rest of the bag is not read. Without an index, or where the steps are not found by it, the whole bag is
+        read; errors as for `read`.
+        """
+        found = cls(BagContent(Path(path), (run, first_step, stop)))
+        covered = any(start <= first_step and stop <= end for start, end in found.spans(run))
+        return found if covered else cls.read(path)
+
     @property
     def content(self) -> BagContent:
         """Where the data come from."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import re
 import sqlite3
 import stat
-from collections.abc import Iterator, Mapping
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -14,10 +16,12 @@ from urllib.parse import quote
 
 import yaml
 import zstandard
+from mcap.records import ChunkIndex, Message
 
 from amb_core.errors import BagError
 from amb_core.files.limits import Expansion, limits_for, too_much
 from amb_core.files.regular_files import MIB, open_regular, read_text, shown
+from amb_core.recording.mcap_file import StoredTopic
 from amb_core.recording.mcap_scan import McapScan, expand_zstd
 
 
@@ -37,6 +41,31 @@ class Definition(NamedTuple):
     text: str
 
 
+class Stretch(NamedTuple):
+    """A part of a bag, see `BagReader.survey`.
+
+    Attributes
+    ----------
+    telemetry : str
+        Message type of which only a part is wanted.
+    others : tuple of str
+        Message types of which everything is wanted.
+    run : int or None
+        The run; None for that of the last message.
+    first_step, stop : int
+        Its first step, and the one after the last.
+    place : callable
+        Run and step of a serialized message of telemetry.
+    """
+
+    telemetry: str
+    others: tuple[str, ...]
+    run: int | None
+    first_step: int
+    stop: int
+    place: Callable[[bytes], tuple[int, int]]
+
+
 class Storage(Protocol):
     """Files of one bag."""
 
@@ -47,6 +76,10 @@ class Storage(Protocol):
 
     def messages(self) -> Iterator[StoredMessage]:
         """All messages in the order in which they were stored."""
+        ...
+
+    def stretch(self, wanted: Stretch) -> Iterator[StoredMessage] | None:
+        """The messages of a stretch, found by an index; None where there is none."""
         ...
 
 
@@ -145,13 +178,53 @@ class McapStorage:
         damage = []
         for file in self.files:
             scan = McapScan(file, self._compressed.content_of(file))
-            for topic, message in scan.messages():
-                if topic.type not in self.definitions:
-                    self.definitions[topic.type] = Definition(topic.encoding, topic.definition.decode(errors="replace"))
-                data = self._compressed.message(message.data)
-                yield StoredMessage(topic.name, topic.type, message.log_time, data)
+            yield from self._stored(scan.messages())
             damage += scan.damage
         self.damage = "; ".join(damage)
+
+    def stretch(self, wanted: Stretch) -> Iterator[StoredMessage] | None:
+        """The messages of a stretch, by the index of every file; None where one has none."""
+        scans = [McapScan(file, self._compressed.content_of(file)) for file in self.files]
+        chunks = [[(scan, *chunk) for chunk in scan.indexed()] for scan in scans]
+        return self._of_chunks(wanted, list(itertools.chain(*chunks))) if chunks and all(chunks) else None
+
+    def _of_chunks(self, wanted: Stretch, chunks: list[_Chunk]) -> Iterator[StoredMessage]:
+        """Those of the chunks that hold other types, and of the ones of telemetry from before to after the stretch."""
+        types = [{kind for _, kind in keys} for *_, keys in chunks]
+        holding = [index for index, kinds in enumerate(types) if wanted.telemetry in kinds]
+        if not holding:
+            return
+
+        def places(index: int) -> list[tuple[int, int]]:
+            stored = self._at(chunks[index])
+            return [wanted.place(item.data) for item in stored if item.type == wanted.telemetry] or [(0, 0)]  # damaged
+
+        def begins(index: int) -> tuple[int, int]:
+            return places(index)[0]
+
+        run = places(holding[-1])[-1][0] if wanted.run is None and holding else wanted.run or 0
+        before = max(
+            bisect_right(holding, (run, wanted.first_step), key=begins) - 2, 0
+        )  # two, for messages out of order
+        after = bisect_left(holding, (run, wanted.stop), key=begins) + 1
+        near = set(holding[before:after])
+        for index, chunk in enumerate(chunks):
+            if index in near or types[index] & set(wanted.others):
+                yield from self._at(chunk)
+        self.damage = "; ".join(dict.fromkeys(text for scan, *_ in chunks for text in scan.damage))
+
+    def _at(self, chunk: _Chunk) -> list[StoredMessage]:
+        scan, index, _ = chunk
+        return list(self._stored(scan.messages_at(index)))
+
+    def _stored(self, messages: Iterable[tuple[StoredTopic, Message]]) -> Iterator[StoredMessage]:
+        for topic, message in messages:
+            if topic.type not in self.definitions:
+                self.definitions[topic.type] = Definition(topic.encoding, topic.definition.decode(errors="replace"))
+            yield StoredMessage(topic.name, topic.type, message.log_time, self._compressed.message(message.data))
+
+
+_Chunk = tuple[McapScan, ChunkIndex, set[tuple[str, str]]]
 
 
 class SqliteStorage:
@@ -172,6 +245,9 @@ class SqliteStorage:
                 raise BagError(f"bag {file}: cannot be read: {problem}") from None
             except OSError as problem:
                 raise BagError(f"bag {file}: cannot be read: {problem.strerror}") from None
+
+    def stretch(self, wanted: Stretch) -> None:
+        """There is no index by step."""
 
     def _messages_of(self, file: Path) -> Iterator[StoredMessage]:
         content = self._compressed.content_of(file)

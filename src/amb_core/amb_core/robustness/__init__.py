@@ -4,12 +4,12 @@
 >>> found.certified, found.verdict  # doctest: +SKIP
 """
 
+from amb_core.identification.data import RecordedLoop as Recorded
 from amb_core.linear.peak import Peak, peak_gain
 from amb_core.robustness.assessment import Assessment, assess, assess_loop
 from amb_core.robustness.certificate import Certificate, Check, certificate_values, certify, sha256_of
 from amb_core.robustness.feedback import Feedback, feedback_of
 from amb_core.robustness.from_data import (
-    Recorded,
     certify_from_data,
     sha256_of_controller,
     sha256_of_data,

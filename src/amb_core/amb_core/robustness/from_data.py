@@ -8,41 +8,22 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from amb_core.errors import AmbError, RobustnessError
 from amb_core.identification.data import IdentificationData
+from amb_core.identification.data import RecordedLoop as Recorded
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import Validation, validate
 from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.model import StateSpaceModel
-from amb_core.plant import PlantParameters
 from amb_core.robustness.certificate import Certificate, certify
 from amb_core.robustness.feedback import is_same_law
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
 from amb_core.robustness.settings import RobustnessSettings
-
-
-@dataclass(frozen=True, eq=False)
-class Recorded:
-    """Data of a loop and what is known of it.
-
-    Attributes
-    ----------
-    data : IdentificationData
-        The data.
-    controller : KnownController or None
-        Of the experiment.
-    plant : PlantParameters or None
-        The simulated plant, for its clearance; None for a real bearing.
-    """
-
-    data: IdentificationData
-    controller: KnownController | None
-    plant: PlantParameters | None = None
 
 
 def certify_from_data(

@@ -19,6 +19,7 @@ from amb_core.model.state_space import StateSpaceModel
 from amb_core.parameters import flatten, validate
 from amb_core.plant import PlantParameters
 from amb_core.plant.campbell import Campbell, campbell
+from amb_core.results import plain
 from amb_core.running_speeds.settings import SpeedSettings
 from amb_core.running_speeds.speed_run import SpeedTask
 from amb_core.tasks import Request, ResultCache, cache_folder, run
@@ -68,7 +69,7 @@ class SpeedResult:
         """Fit and order of the model, pairs of modes, and the oscillating modes of either side without a partner."""
         if self.model is None or self.comparison is None:
             return {"rpm": self.rpm, "problem": self.problem}
-        fit = [value if np.isfinite(value) else None for value in self.model.fit.tolist()]
+        fit = plain(self.model.fit)
         return {
             "rpm": self.rpm,
             "order": self.model.order,

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from amb_core.results import plain
 from amb_core.subharmonics.results import Line, SubharmonicSpectrum, SubharmonicSurface
 
 SMALLEST = 1e-9  # m, lines below are left out
@@ -24,19 +22,14 @@ def spectrum_summary(spectrum: SubharmonicSpectrum) -> dict[str, Any]:
         "first_step": spectrum.first_step,
         "steps": spectrum.steps,
         "sample_time": spectrum.sample_time,
-        "bias": _number(spectrum.bias),
+        "bias": plain(spectrum.bias),
         "line_change": spectrum.line_change,
         "bias_change": spectrum.bias_change,
-        "off_lines": _number(spectrum.off_lines),
-        "own": _number(spectrum.own),
+        "off_lines": plain(spectrum.off_lines),
+        "own": plain(spectrum.own),
         "slow": None
         if slow is None
-        else {
-            "frequency": slow.frequency,
-            "amplitude": slow.amplitude,
-            "rms": slow.rms,
-            "origin": slow.origin,
-        },
+        else {name: getattr(slow, name) for name in ("frequency", "amplitude", "rms", "origin")},
         "lines": [_line(line) for line in lines if abs(line.amplitude) >= SMALLEST],
     }
 
@@ -46,15 +39,15 @@ def surface_summary(surface: SubharmonicSurface) -> dict[str, Any]:
     return {
         "settings": surface.settings.model_dump(),
         "surface": surface.surface.model_dump(),
-        "inducing_amplitude": surface.inducing_amplitude.tolist(),
-        "inducing_frequency": surface.inducing_frequency.tolist(),
-        "state": surface.state.tolist(),
-        "difference": _numbers(surface.difference),
-        "slow_amplitude": _numbers(surface.slow_amplitude),
-        "slow_frequency": _numbers(surface.slow_frequency),
-        "slow_rms": _numbers(surface.slow_rms),
-        "slow_origin": surface.slow_origin.tolist(),
-        "bias": _numbers(surface.bias),
+        "inducing_amplitude": plain(surface.inducing_amplitude),
+        "inducing_frequency": plain(surface.inducing_frequency),
+        "state": plain(surface.state),
+        "difference": plain(surface.difference),
+        "slow_amplitude": plain(surface.slow_amplitude),
+        "slow_frequency": plain(surface.slow_frequency),
+        "slow_rms": plain(surface.slow_rms),
+        "slow_origin": plain(surface.slow_origin),
+        "bias": plain(surface.bias),
     }
 
 
@@ -69,11 +62,3 @@ def _line(line: Line) -> dict[str, Any]:
         "folds": product.folds,
         "coincident": [other.label for other in line.products[1:4]],
     }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _numbers(values: NDArray[np.float64]) -> list[list[float | None]]:
-    return [[_number(value) for value in row] for row in values.tolist()]

@@ -59,7 +59,24 @@ def table_of_variables(path: str, content: Mapping[str, Any], variable: str = ""
             Column(name, column.values, unit, column.source)
             for column, (name, unit) in zip(columns, labels, strict=True)
         ]
-    return Table(path, tuple(_without_struct(columns)), _sample_time(flat))
+    return Table(path, tuple(_without_struct(_as_iddata(columns, texts))), _sample_time(flat))
+
+
+def _as_iddata(columns: list[Column], texts: Mapping[str, Any]) -> list[Column]:
+    """Columns of u, y and r with the names and units that MATLAB's iddata keeps beside them."""
+    labelled = list(columns)
+    for letter, kind in (("u", "input"), ("y", "output"), ("r", "output")):
+        places = [index for index, column in enumerate(columns) if column.source.rpartition(".")[2] == letter]
+        names, units = (_texts_of(texts, (f"{kind}{what}",)) for what in ("name", "unit"))
+        for number, index in enumerate(places):
+            column = columns[index]
+            if len(names) == len(places):
+                name = f"r_{names[number]}" if letter == "r" else names[number]
+                column = replace(column, name=name, named=True)
+            if len(units) == len(places):
+                column = replace(column, unit=units[number])
+            labelled[index] = column
+    return labelled
 
 
 def _without_struct(columns: list[Column]) -> list[Column]:

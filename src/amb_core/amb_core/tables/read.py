@@ -1,12 +1,13 @@
-"""Reads a file of numbers as a table, by the ending of its name."""
+"""Reads a file of numbers, by the ending of its name, as its content and as a table."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from amb_core.errors import IdentificationError
 from amb_core.files.arrays import load_arrays
-from amb_core.files.file_errors import reading
 from amb_core.files.matlab import load_variables
 from amb_core.tables.matrices import table_of_variables
 from amb_core.tables.parquet import read_parquet_table
@@ -17,33 +18,43 @@ TEXTS = (".csv", ".txt", ".tsv", ".dat", ".asc")
 ENDINGS = (*TEXTS, ".mat", ".npz", ".npy", ".parquet", ".pq")
 """Endings of the names of files that are read as tables; anything else is read as a bag."""
 
+Content = Table | Mapping[str, Any]
+"""A text or Parquet file as a table; the variables of a MATLAB or NumPy file by name."""
 
-def read_table(path: str | Path, variable: str = "", separator: str = "", decimal: str = "") -> Table:
-    """Read a file whose name ends in one of `ENDINGS`.
+
+def load_content(path: Path, separator: str = "", decimal: str = "") -> Content:
+    """Read a file whose name ends in one of `ENDINGS`, once.
 
     Parameters
     ----------
     path : path
         The file.
-    variable : str, optional
-        Matrix or struct of a .mat or .npz file.
     separator, decimal : str, optional
         Of a text: `comma`, `semicolon`, `tab`, `bar` or `space`; `point` or `comma`. By default as they are found.
 
     Raises
     ------
-    IdentificationError
-        If the file cannot be read or holds no table; the message names the option that helps.
+    IdentificationError, OSError, UnreadableError
+        If the file cannot be read; the message names the option that helps.
     """
-    path = Path(path)
     ending = path.suffix.lower()
-    with reading("data", path):
-        if ending in TEXTS:
-            return read_text_table(path, separator, decimal)
-        if ending == ".mat":
-            return table_of_variables(str(path), load_variables(path), variable)
-        if ending in (".npz", ".npy"):
-            return table_of_variables(str(path), load_arrays(path), variable)
-        if ending in (".parquet", ".pq"):
-            return read_parquet_table(path)
-        raise IdentificationError(f"the file name must end in {', '.join(ENDINGS)}")
+    if ending in TEXTS:
+        return read_text_table(path, separator, decimal)
+    if ending == ".mat":
+        return load_variables(path)
+    if ending in (".npz", ".npy"):
+        return load_arrays(path)
+    if ending in (".parquet", ".pq"):
+        return read_parquet_table(path)
+    raise IdentificationError(f"the file name must end in {', '.join(ENDINGS)}")
+
+
+def table_of(path: Path, content: Content, variable: str = "") -> Table:
+    """The content of a file as a table; `variable` is the matrix or struct of a .mat or .npz file.
+
+    Raises
+    ------
+    IdentificationError
+        If it holds no table; the message names the option that helps.
+    """
+    return content if isinstance(content, Table) else table_of_variables(str(path), content, variable)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 from amb_core.errors import IdentificationError
 
 _PARTS = (
-    re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\]]*)\]$"),
+    re.compile(r"^(?P<name>.+?)\s*\[(?P<unit>(?!(?:\d+|[xyz]\w*)\])[^\]]*)\]$"),  # but position[x] is the axis x
     re.compile(r"^(?P<name>.+?)\s*\((?P<unit>[^)]*)\)$"),
     re.compile(r"^(?P<name>.+?)\s+/\s*(?P<unit>\S+)$"),
 )
@@ -35,6 +37,8 @@ class Column:
         Variable or topic that the column is part of, empty for a table that is one matrix or text.
     named : bool
         Whether the file names the column; False if its name is only its place.
+    heading : str
+        Its name in the file, where a description gives it another; otherwise empty.
     """
 
     name: str
@@ -42,6 +46,7 @@ class Column:
     unit: str = ""
     source: str = ""
     named: bool = True
+    heading: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +63,15 @@ class Table:
         Sample time (s), if the file has it beside the columns.
     notes : tuple of str
         What was understood that is not plain from the columns.
+    about : mapping or None
+        What a text of `write_data` has beside the columns; None for another one.
     """
 
     path: str
     columns: tuple[Column, ...]
     sample_time: float | None = None
     notes: tuple[str, ...] = ()
+    about: Mapping[str, Any] | None = None
 
     @property
     def rows(self) -> int:

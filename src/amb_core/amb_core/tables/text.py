@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,8 @@ from amb_core.tables.units import is_known
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
 DECIMALS = {"point": ".", "comma": ","}
 MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "nil", "inf", "-inf", "+inf"}
+WRITTEN = "# amb_core "
+"""Begins the first line of a text that this workbench has written; JSON of what its columns do not contain follows."""
 _COMMENTS = ("#", "%", "//", "!")
 _LOOKED_AT = 60  # rows from which the format is found
 
@@ -39,18 +43,19 @@ def read_text_table(path: Path, separator: str = "", decimal: str = "") -> Table
     IdentificationError
         If it has no rows of numbers, rows of different lengths, or more columns or longer lines than are allowed.
     """
-    columns, notes = read_apart(f"{__name__}:columns_of_text", path, separator, decimal)
-    return Table(str(path), tuple(Column(*column) for column in columns), notes=tuple(notes))
+    columns, notes, about = read_apart(f"{__name__}:columns_of_text", path, separator, decimal)
+    return Table(str(path), tuple(Column(*column) for column in columns), notes=tuple(notes), about=about)
 
 
 def columns_of_text(
     path: str, separator: str, decimal: str
-) -> tuple[list[tuple[str, NDArray[np.float64], str, str, bool]], list[str]]:
-    """As `read_text_table` in this process: the attributes of the columns, and the notes."""
-    lines, cut = _lines(path)
-    mark, point = _format(lines, separator, decimal)
+) -> tuple[list[tuple[str, NDArray[np.float64], str, str, bool]], list[str], dict[str, Any] | None]:
+    """As `read_text_table` in this process: the attributes of the columns, the notes, and the JSON of a written one."""
+    lines, cut, about = _lines(path)
+    mark, point = _format(lines, separator, decimal) if about is None else (",", ".")
     rows = _cells(lines, mark)
-    data = [index for index, row in enumerate(rows) if _is_data(row, point)]
+    # the one heading of a written text may be of numbers
+    data = [index for index, row in enumerate(rows) if _is_data(row, point) and (about is None or index)]
     if not data:
         raise IdentificationError(
             "there are no samples: no row is of numbers; name what separates them with --separator, --decimal"
@@ -64,7 +69,7 @@ def columns_of_text(
     notes = [f"columns separated by {_name(SEPARATORS, mark)}"]
     if point == ",":
         notes.append("decimal commas")
-    if cut:
+    if cut or len(numbers) < len(rows) - first:
         notes.append("the last row is cut off and was left out")
     columns = []
     for index in range(count):
@@ -73,11 +78,11 @@ def columns_of_text(
             columns.append((name or f"column {index}", numbers[:, index], unit, "", bool(name)))
         else:
             columns.append((f"column {index}", numbers[:, index], "", "", False))
-    return columns, notes
+    return columns, notes, about
 
 
-def _lines(path: str) -> tuple[list[str], bool]:
-    """The lines without comments, and whether the last one was cut off and is left out."""
+def _lines(path: str) -> tuple[list[str], bool, dict[str, Any] | None]:
+    """The lines without comments, whether the last one was cut off and is left out, and the JSON of a written text."""
     with open_regular(path) as file:
         content = file.read()
     encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
@@ -94,7 +99,8 @@ def _lines(path: str) -> tuple[list[str], bool]:
         raise IdentificationError(f"has a line of {longest} MiB; allowed: rows of at most {MOST_COLUMNS} numbers")
     before = lines[-_LOOKED_AT:-1]
     cut = bool(before) and not text.endswith(("\n", "\r")) and len(lines[-1]) < min(map(len, before)) - 1
-    return (lines[:-1] if cut else lines), cut
+    about = json.loads(text.splitlines()[0].removeprefix(WRITTEN)) if text.startswith(WRITTEN) else None
+    return (lines[:-1] if cut else lines), cut, about
 
 
 def _format(lines: Sequence[str], separator: str, decimal: str) -> tuple[str, str]:

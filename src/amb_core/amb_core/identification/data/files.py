@@ -1,4 +1,4 @@
-"""Data written to files, and the matching readers, by file name extension."""
+"""Data written to files, and read back from their content."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from amb_core.errors import IdentificationError
-from amb_core.identification.data.csv_files import read_csv, write_csv
+from amb_core.identification.data.csv_files import data_of_text, write_csv
 from amb_core.identification.data.dataset import IdentificationData
-from amb_core.identification.data.mat_files import read_mat, write_mat
-from amb_core.identification.data.npz_files import read_npz, write_npz
+from amb_core.identification.data.description import DataDescription
+from amb_core.identification.data.mat_files import data_of_variables, write_mat
+from amb_core.identification.data.npz_files import data_of_arrays, write_npz
+from amb_core.tables import Content, Table
 
-READERS: dict[str, Callable[..., IdentificationData]] = {".csv": read_csv, ".npz": read_npz, ".mat": read_mat}
 _WRITERS: dict[str, Callable[[IdentificationData, Path], None]] = {
     ".csv": write_csv,
     ".npz": write_npz,
@@ -20,7 +21,7 @@ _WRITERS: dict[str, Callable[[IdentificationData, Path], None]] = {
 
 
 def write_data(data: IdentificationData, path: str | Path) -> None:
-    """Write a `.csv`, `.npz` or `.mat` file, from which `amb_core.analysis.read_data` reads the same data bit for bit.
+    """Write a `.csv`, `.npz` or `.mat` file, from which `amb_core.analysis.read` reads the same data bit for bit.
 
     Raises
     ------
@@ -34,3 +35,26 @@ def write_data(data: IdentificationData, path: str | Path) -> None:
         _WRITERS[path.suffix.lower()](data, path)
     except OSError as problem:
         raise IdentificationError(f"data {path}: cannot be written: {problem.strerror}") from None
+
+
+def written_data(content: Content, description: DataDescription) -> IdentificationData | None:
+    """The data of a file of `write_data`, or of cells `u` and `y` of experiments; None for another file.
+
+    Raises
+    ------
+    IdentificationError
+        If samples are missing, or its sample time is not the one of the description.
+    """
+    if isinstance(content, Table):
+        data = data_of_text(content)
+    elif "inputs_0" in content:
+        data = data_of_arrays(content)
+    else:
+        data = data_of_variables(content, description.given_sample_time)
+    given = description.given_sample_time
+    if data is not None and given is not None and abs(data.sample_time - given) > 1e-6 * given:
+        raise IdentificationError(
+            f"sample_time {given:g} s is given, but the file has Ts = {data.sample_time:g} s; correct it or leave it "
+            "out"
+        )
+    return data

@@ -12,6 +12,7 @@ import numpy as np
 
 from amb_core.identification.validation.residuals import ChiSquareTest
 from amb_core.identification.validation.verdict import Condition, Verdict
+from amb_core.results import plain
 
 if TYPE_CHECKING:
     from amb_core.identification.validation.validate import Validation
@@ -113,7 +114,7 @@ def report_values(validation: Validation) -> dict[str, Any]:
         "notes": list(validation.notes),
         "advice": advice(validation),
     }
-    return dict(_strict(values))
+    return dict(plain(values))
 
 
 def advice(validation: Validation) -> list[str]:
@@ -263,12 +264,3 @@ def _test_values(test: ChiSquareTest) -> dict[str, Any]:
         "p_value": test.p_value,
         "unexplained": test.unexplained,
     }
-
-
-def _strict(value: Any) -> Any:
-    """The same for JSON, which has neither NaN nor infinity."""
-    if isinstance(value, dict):
-        return {name: _strict(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_strict(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -31,6 +31,7 @@ from amb_core.identification.validation.simulation import ClosedLoop, PossibleFi
 from amb_core.identification.validation.verdict import Condition, Verdict, worst_of
 from amb_core.loop.known_controller import KnownController
 from amb_core.model.state_space import StateSpaceModel
+from amb_core.results import Result
 
 if TYPE_CHECKING:
     from amb_core.identification.uncertainty import ModelUncertainty
@@ -39,8 +40,8 @@ if TYPE_CHECKING:
 HORIZONS = (1, 5, 20, 100)
 
 
-@dataclass(frozen=True, eq=False)
-class Validation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation(Result):
     """Validation of a model on data.
 
     Attributes
@@ -160,6 +161,12 @@ class Validation:
     def validated(self) -> bool:
         """Whether no condition refuses the model; there may be reservations."""
         return self.verdict is not Verdict.NOT_VALIDATED
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The conditions with their findings, those that do not hold first."""
+        held = (condition for condition in self.conditions if condition.passed)
+        return [(one.name, f"{'' if one.passed else f'{one.level}: '}{one.finding}") for one in (*self.failed, *held)]
 
     @property
     def summary(self) -> str:

@@ -23,7 +23,9 @@ class DataDescription(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     inputs: tuple[str, ...] = Field(
-        (), description="Columns that are inputs, such as i_x,i_y, or numbers from 0, such as 0-3."
+        (),
+        description="Columns that are inputs, such as i_x,i_y, numbers from 0, such as 0-3, or with another name for "
+        "the model, such as i_x=cur_x_A.",
     )
     outputs: tuple[str, ...] = Field((), description="Columns that are outputs, likewise.")
     reference: tuple[str, ...] = Field((), description="Columns with the setpoint of each output, likewise.")
@@ -83,22 +85,36 @@ class DataDescription(BaseModel):
         """Read a description that `save` has written; IdentificationError if that fails."""
         path = Path(path)
         with reading("description", path):
-            content = yaml.safe_load(read_text(path)) or {}
-            if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
-                raise IdentificationError("must have lines such as inputs: [i_x, i_y]")
-            for name in LISTS:
-                if isinstance(content.get(name), list) and any(isinstance(part, list | dict) for part in content[name]):
-                    raise IdentificationError(f"{name} must be a list of names")
-            return cls.of(**content)
+            return cls._of_text(read_text(path))
+
+    @classmethod
+    def given(cls, text: str) -> Self:
+        """A description as a request gives it: the path of a saved one (.yaml, .yml), or its content.
+
+        Raises
+        ------
+        IdentificationError
+            If it cannot be read, or a value is not allowed.
+        """
+        if text.lower().endswith((".yaml", ".yml")):
+            return cls.load(text)
+        with reading("description", Path("in the request")):
+            return cls._of_text(text)
+
+    @classmethod
+    def _of_text(cls, text: str) -> Self:
+        content = yaml.safe_load(text) or {}
+        if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
+            raise IdentificationError("must have lines such as inputs: [i_x, i_y]")
+        for name in LISTS:
+            if isinstance(content.get(name), list) and any(isinstance(part, list | dict) for part in content[name]):
+                raise IdentificationError(f"{name} must be a list of names")
+        return cls.of(**content)
 
     def save(self, path: str | Path) -> None:
         """Write the fields that are given as YAML; IdentificationError if the file cannot be written."""
-        given = {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in self.model_dump(exclude_defaults=True).items()
-        }
         try:
-            Path(path).write_text(yaml.safe_dump(given, sort_keys=False, allow_unicode=True), encoding="utf-8")
+            Path(path).write_text(self.text, encoding="utf-8")
         except OSError as problem:
             raise IdentificationError(f"description {path}: cannot be written: {problem.strerror}") from None
 
@@ -112,6 +128,19 @@ class DataDescription(BaseModel):
         return type(self).of(**{**self.model_dump(), **given})
 
     @property
+    def text(self) -> str:
+        """The fields that are given as YAML."""
+        fields = self.model_dump(mode="json", exclude_defaults=True)
+        return str(yaml.safe_dump(fields, sort_keys=False, allow_unicode=True))
+
+    @property
+    def columns(self) -> list[str]:
+        """The columns that the description names."""
+        signals = [column_of(item)[1] for item in (*self.inputs, *self.outputs, *self.reference)]
+        units = [item.rpartition("=")[0] for item in self.units]
+        return [name for name in (*signals, self.time, *units) if name]
+
+    @property
     def given_sample_time(self) -> float | None:
         """Sample time (s) by `rate` or `sample_time`; IdentificationError if both are given and differ."""
         if self.rate is None:
@@ -121,3 +150,9 @@ class DataDescription(BaseModel):
                 f"--rate {self.rate:g} Hz and --sample-time {self.sample_time:g} s differ; give one of them"
             )
         return 1.0 / self.rate
+
+
+def column_of(item: str) -> tuple[str, str]:
+    """Name of a signal for the model and its column, from `i_x=cur_x_A`; the name is empty where none is given."""
+    name, _, column = item.rpartition("=")
+    return name.strip(), column.strip()

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from amb_core.errors import IdentificationError
-from amb_core.identification.data.described.description import DataDescription
+from amb_core.identification.data.description import DataDescription, column_of
+from amb_core.identification.data.proposal import UndescribedError, proposed
 from amb_core.tables import Column, Table
 from amb_core.tables.table import without_suffix
-from amb_core.tables.units import CURRENTS, LENGTHS, TIMES, spelled
+from amb_core.tables.units import TIMES, spelled
 
 _TIMES = {
     "time", "t", "zeit", "temps", "tiempo", "tempo", "tijd", "timestamp", "stamp", "sec", "seconds", "time_s", "t_s",
@@ -35,11 +36,13 @@ def find_roles(table: Table, description: DataDescription) -> Roles:
     Raises
     ------
     IdentificationError
-        If a named column does not exist, or which ones are inputs and outputs is not known.
+        If a named column does not exist.
+    UndescribedError
+        If which ones are inputs and outputs is not known.
     """
     time = _time(table, description)
     inputs, outputs, reference = (
-        [column for name in getattr(description, option) for column in table.find(name, option)]
+        [column for item in getattr(description, option) for column in _named(table, item, option)]
         for option in ("inputs", "outputs", "reference")
     )
     others = [column for column in table.columns if column is not time]
@@ -48,19 +51,32 @@ def find_roles(table: Table, description: DataDescription) -> Roles:
         reference = reference or reference_found
     if not inputs or not outputs:
         missing = " and ".join(f"--{name}" for name, found in (("inputs", inputs), ("outputs", outputs)) if not found)
-        raise IdentificationError(
+        proposal = proposed(others)
+        raise UndescribedError(
             f"which of the {len(table.columns)} columns are inputs and which outputs is not known; give inputs and "
-            f"outputs ({missing}, names or numbers from 0); there are {table.names}{_suggestion(others)}"
+            f"outputs ({missing}, names or numbers from 0); there are {table.names}"
+            + ("" if proposal is None else f"; perhaps {proposal.options}"),
+            None if proposal is None else description.with_values(**proposal.given),
         )
     if reference and len(reference) != len(outputs):
         raise IdentificationError(f"--reference has {len(reference)} columns, --outputs {len(outputs)}; one for each")
-    used = [*inputs, *outputs, *reference]
-    if time in used:
-        raise IdentificationError(f"column {time.name if time else ''} is named as time and as signal; give --time")
+    if time is not None and any(column.values is time.values for column in (*inputs, *outputs, *reference)):
+        raise IdentificationError(f"column {time.name} is named as time and as signal; give --time")
     for column in (*inputs, *outputs):
-        if sum(column is other for other in (*inputs, *outputs)) > 1:
+        if sum(column.values is other.values for other in (*inputs, *outputs)) > 1:
             raise IdentificationError(f"column {column.name} is named more than once in --inputs and --outputs")
     return Roles(inputs, outputs, reference, time)
+
+
+def _named(table: Table, item: str, option: str) -> list[Column]:
+    """The columns that an item such as x or i_x=cur_x_A means, with the name that it gives."""
+    name, wanted = column_of(item)
+    if not name or any(column.name == item for column in table.columns):
+        return table.find(item, option)
+    found = table.find(wanted, option)
+    if len(found) != 1:
+        raise IdentificationError(f"--{option} {item} means {len(found)} columns; name one")
+    return [replace(found[0], name=name, named=True, heading=found[0].name)]
 
 
 def _time(table: Table, description: DataDescription) -> Column | None:
@@ -89,20 +105,16 @@ def _by_name(columns: Sequence[Column]) -> tuple[list[Column], list[Column], lis
         inputs, outputs = [by_name[f"i_{axis}"] for axis in axes], [by_name[axis] for axis in axes]
         return inputs, outputs, reference if len(reference) == len(axes) else []
     roles = {
-        letter: [c for c in columns if re.fullmatch(rf"{letter}(?:_?\d+|\[\d+\])?", without_suffix(c.name))]
+        letter: [
+            c
+            for c in columns
+            if re.fullmatch(rf"{letter}(?:_?\d+|\[\d+\])?", without_suffix(c.name)) or _last(c.source) == letter
+        ]
         for letter in "uyr"
     }
     if roles["u"] and roles["y"]:
         return roles["u"], roles["y"], roles["r"] if len(roles["r"]) == len(roles["y"]) else []
     return [], [], []
-
-
-def _suggestion(columns: Sequence[Column]) -> str:
-    """Options that the units of the columns suggest."""
-    currents, lengths = ([c.name for c in columns if spelled(c.unit) in known] for known in (CURRENTS, LENGTHS))
-    if not currents or not lengths:
-        return ""
-    return f"; by their units perhaps --inputs {','.join(currents)} --outputs {','.join(lengths)}"
 
 
 def _last(name: str) -> str:

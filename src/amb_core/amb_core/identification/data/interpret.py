@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
+from amb_core.identification.data.clock import Clock, clock_of, resampled
 from amb_core.identification.data.dataset import IdentificationData
-from amb_core.identification.data.described.clock import Clock, clock_of, resampled
-from amb_core.identification.data.described.description import DataDescription
-from amb_core.identification.data.described.roles import Roles, find_roles
+from amb_core.identification.data.description import DataDescription
 from amb_core.identification.data.experiment import Experiment
+from amb_core.identification.data.proposal import unit_at_end
+from amb_core.identification.data.roles import Roles, find_roles
 from amb_core.tables import Column, Table
 from amb_core.tables.units import CURRENTS, KNOWN, LENGTHS, TIMES, is_known, si, spelled
 
@@ -132,6 +133,12 @@ def describe_table(table: Table, description: DataDescription) -> DescribedData:
     notes += [f"unit of {', '.join(r.signal for r in rows if not r.unit)} unknown, taken as it is (--units)"] * any(
         not row.unit for row in rows
     )
+    used = [column.values for column in (*roles.inputs, *roles.outputs, *roles.reference, *filter(None, [roles.time]))]
+    unused = [column.name for column in table.columns if not any(column.values is values for values in used)]
+    if unused:
+        more = f" and {len(unused) - 10} more" if len(unused) > 10 else ""
+        which = "" if roles.reference else "; if one is the setpoint: --reference, one for each output"
+        notes.append(f"columns not used: {', '.join(unused[:10])}{more}{which}")
     return DescribedData(data, rows, tuple(notes), _completed(description, roles))
 
 
@@ -146,6 +153,7 @@ def _signals(roles: Roles, description: DataDescription) -> list[_Signal]:
         for number, column in enumerate(columns, start=1):
             label = column.name if column.named else f"{letter}{number}"
             unit = units.get(column.name, spelled(column.unit)) or _of_role(role, description)
+            unit = unit or unit_at_end(columns, role)
             found.append(_Signal(column, role, label, unit, *si(unit)))
     return found
 
@@ -161,7 +169,7 @@ def _units_of(description: DataDescription, columns: Sequence[Column]) -> dict[s
             match = [
                 column.name
                 for column in columns
-                if column.name == name or column.name.endswith((f".{name}", f"/{name}"))
+                if name in (column.name, column.heading) or column.name.endswith((f".{name}", f"/{name}"))
             ]
             if not match:
                 raise IdentificationError(
