@@ -10,13 +10,15 @@ import json
 import math
 import tempfile
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
+from amb_core.loop.pd_parameters import pack_gains
 from amb_core.model import StateSpaceModel
 from amb_core.target import (
     LOOPBACK,
@@ -38,7 +40,8 @@ from amb_core.target import (
     excitation_upload,
     hello,
 )
-from amb_core.target.layout import UploadKind
+from amb_core.target.layout import VERSION, UploadKind
+from amb_core.target.reference import VERSION as FIRMWARE
 
 GOLDEN = Path(__file__).parent / "data" / "target" / "frames.json"
 KEY, NONCE = bytes(range(32)), bytes(range(0xA0, 0xB0))
@@ -79,7 +82,11 @@ class Rig:
 
     def connect(self) -> None:
         self.target.feed(hello(), self.peer)
-        (answer,) = (decode(frame) for frame, _ in self.target.take())
+        ((frame, _),) = self.target.take()
+        self.take_description(frame)
+
+    def take_description(self, frame: bytes) -> None:
+        answer = decode(frame)
         assert isinstance(answer, Description)
         self.session = answer.session(self.key)
         self.writer = CommandWriter(self.session, answer.counter)
@@ -147,10 +154,23 @@ class Exchanged:
     frame: bytes
 
 
+@dataclass(frozen=True)
+class Stepped:
+    """A control step between the frames: positions (m; NaN: a failed sensor) and coil currents (A) that it measures."""
+
+    position: tuple[float, ...]
+    coil_current: tuple[float, ...]
+
+
 def exchange() -> list[Exchanged]:
-    """An exchange with every type of command and answer, the same bytes every time."""
+    """The frames of an exchange with every type of command and answer, the same bytes every time."""
+    return [row for row in rows_of_exchange() if isinstance(row, Exchanged)]
+
+
+def rows_of_exchange() -> list[Exchanged | Stepped]:
+    """The exchange, with the control steps between its frames."""
     rig = Rig(axes=2, coils=4)
-    frames: list[Exchanged] = []
+    frames: list[Any] = []  # Exchanged, or Stepped
 
     def send(name: str, frame: bytes) -> None:
         frames.append(Exchanged(name, True, frame))
@@ -163,12 +183,16 @@ def exchange() -> list[Exchanged]:
     def steps(name: str, count: int) -> None:
         for number in range(count):
             rig.target.coil_current[:] = [2.5 + number / 8, 2.25, 2.5 - number / 8, 2.75]
-            rig.step((number * 2.0**-20, -number * 2.0**-21))
+            step((number * 2.0**-20, -number * 2.0**-21))
         take(name)
+
+    def step(position: tuple[float, ...]) -> None:
+        frames.append(Stepped(position, tuple(rig.target.coil_current.tolist())))
+        rig.step(position)
 
     rig.target.reboot(NONCE)
     send("hello", hello())
-    rig.connect()
+    rig.take_description(frames[-1].frame)
     steps("first steps", 2)
     signal = 1e-6 * np.arange(300).reshape(150, 2) % 5e-6
     matrices = (
@@ -205,7 +229,7 @@ def exchange() -> list[Exchanged]:
         send(name, rig.writer.write(command))
     steps("landing", 10)
     send("controller", rig.writer.write(commands.controller(Law.STATE_SPACE)))
-    rig.step((math.nan, 0.0))
+    step((math.nan, 0.0))
     take("sensor failed")
     steps("sensor repaired", 1)  # a reset keeps what the latest measurement still shows
     send("fault reset", rig.writer.write(commands.fault_reset()))
@@ -229,15 +253,72 @@ def _by_host(rig: Rig, send: Callable[[str, bytes], None], steps: Callable[[str,
 def golden() -> list[Exchanged]:
     """The exchange as it was recorded."""
     recorded = json.loads(GOLDEN.read_text())
-    return [Exchanged(row["name"], row["from_host"], bytes.fromhex(row["frame"])) for row in recorded["frames"]]
+    return [
+        Exchanged(row["name"], row["from_host"], bytes.fromhex(row["frame"]))
+        for row in recorded["frames"]
+        if "frame" in row
+    ]
+
+
+def replayed() -> list[bytes]:
+    """What a target sends that is made of the recorded file alone: configuration, steps and frames of the host."""
+    recorded = json.loads(GOLDEN.read_text())
+    found = recorded["configuration"]
+    limits = Limits(**{name: math.inf if value is None else value for name, value in found["limits"].items()})
+    bearings = {axis["bearing"]: axis["clearance"] for axis in found["axes"]}
+    described = Machine(
+        found["machine"], "bridge", found["sample_rate"],
+        tuple(MachineAxis(**{name: tuple(value) if name == "direction" else value for name, value in axis.items()
+                             if name != "clearance"}) for axis in found["axes"]),
+        tuple(MachineBearing(name, clearance) for name, clearance in bearings.items()),
+    )  # fmt: skip
+    target = ReferenceTarget(
+        library(), described, limits, key=bytes.fromhex(recorded["key"]), coils=found["coils"],
+        nonce=bytes.fromhex(recorded["nonce"]),
+    )  # fmt: skip
+    sent: list[bytes] = []
+    for row in recorded["frames"]:
+        if "position" in row:
+            target.position[:] = [math.nan if value is None else value for value in row["position"]]
+            target.coil_current[:] = row["coil_current"]
+            target.step()
+        elif row["from_host"]:
+            target.feed(bytes.fromhex(row["frame"]), HOST)
+        sent += [frame for frame, _ in target.take()]
+    return sent
 
 
 def main() -> None:
     """Record the exchange."""
-    rows = [{"name": row.name, "from_host": row.from_host, "frame": row.frame.hex()} for row in exchange()]
+    rows = [
+        {"name": row.name, "from_host": row.from_host, "frame": row.frame.hex()}
+        if isinstance(row, Exchanged)
+        else {"position": _numbers(row.position), "coil_current": row.coil_current}
+        for row in rows_of_exchange()
+    ]
     GOLDEN.parent.mkdir(parents=True, exist_ok=True)
-    record = {"protocol": 1, "key": KEY.hex(), "nonce": NONCE.hex(), "frames": rows}
-    GOLDEN.write_text(json.dumps(record, indent=1) + "\n")
+    record = {
+        "protocol": VERSION, "key": KEY.hex(), "nonce": NONCE.hex(), "configuration": _configuration(), "frames": rows,
+    }  # fmt: skip
+    GOLDEN.write_text(json.dumps(record, indent=1, allow_nan=False) + "\n")
+
+
+def _numbers(values: Iterable[float]) -> list[float | None]:
+    """Numbers for a JSON file; null for those that are not finite."""
+    return [value if math.isfinite(value) else None for value in values]
+
+
+def _configuration() -> dict[str, object]:
+    """What the target of the exchange is configured with; gains are those at boot, K_P in A/m and K_D in A s/m."""
+    described, limits = machine(2), Limits()
+    clearance = {bearing.name: bearing.clearance for bearing in described.bearings}
+    gains = pack_gains(ControllerParameters().at_rate(described.sample_rate), 2)[:, :5]
+    return {
+        "machine": described.name, "firmware": "reference", "firmware_version": list(FIRMWARE),
+        "sample_rate": described.sample_rate, "coils": 4, "waveform_bytes": 4 * 100_000 * 8,
+        "axes": [asdict(axis) | {"clearance": clearance[axis.bearing]} for axis in described.axes],
+        "limits": dict(zip(asdict(limits), _numbers(asdict(limits).values()), strict=True)), "gains": gains.tolist(),
+    }  # fmt: skip
 
 
 if __name__ == "__main__":

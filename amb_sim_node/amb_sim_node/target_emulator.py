@@ -13,6 +13,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from amb_core.emulation import Address, EmulatorProcess, EmulatorReport, EmulatorSettings, as_on_a_rig
+from amb_core.emulation.faulty_coils import FaultyCoils
 from amb_core.emulation.faulty_sensors import faulty_axes
 from amb_core.emulation.load import ENOUGH
 from amb_core.errors import TargetError
@@ -84,6 +85,7 @@ class TargetEmulatorNode(Node):
                 self._plant = as_on_a_rig(self._plant)
             self._axes = machine_of(self._plant).axis_names
         faulty_axes(settings.faults.sensor, self._axes)
+        FaultyCoils(self._axes, settings.faults.coil, 1.0)
 
     def _on_change(self, settings: TargetEmulatorParameters) -> None:
         if self._emulator is not None and not self._ended:

@@ -89,7 +89,8 @@ PROGRAMS = (
     ),
     Program(
         "tests.benchmarks.verdicts.run", "bench_verdicts.json", "tests.benchmarks.verdicts.figures:BenchVerdicts",
-        ("after_stop", "bad_data", "controllers"),
+        ("after_stop", "bad_data", "controllers", "coverage", "distortion"),
+        25.0,
     ),
     Program("tests.benchmarks.robust.emulator", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust"),
     Program(
@@ -99,7 +100,7 @@ PROGRAMS = (
         ("eddy", "independent", "iron", "laminations", "paper", "rotors", "statics"),
         8.0,
     ),
-    Program("tests.soak.run", "soak.json", "tests.soak.figures:Soak", seconds=90.0),
+    Program("tests.soak.run", "soak.json", "tests.soak.figures:Soak", seconds=115.0),
     Program("tests.fuzz.run", "fuzz.json", "tests.fuzz.figures:Fuzz", seconds=15.0),
     Program("tests.fuzz.target", "target_fuzz.json", "tests.fuzz.figures:TargetFuzz", seconds=5.0),
     Program("tests.fuzz.files", "security.json", "tests.fuzz.figures:Security", seconds=10.0),
@@ -188,12 +189,13 @@ amb rig reset
 amb rig land
 amb rig off
 amb rig disconnect
+amb rig check --timeout 10 | 3
 ^C
 """
 """Every command at its smallest, one after the other in a folder of their own.
 
 `& COMMAND | TEXT` starts one behind the others and goes on when it shows TEXT; `^C` ends these. `COMMAND | CODE` has
-a verdict as its exit code: a model of so little data is not good.
+a verdict as its exit code: a model of so little data is not good, and a target slower than real time has a slow clock.
 """
 
 COMMANDS_ELSEWHERE: dict[str, Covered | Left] = {

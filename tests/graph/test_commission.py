@@ -29,8 +29,8 @@ LENIENT = ("--clock-drift", "1e7", "--most-missed", "1000000000", "--round-trip"
 SHORT = ("--observation", "0.5", "--sweep-duration", "4", "--multisine-duration", "3")
 
 
-def parameters(folder: Path, addition: str = "", machine: Path | None = None) -> Path:
-    """The file of the guide, for an emulator slower than real time on a port of its own."""
+def parameters(folder: Path, addition: str = "", machine: Path | None = None, ideal: bool = True) -> Path:
+    """The file of the guide, for an emulator slower than real time on a port of its own; ideal: no backup bearing."""
     port = free_port()
     content = yaml.safe_load(PARAMETERS)
     if machine is not None:
@@ -42,7 +42,7 @@ def parameters(folder: Path, addition: str = "", machine: Path | None = None) ->
         "real_time_factor": 0.4,
         "limits": {"missed_steps": 1e9, "host_time": 1e3},
         "plant_waits": True,
-        "ideal": True,
+        "ideal": ideal,
     }
     if addition:
         emulator |= yaml.safe_load(addition)["/amb/target_emulator"]["ros__parameters"]
@@ -65,10 +65,21 @@ def commission(folder: Path, domain: int, path: Path, *durations: str) -> tuple[
 
 @pytest.mark.timeout(600)
 def test_it_leads_from_the_connection_to_the_identified_plant(tmp_path: Path, domain: int) -> None:
-    code, said, protocol = commission(tmp_path, domain, parameters(tmp_path))
+    code, said, protocol = commission(tmp_path, domain, parameters(tmp_path, ideal=False))
     results = {step["name"]: step["result"] for step in protocol["steps"]}
     skipped = {"emergency stop": "skipped", "map": "skipped"}
-    done = ("connection", "sensors", "levitation", "polarity", "sweep", "identification", "protection", "landing")
+    done = (
+        "wiring",
+        "first lift",
+        "connection",
+        "sensors",
+        "levitation",
+        "polarity",
+        "sweep",
+        "identification",
+        "protection",
+        "landing",
+    )
     assert results == dict.fromkeys(done, "passed") | skipped, said
     assert (code, protocol["result"]) == (0, "passed")
     values = {check["what"]: check["value"] for step in protocol["steps"] for check in step["checks"]}
@@ -90,7 +101,7 @@ def test_it_leads_from_the_connection_to_the_identified_plant(tmp_path: Path, do
 @pytest.mark.timeout(600)
 def test_so_it_does_on_a_flexible_machine_of_four_axes(tmp_path: Path, domain: int) -> None:
     code, said, protocol = commission(
-        tmp_path, domain, parameters(tmp_path, machine=config("flexible")), "--observation", "0.5"
+        tmp_path, domain, parameters(tmp_path, machine=config("flexible")), "--observation", "0.5", "--no-wiring"
     )
     results = {step["name"]: step["result"] for step in protocol["steps"]}
     assert {name for name, result in results.items() if result == "skipped"} == {"emergency stop", "map"}, said
@@ -102,8 +113,17 @@ def test_so_it_does_on_a_flexible_machine_of_four_axes(tmp_path: Path, domain: i
     assert model.output_names == ("x_a", "y_a", "x_b", "y_b")
 
 
-def test_a_sensor_with_the_wrong_sign_is_named_and_nothing_moves_afterwards(tmp_path: Path, domain: int) -> None:
-    code, said, protocol = commission(tmp_path, domain, parameters(tmp_path, WRONG_SIGN))
+def test_a_sensor_with_the_wrong_sign_is_named_before_the_first_lift_off(tmp_path: Path, domain: int) -> None:
+    code, said, protocol = commission(tmp_path, domain, parameters(tmp_path, WRONG_SIGN, ideal=False))
+    results = {step["name"]: step for step in protocol["steps"]}
+    assert code == 3
+    assert results["wiring"]["result"] == "failed", said
+    assert "reversed of y" in results["wiring"]["reason"]
+    assert {step["result"] for name, step in results.items() if name != "wiring"} == {"skipped"}
+
+
+def test_without_that_step_it_is_named_by_how_the_rotor_runs_away(tmp_path: Path, domain: int) -> None:
+    code, said, protocol = commission(tmp_path, domain, parameters(tmp_path, WRONG_SIGN), *SHORT, "--no-wiring")
     results = {step["name"]: step for step in protocol["steps"]}
     assert code == 3
     assert results["levitation"]["result"] == "failed", said
@@ -118,7 +138,16 @@ def test_a_sensor_with_the_wrong_sign_is_named_and_nothing_moves_afterwards(tmp_
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_lands_when_it_is_interrupted(tmp_path: Path, domain: int, number: signal.Signals) -> None:
     command = [str(find_executable("amb_bringup", "amb")), "commission", "--emulator", "--yes", "--no-report"]
-    command += ["--params", str(parameters(tmp_path)), "--out", str(tmp_path / "out"), *LENIENT, "--observation", "0.5"]
+    command += [
+        "--params",
+        str(parameters(tmp_path)),
+        "--out",
+        str(tmp_path / "out"),
+        *LENIENT,
+        "--observation",
+        "0.5",
+        "--no-wiring",
+    ]
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1"}
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment, start_new_session=True

@@ -116,6 +116,23 @@ class Recovery(Figures):
     longest_s: float
 
 
+class Commissioning(Figures):
+    """Rigs with planted faults and healthy ones: named rightly, not noticed, accused; and those that touched hard."""
+
+    rigs: int
+    right: int
+    silent: int
+    accused: int
+    touches: int
+
+
+class Conformance(Figures):
+    """Planted faults in ports of the target, and those that the checks name."""
+
+    faults: int
+    named: int
+
+
 class Soak(Figures):
     """All of it."""
 
@@ -130,3 +147,5 @@ class Soak(Figures):
     forged: Forged
     safety: Safety
     recovery: Recovery
+    commissioning: Commissioning
+    conformance: Conformance

@@ -17,7 +17,7 @@ from typing import Any
 
 from tests.front_door.results import results_file
 from tests.fuzz import target
-from tests.soak import parts, recovery, safety, trips
+from tests.soak import commissioning, conformance, parts, recovery, safety, trips
 
 Part = Callable[..., dict[str, Any]]
 PARTS: dict[str, tuple[Part, dict[str, float]]] = {
@@ -30,6 +30,11 @@ PARTS: dict[str, tuple[Part, dict[str, float]]] = {
     "kills": (parts.kills, {"rounds": 1}),
     "safety": (lambda folder, **size: safety.safety(**size), {"sequences": 2_000}),
     "recovery": (lambda folder, **size: recovery.recovery(**size), {"rounds": 1}),
+    "commissioning": (
+        lambda folder, **size: commissioning.commissioning(**size),
+        {"kinds": 5, "each": 1, "healthy": 1},
+    ),
+    "conformance": (lambda folder, **size: conformance.conformance(**size), {"most": 3}),
     "bridge_fuzz": (parts.bridge_fuzz, {"frames": 2_000}),
     "target_fuzz": (lambda folder, **size: target_fuzz(**size), {"frames": 20_000}),
 }

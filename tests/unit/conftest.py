@@ -64,6 +64,13 @@ class LinearBearing:
         disturbance, error = b[:, 2:] @ b[:, 2:].T * force**2, np.eye(2) * noise**2
         return c @ solve_discrete_are(a.T, c.T, disturbance, error) @ c.T + error
 
+    def kalman_gain(self, noise: float, force: float) -> np.ndarray:
+        """Gain K of the Kalman filter for an experiment's noise."""
+        a, b, c = self._matrices
+        disturbance, error = b[:, 2:] @ b[:, 2:].T * force**2, np.eye(2) * noise**2
+        state = solve_discrete_are(a.T, c.T, disturbance, error)
+        return np.linalg.solve(c @ state @ c.T + error, c @ state @ a.T).T
+
     def response_error(self, model: StateSpaceModel) -> float:
         """Largest error of a model's frequency response from 5 to 1000 Hz, relative to the bearing's at each."""
         z = np.exp(2j * np.pi * np.geomspace(5.0, 1_000.0, 60) * self.sample_time)

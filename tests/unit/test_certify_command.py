@@ -21,7 +21,10 @@ from tests.unit.test_recording_report import write_bag
 def files(bearing, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A model of the bearing's order, and the bag that it was identified from."""
     folder = tmp_path_factory.mktemp("certify")
-    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
+    record = bearing.experiment(
+        2e-9, "multisine", force=0.01, amplitude=10e-6, duration=1.2, frequency_start=2.0, frequency_end=4_500.0,
+        axes="all",
+    )  # fmt: skip
     bag, model = write_bag(folder / "bag", record), folder / "model.json"
     data = IdentificationData.from_record(record, source=str(bag))
     identify(data, 6, controller=ControllerParameters()).model.save(model)
@@ -65,10 +68,13 @@ def test_a_recorded_sweep_is_checked_and_compared_with_the_model(files, bearing,
     assert any(name.startswith("sweep bag") for name in found["inputs"])
 
 
-def test_a_sweep_under_another_controller_is_refused(files, bearing, tmp_path: Path) -> None:
+def test_without_data_under_the_controller_to_certify_the_loop_is_predicted_only(files, tmp_path: Path) -> None:
     model, bag = files
-    with pytest.raises(AmbError, match="another controller than the one to certify"):
-        amb_certify(model, tmp_path, "--bag", bag, "--sweep-bag", bag, "--controller", "pd:25000,50")
+    result, found = amb_certify(model, tmp_path, "--bag", bag, "--sweep-bag", bag, "--controller", "pd:25000,50")
+    assert result.exit_code == 4
+    assert not found["certified"]
+    assert "no data are of a loop with this controller" in [check["finding"] for check in found["checks"]]
+    assert any("not of a loop with this controller, so it is left out" in text for text in found["warnings"])
 
 
 def test_a_sweep_is_measured_or_given(files, tmp_path: Path) -> None:

@@ -87,6 +87,6 @@ def test_an_unstable_loop_and_wrong_units_are_found_without_the_data(loop) -> No
         certify_from_data(replace(model, output_units=("um", "um")), control, NOWHERE)
 
 
-def test_a_sweep_of_another_loop_is_refused_without_the_other_data(loop) -> None:
-    with pytest.raises(RobustnessError, match="controller of the experiment is not known"):
+def test_a_sweep_without_a_controller_is_refused_without_the_other_data(loop) -> None:
+    with pytest.raises(RobustnessError, match="controller of the swept sine is not known"):
         certify_from_data(*loop, NOWHERE, NOWHERE, swept=NOWHERE)

@@ -191,6 +191,7 @@ def test_the_command_leaves_numbers_and_figures(tmp_path: Path) -> None:
     summary = json.loads((out / "summary.json").read_text())
     assert summary["settings"]["realisations"] == 2
     assert 0.0 < summary["x"]["distortion_percent"] < 1.0
+    assert summary["x"]["distortion_percent"] < summary["x"]["distortion_upper_percent"] < 5.0
     assert (out / "distortion.png").is_file() and (out / "distortion.html").is_file()
 
 

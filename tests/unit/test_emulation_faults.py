@@ -240,4 +240,5 @@ def test_a_fault_of_an_axis_that_is_not_there_is_refused_and_changes_nothing() -
 def test_axes_are_named_with_or_without_commas() -> None:
     axes = ("x_a", "y_a", "x_b", "y_b")
     faults = SensorFaultParameters(stuck="x_b, x_a", noisy="y_b x_a", failed="")
-    assert faulty_axes(faults, axes) == ([0, 2], [0, 3], [])
+    found = faulty_axes(faults, axes)
+    assert (found["stuck"], found["noisy"], found["failed"]) == ([0, 2], [0, 3], [])

@@ -35,6 +35,11 @@ def signal(kind: str, rate: float = RATE, **values: Any) -> ExcitationSignal:
     return generate(excitation_from_request(kind, {"duration": 2.0, **values}), rate)
 
 
+def map_of(plant: PlantParameters) -> RegionMap:
+    """The map as if it were of another machine."""
+    return replace(MAP, provenance={**MAP.provenance, "plant": plant.model_dump()})
+
+
 def check(kind: str, **values: Any) -> ExcitationCheck:
     return check_excitation(signal(kind, **values), MAP)
 
@@ -207,7 +212,7 @@ def test_what_is_predicted_to_clip_does_so_in_simulation() -> None:
 
 def test_a_slew_that_the_voltage_cannot_drive_is_in_the_verdict() -> None:
     slow = validate(PlantParameters, {"amplifier.supply_voltage": 20.0})
-    found = check_excitation(signal("multisine", amplitude=2e-6, frequency_end=2_000.0), MAP, None, slow)
+    found = check_excitation(signal("multisine", amplitude=2e-6, frequency_end=2_000.0), map_of(slow), None, slow)
     assert found.slew_rate == pytest.approx(10.0 / 7.15e-3, rel=0.01)
     assert all(axis.slewed > 0.01 for axis in found.axes)
     assert "region A by the map, " in found.verdict
@@ -232,7 +237,7 @@ def test_no_advice_leads_beyond_the_limits_of_current_and_voltage(amplitude: flo
     def checked(amplitude: float) -> ExcitationCheck:
         values = {"amplitude": amplitude, "frequency_end": 2_000.0, "duration": 1.0}
         found = generate(excitation_from_request("multisine", values), 20e3)
-        return check_excitation(found, MAP, controller, plant)
+        return check_excitation(found, map_of(plant), controller, plant)
 
     found = checked(amplitude)
     assert f"at most {found.margin:.2f} (by the voltage on" in found.verdict or found.margin > 1.0
@@ -288,10 +293,23 @@ def test_a_map_of_another_axis_is_told() -> None:
 
 def test_a_map_of_another_loop_is_told() -> None:
     controller = validate(ControllerParameters, {"derivative_gain": 50.0, "current_limit": 10.0})
-    plant = validate(PlantParameters, {"rotor.gravity": 0.0})
+    plant = validate(PlantParameters, {"sensor.noise": 1e-7})
     text = notes(check_excitation(signal("multisine"), MAP, controller, plant))
     assert "another controller: derivative_gain = 38.0 (here 50.0), current_limit = 3.0 (here 10.0)" in text
-    assert "another plant: rotor.gravity = 9.81 (here 0.0)" in text
+    assert "another plant: sensor.noise = 0.0 (here 1e-07)" in text
+
+
+def test_a_map_of_another_machine_is_refused() -> None:
+    other = validate(PlantParameters, {"rotor.mass": 3.0, "magnetic_circuit.turns_per_pole": 60})
+    with pytest.raises(ExcitationError, match=r"another machine: magnetic_circuit\.turns_per_pole = 50 \(here 60\), "):
+        check_excitation(signal("multisine"), MAP, ControllerParameters(), other)
+
+
+def test_an_unstable_loop_is_not_put_down_to_the_amplitude() -> None:
+    undamped = validate(ControllerParameters, {"derivative_gain": 0.0})
+    for amplitude in (1e-8, 1e-5):
+        with pytest.raises(ExcitationError, match="unstable without any excitation: its largest pole is 1"):
+            check_excitation(signal("multisine", amplitude=amplitude), MAP, undamped)
 
 
 def test_another_sample_rate_is_told() -> None:

@@ -347,7 +347,7 @@ def test_design_writes_what_it_found(tmp_path: Path) -> None:
     assert summary["trial"]["region"] == "A"
     assert summary["parameters"]["phasing"] == "optimised"
     assert summary["amplitude"] == pytest.approx(0.9 * summary["largest_amplitude"], rel=1e-3)
-    assert max(summary["distortion_percent"].values()) <= 5.0
+    assert max(summary["distortion_upper_percent"].values()) <= 5.0
     assert summary["limited_by"] in summary["verdict"]
     # One answer: the prediction of the map is a number, and no advice to change the amplitude stands beside it.
     assert "check" not in summary

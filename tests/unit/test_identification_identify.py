@@ -33,13 +33,14 @@ def data(record: LoopRecord) -> IdentificationData:
 def test_progress_tells_every_stage_in_order_and_the_cost_of_the_search(data: IdentificationData) -> None:
     told: list[IdentificationProgress] = []
     identify(data, "auto", orders=(2, 3), progress=told.append)
-    assert list(dict.fromkeys(now.stage for now in told)) == ["checks", "order", "subspace", "pem", "validation"]
+    stages = ["checks", "order", "subspace", "pem", "validation", "uncertainty"]
+    assert list(dict.fromkeys(now.stage for now in told)) == stages
     assert all(0 <= now.done <= now.total for now in told)
     costs = [now.cost for now in told if now.stage == "pem"]
     assert all(later <= earlier for earlier, later in pairwise(costs))
 
 
-@pytest.mark.parametrize("stage", ["checks", "order", "subspace", "pem", "validation"])
+@pytest.mark.parametrize("stage", ["checks", "order", "subspace", "pem", "validation", "uncertainty"])
 def test_it_ends_in_the_stage_in_which_it_is_called_off(data: IdentificationData, stage: str) -> None:
     reached: list[str] = []
 

@@ -7,13 +7,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from amb_core.errors import IdentificationError
-from amb_core.identification import IdentificationData, StateSpaceModel, estimate_uncertainty, pem, response_of
+from amb_core.identification import (
+    IdentificationData,
+    StateSpaceModel,
+    estimate_uncertainty,
+    identify,
+    pem,
+    response_of,
+)
 from amb_core.identification.data.dataset import merge
 from amb_core.identification.estimate.predictor import innovations, kalman_gain
 from amb_core.identification.uncertainty import ModelUncertainty
-from amb_core.identification.validation.prediction import first_state
+from amb_core.identification.validation.prediction import first_state, predict
 
 if TYPE_CHECKING:
     from conftest import LinearBearing
@@ -198,6 +206,41 @@ def test_correlated_innovations_show() -> None:
     assert coloured.inflation > 1.3
     assert white.summary == "no unstable poles"
     assert "innovations are not white and should be taken (robust) as they are" in coloured.summary
+
+
+def test_means_that_are_no_equilibrium_do_not_pass_for_dynamics() -> None:
+    random = np.random.default_rng(5)
+    inputs = np.where(np.arange(4_000) < 3_600, 0.0, 1.0)[:, np.newaxis]  # the time constant is 1000 samples
+    inputs = inputs + 0.1 * random.normal(size=(4_000, 1))
+    slow = lfilter([0.0, 0.001], [1.0, -0.999], inputs + 0.01 * random.normal(size=(4_000, 1)), axis=0)
+    data = IdentificationData.from_arrays(inputs, slow + 1e-5 * random.normal(size=(4_000, 1)), 1e-4)
+    found = identify(data, 1, drift="none")
+    (residuals,) = predict(found.model, data).residuals
+    assert abs(residuals.mean()) < 3.0 * residuals.std() / np.sqrt(4_000)
+    assert found.uncertainty is not None
+    (pole,) = found.model.poles()
+    assert abs(pole - 0.999) < 3.0 * found.uncertainty.pole_deviations()[0, 0] < 1e-4
+
+
+def test_colour_that_the_order_has_no_state_for_widens_the_bands() -> None:
+    random = np.random.default_rng(7)
+    inputs = random.normal(size=(6_000, 1))
+    slow = lfilter([1.0], [1.0, -0.97], random.normal(size=(6_000, 1)), axis=0)  # forces through the plant
+    outputs = lfilter([0.0, 0.1], [1.0, -0.95], inputs + slow, axis=0) + 0.05 * random.normal(size=(6_000, 1))
+    data = IdentificationData.from_arrays(inputs, outputs, 1e-4)
+    found = identify(data, 1, drift="none").uncertainty
+    assert found is not None
+    frequency = np.geomspace(20.0, 2_000.0, 20)
+    z = np.exp(2j * np.pi * frequency * 1e-4)
+    true = np.abs(0.1 / (z - 0.95))
+
+    def held(uncertainty: ModelUncertainty) -> float:
+        low, high = uncertainty.response(frequency).magnitude_band(0.95) or (true, true)
+        return float(np.mean((low[:, 0, 0] <= true) & (true <= high[:, 0, 0])))
+
+    assert held(replace(found, root=found.root[:, :-1], reference=None)) < 0.6
+    assert held(found) > 0.9
+    assert "bands are widened: a model of order 2 from the same data differs" in found.summary
 
 
 def test_the_summary_names_the_unstable_poles_and_other_data(

@@ -33,7 +33,10 @@ def write_bag(folder: Path, record: LoopRecord, controller: bool = True) -> Path
 
 @pytest.fixture(scope="module")
 def excited(bearing, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
+    record = bearing.experiment(
+        2e-9, "multisine", force=0.01, amplitude=10e-6, duration=1.2, frequency_start=2.0, frequency_end=4_500.0,
+        axes="all",
+    )  # fmt: skip
     return write_bag(tmp_path_factory.mktemp("report") / "excited", record)
 
 

@@ -262,7 +262,6 @@ def test_a_covariance_that_holds_unstable_loops_has_no_bound_and_no_certificate(
     assert not certificate.certified
     failed = [check.name for check in certificate.checks if not check.passed]
     assert "the worst models of the ellipsoid make stable loops" in failed
-    assert "the worst nu-gap of the ellipsoid is below the stability margin b" in failed
     json.dumps(certificate_values(certificate), allow_nan=False)
 
 

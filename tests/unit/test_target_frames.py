@@ -33,7 +33,7 @@ from amb_core.target import (
     machine_of,
 )
 from amb_core.target.frames import decode_frame, encode
-from tests.target_rig import HOST, KEY, NONCE, Exchanged, Rig, exchange, golden, machine
+from tests.target_rig import HOST, KEY, NONCE, Exchanged, Rig, exchange, golden, machine, replayed
 
 SESSION = Session(NONCE, 2, 4, KEY)
 ANSWERS = [item for item in golden() if not item.from_host]
@@ -49,6 +49,10 @@ def answer_to(name: str) -> object:
 
 def test_host_and_target_send_the_recorded_bytes() -> None:
     assert exchange() == golden()
+
+
+def test_the_recorded_file_alone_makes_a_port_send_the_same_bytes() -> None:
+    assert replayed() == [item.frame for item in golden() if not item.from_host]
 
 
 @pytest.mark.parametrize("item", golden(), ids=lambda item: item.name)

@@ -90,8 +90,7 @@ COMMANDS = {
     "Rig": {
         "commission": (
             "commission:commission",
-            "Commission a rig: check link, sensors, polarity, levitation, resonance, plant and protection, "
-            "step by step.",
+            "Commission a rig: check sensors, coils, link, levitation, polarity, resonance, plant and protection.",
         ),
         "rig": ("rig:app", "Work with a rig behind a real-time target, real or emulated."),
         "jitter": (

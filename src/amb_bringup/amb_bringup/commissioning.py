@@ -20,6 +20,7 @@ from amb_bringup.client import AmbClient
 from amb_bringup.connection import ClientError
 from amb_bringup.measurements import SETTLING, Measurements, whole
 from amb_bringup.rig import MODES
+from amb_bringup.wiring import Wiring
 from amb_core import commissioning as core
 from amb_core.commissioning import Check, CommissioningSettings, Expected, Protocol, Step, at_most, measured
 from amb_core.errors import AmbError
@@ -72,6 +73,8 @@ class Session:
         Raises AmbError if a node of the graph has ended.
     show : callable
         Called with each step when it begins, and when it has ended.
+    wiring : bool
+        Whether sensors and coils are checked before the bridge is connected.
     protocol, figures, model
         What was done, what it looks like, and the identified model if there is one.
     """
@@ -84,6 +87,7 @@ class Session:
     confirm: Callable[[str], bool] | None
     check: Callable[[], None]
     show: Callable[[Step], None]
+    wiring: bool = True
     protocol: Protocol = field(default_factory=Protocol)
     figures: dict[str, Chart] = field(default_factory=dict)
     model: StateSpaceModel | None = None
@@ -111,6 +115,8 @@ class Session:
         bag : Path
             Folder of the bag that is made once the target is connected.
         """
+        if self.wiring:
+            self._wire()
         try:
             self._step("connection", "Connect to the target and observe the link", self._connect)
             if not self.protocol.failed:
@@ -129,6 +135,24 @@ class Session:
                 state = self.amb.rig.wait_for_state()
                 self.amb.stop_recording(int(state.run), int(state.step))
         return self.protocol
+
+    def _wire(self) -> None:
+        """The steps over a link of its own, which is closed before the bridge connects."""
+        opened: list[Wiring] = []
+
+        def begin() -> list[Check]:
+            opened.append(Wiring(self.bridge, self.expected, self.confirm, self.check))
+            return opened[0].before_lift()
+
+        try:
+            title = "Sensors and coils: small currents on the backup bearing"
+            self._step("wiring", title, begin, "let small currents flow")
+            title = "First lift-off: noise, gains, delays, angles"
+            if opened:
+                self._step("first lift", title, opened[0].lift, "levitate the rotor")
+        finally:
+            for one in opened:
+                one.close()
 
     def _step(
         self, name: str, title: str, action: Callable[[], list[Check]], moves: str = "", always: bool = False
@@ -150,7 +174,7 @@ class Session:
         """Why a step is not carried out; empty if it is."""
         if failed := self.protocol.failed:
             return f"{failed[0].name} has failed"
-        if moves and name != "levitation" and not self._measured.run:
+        if moves and name not in ("wiring", "first lift", "levitation") and not self._measured.run:
             return "the rotor is not levitated"
         if moves and self.confirm is not None and not self.confirm(f"{title}: {moves} now?"):
             return "not confirmed"
@@ -338,6 +362,8 @@ class Session:
 
     def _land(self) -> list[Check]:
         rig = self.amb.rig
+        if rig.life_cycle() == "unconfigured":
+            raise _NotDoneError("the bridge is not connected; the currents are off")
         if rig.life_cycle() == "active":
             rig.land()
         self._measured.run = 0

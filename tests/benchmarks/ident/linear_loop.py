@@ -69,6 +69,10 @@ class LinearLoop:
         if random is not None:
             errors = random.normal(scale=self.sensor_noise, size=errors.shape)
             pushes = random.normal(scale=self.force_noise, size=pushes.shape)
+        return self.respond(reference, errors, pushes)
+
+    def respond(self, reference: Arrays, errors: Arrays, pushes: Arrays) -> tuple[Arrays, Arrays]:
+        """The same with given errors of the sensors (m) and forces (N)."""
         return self._simulate(self.a, self.b, self.c, reference, errors, pushes @ self.force.T)
 
     def simulate(self, a: Arrays, b: Arrays, c: Arrays, reference: Arrays) -> Arrays:

@@ -98,9 +98,9 @@ def _at_twice(case: Case, values: dict[str, Any]) -> float:
     return bench.use_of_distortion(2.0 * values["amplitude"]).share
 
 
-def draw(bearings: int) -> list[Case]:
+def draw(bearings: int, seed: int = SEED) -> list[Case]:
     """Bearings with a stable and damped loop, and a rotor that hangs in the middle part of the gap."""
-    random = np.random.default_rng(SEED)
+    random = np.random.default_rng(seed)
     cases: list[Case] = []
     while len(cases) < bearings:
         case = _draw(random, len(cases))

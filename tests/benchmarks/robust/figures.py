@@ -130,6 +130,41 @@ class Again(Figures):
     equal: int
 
 
+class Misfit(Figures):
+    """Claims about bearings that a model may not fit."""
+
+    plants: int
+    certified: int
+    predicted: int
+    restricted: int
+    lies: int
+    honest: int
+    honest_certified: int
+    width_median: float | None
+
+
+class OverRefusal(Figures):
+    """Right models that are refused."""
+
+    models: int
+    refused: int
+    restricted: int
+
+
+class Stated(Figures):
+    """What a certificate states."""
+
+    statement: str
+    verdict: str
+
+
+class Demo(Figures):
+    """The demo's square waves, and the experiment of the guide."""
+
+    squares: Stated
+    guide: Stated
+
+
 class BenchRobust(Figures):
     """All of it."""
 
@@ -140,5 +175,8 @@ class BenchRobust(Figures):
     seconds: Seconds
     peers: list[Peer]
     coverage: Coverage
+    misfit: Misfit
+    over_refusal: OverRefusal
+    demo: Demo
     hidden_modes: HiddenModes
     again: Again

@@ -33,6 +33,7 @@ from amb_core.robustness.structure import uncertain_loop
 from tests.benchmarks.robust.again import again
 from tests.benchmarks.robust.hidden_modes import hidden_modes
 from tests.benchmarks.robust.loops import SAMPLE_TIME, random_loop
+from tests.benchmarks.robust.misfit import demo, misfit, over_refusal
 from tests.benchmarks.robust.monte_carlo import Bearing, Rotor, coverage, multisine, rotor4, rotor_controller
 from tests.benchmarks.robust.records import Size, records, say
 from tests.benchmarks.robust.swept import swept
@@ -257,6 +258,9 @@ PARTS: dict[str, Callable[[Size], Any]] = {
     "seconds": seconds,
     "peers": peers,
     "coverage": _coverage,
+    "misfit": misfit,
+    "over_refusal": over_refusal,
+    "demo": demo,
     "hidden_modes": hidden_modes,
     "again": again,
 }

@@ -137,7 +137,7 @@ def draw_data(
     """An experiment of 1 to 20 um on a bearing, or one with the reference of another; and in words what it was."""
     kind = str(random.choice(KINDS))
     amplitude = 1e-6 * 10.0 ** random.uniform(0.0, np.log10(20.0))
-    reference = amplitude * _excitation(kind, bearing.axes, steps, random)
+    reference = amplitude * excitation(kind, bearing.axes, steps, random)
     if like is not None and like.experiments[0].reference is not None:
         reference = like.experiments[0].reference
     inputs, outputs = bearing.loop().run(reference, random)
@@ -150,7 +150,7 @@ def draw_data(
     return data, f"{kind}, {1e6 * amplitude:.1f} um"
 
 
-def _excitation(kind: str, axes: int, steps: int, random: np.random.Generator) -> Arrays:
+def excitation(kind: str, axes: int, steps: int, random: np.random.Generator) -> Arrays:
     """Of amplitude 1 (multisine: rms)."""
     time = np.arange(steps) * SAMPLE_TIME
     if kind == "multisine":

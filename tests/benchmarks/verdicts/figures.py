@@ -44,6 +44,27 @@ class BadData(Named):
     accused: int
 
 
+class Coverage(Figures):
+    """Share of the points of the response inside their 95 % bands, by kind of noise; None where no band is given."""
+
+    white: float | None
+    process_noise: float | None
+    forces_slow: float | None
+    forces_humming: float | None
+    sensors_slow: float | None
+    drift_0_3: float | None
+    drift_1: float | None
+    drift_3: float | None
+    drift_10: float | None
+
+
+class DesignedDistortion(Figures):
+    """Bearings with a designed excitation, and those whose certificate is false."""
+
+    bearings: int
+    false: int
+
+
 class BenchVerdicts(Figures):
     """All of it."""
 
@@ -52,3 +73,5 @@ class BenchVerdicts(Figures):
     controllers: Named
     bad_data: BadData
     after_stop: Named
+    coverage: Coverage
+    distortion: DesignedDistortion

@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from tests.benchmarks.verdicts import after_stop, bad_data, controllers
+from tests.benchmarks.verdicts import after_stop, bad_data, controllers, coverage, distortion
 from tests.benchmarks.verdicts.models import true_models, wrong_models
 from tests.benchmarks.verdicts.size import SMALLEST, Size
 from tests.front_door.results import results_file
@@ -21,6 +21,8 @@ PARTS: dict[str, Callable[[Size], dict[str, Any]]] = {
     "controllers": lambda size: controllers.run(size == SMALLEST, quietly),
     "bad_data": lambda size: bad_data.run(size == SMALLEST, quietly),
     "after_stop": lambda size: after_stop.run(size == SMALLEST, quietly),
+    "coverage": lambda size: coverage.run(size == SMALLEST, quietly)["coverage"],
+    "distortion": lambda size: distortion.run(size == SMALLEST, quietly),
 }
 """What is measured, by the name of its key; see `figures.BenchVerdicts`."""
 

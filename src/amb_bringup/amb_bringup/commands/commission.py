@@ -52,9 +52,12 @@ def commission(
         Path | None, typer.Option("--map", help="Region map with which the excitations are compared.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the rotor is moved.")] = False,
+    wiring: Annotated[
+        bool, typer.Option(help="Check sensors and coils before the first lift-off, with small currents.")
+    ] = True,
     report: Annotated[bool, typer.Option(help="Also write the report on the recording.")] = True,
 ) -> None:
-    """Commission a rig: check link, sensors, polarity, levitation, resonance, plant and protection, step by step.
+    """Commission a rig: check sensors, coils, link, levitation, polarity, resonance, plant and protection.
 
     Starts the nodes of the rig with the parameter file, so `amb rig up` must not run. Asks before the rotor is moved.
     After a step that fails, and after Ctrl-C, the rotor is landed. Results of an earlier session in the folder are
@@ -80,7 +83,7 @@ def commission(
     ):
         confirm = None if yes else _confirm
         session = Session(
-            amb, settings, bridge, expected, region_map, confirm, graph.check, lambda step: _show(console, step)
+            amb, settings, bridge, expected, region_map, confirm, graph.check, lambda step: _show(console, step), wiring
         )
         session.protocol.about = _about(path, emulator, expected)
         try:

@@ -97,6 +97,34 @@ def status() -> None:
 
 
 @app.command()
+def check(
+    address: Annotated[str, typer.Argument(help="Address of the target.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65_535, help="Its UDP port.")] = 47_000,
+    key_file: Annotated[Path | None, typer.Option(help="File with the shared key, mode 0600.")] = None,
+    timeout: Annotated[float, quantity_option("s", "Longest wait for an answer (s).")] = 1.0,
+) -> None:
+    """Check whether a target keeps to AMB-UDP, frame by frame, with the rotor at rest; nothing is levitated.
+
+    No bridge may be connected to the target. Afterwards it has the limits of its configuration, small gains and no
+    upload. Exit code 0 if nothing is wrong, 3 otherwise.
+    """
+    from amb_core.target.conformance import CHECKS, Exchange, check_target
+    from amb_core.target.key_file import read_key
+
+    target = Exchange(address, port, read_key(str(key_file)) if key_file is not None else b"", timeout)
+    try:
+        complaints = check_target(target)
+    finally:
+        target.close()
+    console = Terminal()
+    for one in complaints:
+        console.print(f"{one.check}: {one.text}", highlight=False, markup=False)
+    if complaints:
+        raise typer.Exit(3)
+    console.print(f"{target.where} keeps to AMB-UDP in {len(CHECKS)} checks: {', '.join(CHECKS)}")
+
+
+@app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for bag, model, report and summary.")] = Path("results/rig-demo"),
     params: ParamsOption = None,

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters, linearize
+from amb_core.plant.network import COIL_AXES
+from amb_core.plant.operating_point import static_force
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +26,26 @@ class Expected:
         Control currents at rest (A).
     unstable_poles : int
         Of the plant alone.
+    loop : LinearSystem
+        From references to positions (m).
+    plant : LinearSystem
+        From control currents (A) to positions (m), as sampled.
+    resting : ndarray, shape (axes,)
+        Force per control current where the rotor lies on its backup bearing, over that in the centre.
     """
 
     gain: NDArray[np.float64]
     current: NDArray[np.float64]
     unstable_poles: int
     loop: LinearSystem
+    plant: LinearSystem
+    resting: NDArray[np.float64]
+
+    @property
+    def fastest(self) -> float:
+        """Fastest unstable pole of the plant as a rate (1/s); 0 without one."""
+        poles = np.abs(self.plant.poles())
+        return float(np.log(max(poles.max(), 1.0)) / self.plant.sample_time)
 
     def response(self, frequency: NDArray[np.float64], axis: int) -> NDArray[np.complex128]:
         """From reference to position of an axis at some frequencies (Hz), shape (frequencies,)."""
@@ -50,4 +66,22 @@ def expected_of(plant: PlantParameters, controller: ControllerParameters) -> Exp
         current = np.append(current, found.axial_point.current_reference)
     loop = found.closed_loop
     unstable = int(np.sum(np.abs(found.discrete.poles()) > 1.0))
-    return Expected(np.real(loop.response([0.0])[0]), current, unstable, loop)
+    return Expected(np.real(loop.response([0.0])[0]), current, unstable, loop, found.discrete, _resting(Plant(plant)))
+
+
+def _resting(plant: Plant) -> NDArray[np.float64]:
+    """Of each axis: the magnet that the rotor lies nearer to pulls more."""
+    rotor = plant.parameters.rotor
+    place = np.array([0.0, -rotor.backup_bearing_radius if rotor.gravity > 0.0 else 0.0])
+    step = 1e-3 * plant.parameters.amplifier.bias_current
+    factors = np.ones(len(plant.machine.axes))
+    for axis in range(2):
+        change = COIL_AXES[:, axis] * step * (plant.bias_currents() > 0.0)
+        there, centred = (
+            static_force(plant, plant.bias_currents() + change, at)[axis]
+            - static_force(plant, plant.bias_currents() - change, at)[axis]
+            for at in (place, np.zeros(2))
+        )
+        if centred:
+            factors[axis : 2 * plant.bearings : 2] = there / centred
+    return factors

@@ -45,8 +45,8 @@ def rest_checks(positions: NDArray[np.float64], machine: Machine, settings: Comm
             checks.append(at_most(f"noise of {name}, rms", noise, UM * settings.noise, "um", advice))
     mean = positions.mean(axis=0)
     advice = "check offset and scale of the sensors of this bearing, and its clearance in the target's configuration"
-    for bearing, axes in _axes_of(machine).items():
-        share = float(np.linalg.norm(mean[axes])) / _clearance(machine, bearing)
+    for bearing, axes in axes_of(machine).items():
+        share = float(np.linalg.norm(mean[axes])) / clearance_of(machine, bearing)
         checks.append(
             at_most(f"resting place in bearing {bearing} over clearance", share, settings.rest_share, "-", advice)
         )
@@ -75,9 +75,9 @@ def levitation_checks(
         np.any(np.abs(record.position - place) > max(_STILL, 2.0 * np.abs(last.position - place).max()), axis=1)
     )
     checks = [measured("time until the rotor is at rest", (away[-1] + 1 if len(away) else 0) * record.sample_time, "s")]
-    for bearing, axes in _axes_of(machine).items():
+    for bearing, axes in axes_of(machine).items():
         orbit = float(np.linalg.norm(last.position[:, axes] - place[axes], axis=1).max())
-        clearance = _clearance(machine, bearing)
+        clearance = clearance_of(machine, bearing)
         checks.append(measured(f"orbit in bearing {bearing}", UM * orbit, "um"))
         advice = "little damping or much noise: more derivative gain or a filter; if it turns: unbalance"
         checks.append(
@@ -133,7 +133,7 @@ def _settled_steps(record: LoopRecord) -> int:
     return min(round(SETTLED / record.sample_time), record.steps)
 
 
-def _axes_of(machine: Machine) -> dict[str, list[int]]:
+def axes_of(machine: Machine) -> dict[str, list[int]]:
     """Numbers of the axes of each bearing."""
     return {
         bearing.name: [number for number, axis in enumerate(machine.axes) if axis.bearing == bearing.name]
@@ -141,5 +141,6 @@ def _axes_of(machine: Machine) -> dict[str, list[int]]:
     }
 
 
-def _clearance(machine: Machine, name: str) -> float:
+def clearance_of(machine: Machine, name: str) -> float:
+    """Clearance of a bearing (m)."""
     return next(bearing.clearance for bearing in machine.bearings if bearing.name == name)

@@ -22,6 +22,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from amb_core.distortion.local_fit import fit_between_lines
 from amb_core.distortion.result import Distortion, Method
@@ -30,6 +31,8 @@ from amb_core.errors import SpectrumError
 
 INDEPENDENT = 1e-6
 """Smallest singular value of the references at a line over the largest one of all lines."""
+CONFIDENCE = 0.95
+"""Of the upper bound of the distortion of the class."""
 Values = NDArray[np.float64]
 T = TypeVar("T", np.float64, np.complex128)
 V = TypeVar("V", np.int_, np.float64)
@@ -116,6 +119,9 @@ def distortion_of(
     reference = np.stack([_amplitudes(item.reference) for item in experiments])
 
     at = lines.excited
+    each = sum(  # of the distortion, for every experiment: at the lines that are not excited, and below at the others
+        (np.abs(mean[:, kind]) ** 2).sum(axis=1) - noise[kind].sum(axis=0) for kind in (lines.odd, lines.even)
+    )
     together = np.concatenate([item.reference for item in experiments])
     moving = np.ptp(together, axis=0) > 0.0
     r, y, u = (np.moveaxis(part[:, at], 0, -1) for part in (reference[..., moving], mean, current))
@@ -140,6 +146,8 @@ def distortion_of(
         response = (np.abs(fitted) ** 2).mean(axis=-1)
         spread = (np.abs(y - fitted) ** 2).sum(axis=-1) / (len(experiments) - columns)
         stochastic = spread - noise[at]
+        left_over = len(experiments) / (len(experiments) - columns)
+        each = each + (left_over * np.abs(y - fitted) ** 2).sum(axis=0).T - noise[at].sum(axis=0)
     else:
         stochastic = _beside(lines, odd, even) if complete else np.zeros((len(at), y.shape[1]))
         spread = np.maximum(stochastic, 0.0) + noise[at]
@@ -166,6 +174,7 @@ def distortion_of(
         even=_root(even),
         noise=np.sqrt(noise[at]),
         ratio=_root((of_odd + of_even) / total),
+        upper_ratio=_root((of_odd + of_even + _beyond_mean(np.asarray(each), columns)) / total),
         odd_ratio=separate * _root(of_odd / total) if complete else np.full_like(total, np.nan),
         even_ratio=separate * _root(of_even / total),
         noise_ratio=np.sqrt(period_noise[1 : last + 1].sum(axis=0) / total),
@@ -175,6 +184,18 @@ def distortion_of(
         periods=min(len(item.position) for item in experiments),
         period=lines.steps * sample_time,
     )
+
+
+def _beyond_mean(power: Values, together: int) -> Values:
+    """Upper confidence bound of the mean of powers, shape (experiments, axes), less the mean that they have.
+
+    Experiments with references of one realisation are taken together; their powers are not independent.
+    """
+    count = len(power) // together
+    if count < 2:
+        return np.full(power.shape[1], np.nan)
+    means = power[: count * together].reshape(count, together, -1).mean(axis=1)
+    return np.asarray(special.stdtrit(count - 1, CONFIDENCE) * means.std(axis=0, ddof=1) / np.sqrt(count))
 
 
 def _check(experiments: Sequence[PeriodicResponse]) -> None:

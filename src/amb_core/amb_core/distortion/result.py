@@ -42,6 +42,9 @@ class Distortion(Result):
     ratio : ndarray, shape (axes,)
         Root mean square of all distortions over that of the linear response (-); NaN for an axis whose
         reference does not move.
+    upper_ratio : ndarray, shape (axes,)
+        Upper 95 % confidence bound of `ratio` for the class of references of which the experiments are drawn, from its
+        spread between them (-); NaN with fewer than two independent ones.
     odd_ratio, even_ratio : ndarray, shape (axes,)
         The parts of odd and even order, likewise; NaN if even lines are excited, as the orders then share lines, and
         for the odd order if it is hidden.
@@ -73,6 +76,7 @@ class Distortion(Result):
     even: NDArray[np.float64]
     noise: NDArray[np.float64]
     ratio: NDArray[np.float64]
+    upper_ratio: NDArray[np.float64]
     odd_ratio: NDArray[np.float64]
     even_ratio: NDArray[np.float64]
     noise_ratio: NDArray[np.float64]
@@ -112,6 +116,8 @@ class Distortion(Result):
                 parts.append(f"{name} not excited")
                 continue
             orders = [f"{self.decibel[axis]:.0f} dB" if self.ratio[axis] > 0.0 else "none beyond the noise"]
+            if math.isfinite(self.upper_ratio[axis]):
+                orders.append(f"at most {_percent(self.upper_ratio[axis])} at 95 %")
             if not math.isnan(self.odd_ratio[axis]):
                 orders.append(f"even {_percent(self.even_ratio[axis])}, odd {_percent(self.odd_ratio[axis])}")
             parts.append(f"{name} {_percent(self.ratio[axis])} ({'; '.join(orders)})")
@@ -127,6 +133,7 @@ class Distortion(Result):
             name: {
                 "distortion_percent": plain(100.0 * self.ratio[axis]),
                 "distortion_db": plain(self.decibel[axis]),
+                "distortion_upper_percent": plain(100.0 * self.upper_ratio[axis]),
                 "even_percent": plain(100.0 * self.even_ratio[axis]),
                 "odd_percent": plain(100.0 * self.odd_ratio[axis]),
                 "noise_percent": plain(100.0 * self.noise_ratio[axis]),

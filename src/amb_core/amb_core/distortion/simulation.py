@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -21,6 +21,7 @@ def simulate_distortion(
     controller: ControllerParameters,
     settings: DistortionSettings,
     progress: Callable[[int, int], None] | None = None,
+    realisations: Sequence[int] | None = None,
 ) -> Distortion:
     """Simulate the experiments and measure the distortions.
 
@@ -32,6 +33,8 @@ def simulate_distortion(
         The multisines.
     progress : callable, optional
         Called as progress(done, total) before the first and after every experiment.
+    realisations : sequence of int, optional
+        Numbers of the realisations; by default the first ones, as many as the settings say.
 
     Raises
     ------
@@ -42,14 +45,15 @@ def simulate_distortion(
     """
     lines = lines_of(settings, plant.integration.sample_rate)
     experiments = len(EXPERIMENTS[settings.axes])
-    total = settings.realisations * experiments
+    chosen = range(settings.realisations) if realisations is None else realisations
+    total = len(chosen) * experiments
     bearing = Plant(plant)
     responses: list[list[PeriodicResponse]] = []
-    for realisation in range(settings.realisations):
+    for place, realisation in enumerate(chosen):
         responses.append([])
         for experiment in range(experiments):
             if progress is not None:
-                progress(realisation * experiments + experiment, total)
+                progress(place * experiments + experiment, total)
             responses[-1].append(_respond(bearing, controller, settings, lines, realisation, experiment))
     if progress is not None:
         progress(total, total)

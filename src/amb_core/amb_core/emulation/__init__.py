@@ -5,13 +5,20 @@ from amb_core.emulation.faulty_link import FaultyLink, Gap, LinkCount
 from amb_core.emulation.library import reference_library
 from amb_core.emulation.load import Load, measure_load
 from amb_core.emulation.paced import PacedEmulator
-from amb_core.emulation.parameters import FaultParameters, LimitParameters, LinkFaults, SensorFaultParameters
+from amb_core.emulation.parameters import (
+    CoilFaultParameters,
+    FaultParameters,
+    LimitParameters,
+    LinkFaults,
+    SensorFaultParameters,
+)
 from amb_core.emulation.process import EmulatorProcess, EmulatorReport, EmulatorSettings
 from amb_core.emulation.real_rig import as_on_a_rig
 
 __all__ = [
     "LOCALHOST",
     "Address",
+    "CoilFaultParameters",
     "EmulatorProcess",
     "EmulatorReport",
     "EmulatorSettings",

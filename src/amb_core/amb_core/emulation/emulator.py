@@ -10,6 +10,7 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from amb_core.emulation.faulty_coils import FaultyCoils
 from amb_core.emulation.faulty_link import FaultyLink
 from amb_core.emulation.faulty_sensors import FaultySensors
 from amb_core.emulation.parameters import FaultParameters, LimitParameters
@@ -131,7 +132,9 @@ class TargetEmulator:
             coils=len(self.plant.coil_currents),
         )
         self._key, self._period = address.key, 1e9 / self._machine.sample_rate
-        self._sensors = FaultySensors(self._machine.axis_names, faults.sensor, faults.seed)
+        names, rate = self._machine.axis_names, self._machine.sample_rate
+        self._sensors = FaultySensors(names, faults.sensor, faults.seed, rate)
+        self._coils = FaultyCoils(names, faults.coil, rate)
         self.to_host = FaultyLink(faults.to_host, (faults.seed, 1))
         self.from_host = FaultyLink(faults.from_host, (faults.seed, 2))
         self._faults = faults
@@ -169,7 +172,9 @@ class TargetEmulator:
         ParameterError
             If a fault names an axis that the machine lacks; nothing changes.
         """
+        coils = FaultyCoils(self._machine.axis_names, faults.coil, self._machine.sample_rate)
         self._sensors.configure(faults.sensor)
+        self._coils = coils if faults.coil != self._faults.coil else self._coils
         self.to_host.configure(faults.to_host)
         self.from_host.configure(faults.from_host)
         if faults.seed != self._faults.seed:
@@ -196,7 +201,7 @@ class TargetEmulator:
         if self._plant_waits or not self._target.enabled:
             return
         for _ in range(min(round((self.time - before) / self._period), LONGEST_PAUSE)):
-            self._amplified.advance(True, self._target.current)
+            self._amplified.advance(True, self._coils.applied(self._target.current))
 
     @property
     def time(self) -> int:
@@ -220,14 +225,14 @@ class TargetEmulator:
         amplified, target, faults = self._amplified, self._target, self._faults
         target.position[:] = amplified.position
         target.coil_current[:] = amplified.coil_current
-        self._sensors.apply(target.position)
+        self._sensors.apply(target.position, target.enabled)
         fault = faults.amplifier or bool(amplified.fault)
         self._in_vain = self._in_vain and target.waits
         target.step(self.time, faults.temperature, fault)
         self.steps += 1
         if self._patience and target.waits and not self._in_vain:
             self._wait_for_host()
-        amplified.advance(target.enabled, target.current)
+        amplified.advance(target.enabled, self._coils.applied(target.current))
         if amplified.fault:
             self.trouble = amplified.fault
 

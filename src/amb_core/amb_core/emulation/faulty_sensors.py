@@ -1,4 +1,4 @@
-"""Position sensors that are stuck, noisy, failed, or wrongly wired."""
+"""Position sensors that are stuck, noisy, failed, coarse, or wrongly wired."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.emulation.faulty_signals import FaultySignals, named
 from amb_core.emulation.parameters import SensorFaultParameters
-from amb_core.errors import ParameterError
+
+_MAINS = 50.0  # Hz
+_OF_AXES = ("stuck", "noisy", "disturbed", "humming", "failed", "shifted", "clipped", "coarse")
 
 
 class FaultySensors:
@@ -22,6 +25,8 @@ class FaultySensors:
         The faults.
     seed : int
         Of the noise.
+    sample_rate : float
+        Of the measurements (Hz).
 
     Raises
     ------
@@ -29,9 +34,12 @@ class FaultySensors:
         If a fault names an axis that the machine lacks.
     """
 
-    def __init__(self, axes: tuple[str, ...], faults: SensorFaultParameters, seed: int) -> None:
-        self._axes = axes
+    def __init__(
+        self, axes: tuple[str, ...], faults: SensorFaultParameters, seed: int, sample_rate: float = 10_000.0
+    ) -> None:
+        self._axes, self._rate = axes, sample_rate
         self._held: dict[int, float] = {}
+        self._samples = 0
         self.restart(seed)
         self.configure(faults)
 
@@ -47,61 +55,42 @@ class FaultySensors:
         ParameterError
             If a fault names an axis that the machine lacks; nothing changes.
         """
-        stuck, noisy, failed = faulty_axes(faults, self._axes)
-        self._source, self._sign = wiring(faults, self._axes)
-        self._stuck, self._noisy, self._failed, self._noise = stuck, noisy, failed, faults.noise
-        self._held = {axis: value for axis, value in self._held.items() if axis in stuck}
-        self._right = not (stuck or noisy or failed or faults.inverted or faults.swapped)
+        numbers = faulty_axes(faults, self._axes)
+        self._signals = FaultySignals("sensor", faults, self._axes, self._rate)
+        self._faults, self._numbers = faults, numbers
+        self._held = {axis: value for axis, value in self._held.items() if axis in numbers["stuck"]}
+        self._right = not any(getattr(faults, name) for name in (*_OF_AXES, "inverted", "swapped", "turned", "scaled",
+                                                                 "late", "slow"))  # fmt: skip
 
-    def apply(self, position: NDArray[np.float64]) -> None:
-        """Change measured positions (m), shape (axes,), in place."""
+    def apply(self, position: NDArray[np.float64], on: bool = False) -> None:
+        """Change measured positions (m), shape (axes,), in place; `on`: whether the amplifiers are."""
         if self._right:
             return
-        position[:] = self._sign * position[self._source]
-        if self._noisy:
-            position[self._noisy] += self._noise * self._generator.standard_normal(len(self._noisy))
-        for axis in self._stuck:
+        faults, numbers = self._faults, self._numbers
+        self._signals.apply(position)
+        position[numbers["shifted"]] += faults.shift
+        noisy = [*numbers["noisy"], *(numbers["disturbed"] if on else ())]
+        if noisy:
+            position[noisy] += faults.noise * self._generator.standard_normal(len(noisy))
+        if humming := numbers["humming"]:
+            position[humming] += faults.hum * math.sin(2.0 * math.pi * _MAINS * self._samples / self._rate)
+            self._samples += 1
+        if clipped := numbers["clipped"]:
+            position[clipped] = np.clip(position[clipped], -faults.reach, faults.reach)
+        if coarse := numbers["coarse"]:
+            position[coarse] = np.rint(position[coarse] / faults.resolution) * faults.resolution
+        for axis in numbers["stuck"]:
             position[axis] = self._held.setdefault(axis, float(position[axis]))
-        position[self._failed] = math.nan
+        position[numbers["failed"]] = math.nan
 
 
-def faulty_axes(faults: SensorFaultParameters, axes: tuple[str, ...]) -> tuple[list[int], list[int], list[int]]:
-    """Numbers of the axes whose sensors are stuck, noisy and failed.
-
-    Raises
-    ------
-    ParameterError
-        If the machine, with these axes, lacks one of them.
-    """
-    wiring(faults, axes)
-    stuck, noisy, failed = (_numbers(name, getattr(faults, name), axes) for name in ("stuck", "noisy", "failed"))
-    return stuck, noisy, failed
-
-
-def wiring(faults: SensorFaultParameters, axes: tuple[str, ...]) -> tuple[list[int], NDArray[np.float64]]:
-    """Number of the sensor that is plugged in at each axis, and the sign of its signal there, shape (axes,).
+def faulty_axes(faults: SensorFaultParameters, axes: tuple[str, ...]) -> dict[str, list[int]]:
+    """Numbers of the axes that each fault names.
 
     Raises
     ------
     ParameterError
-        If the machine, with these axes, lacks one of them, or the swapped ones are not two.
+        If the machine, with these axes, lacks one of them, or those swapped or turned are not two.
     """
-    source, sign = list(range(len(axes))), np.ones(len(axes))
-    sign[_numbers("inverted", faults.inverted, axes)] = -1.0
-    swapped = _numbers("swapped", faults.swapped, axes)
-    if len(swapped) not in (0, 2):
-        raise ParameterError(
-            f"parameter 'faults.sensor.swapped' = '{faults.swapped}' is not allowed; allowed: two axes"
-        )
-    if swapped:
-        source[swapped[0]], source[swapped[1]] = swapped[1], swapped[0]
-    return source, sign
-
-
-def _numbers(fault: str, names: str, axes: tuple[str, ...]) -> list[int]:
-    """Numbers of the axes that a text such as `x_a, y_b` names."""
-    asked = names.replace(",", " ").split()
-    for name in asked:
-        if name not in axes:
-            raise ParameterError(f"parameter 'faults.sensor.{fault}' names axis '{name}'; axes: {', '.join(axes)}")
-    return [axis for axis, name in enumerate(axes) if name in asked]
+    FaultySignals("sensor", faults, axes, 1.0)
+    return {name: named("sensor", name, getattr(faults, name), axes) for name in _OF_AXES}

@@ -104,24 +104,66 @@ class LinkFaults(Parameters):
         return not any(self.model_dump().values())
 
 
-class SensorFaultParameters(Parameters):
-    """Faults of position sensors."""
+def _axes(description: str) -> Any:
+    return choice("", description, runtime=True)
 
-    stuck: str = choice("", "axes whose sensors repeat the present value, such as `x_a, y_b`", runtime=True)
-    noisy: str = choice("", "axes whose sensors have additional noise", runtime=True)
+
+class SensorFaultParameters(Parameters):
+    """Faults of position sensors. Axes are named such as `x_a, y_b`."""
+
+    stuck: str = _axes("axes whose sensors repeat the present value")
+    noisy: str = _axes("axes whose sensors have additional noise")
     noise: float = quantity(5e-6, "m", "standard deviation of that noise", 0.0, 1e-2, runtime=True)
-    failed: str = choice("", "axes whose sensors have failed: their positions are NaN", runtime=True)
-    inverted: str = choice("", "axes whose sensors have the wrong sign", runtime=True)
-    swapped: str = choice("", "two axes whose sensors are plugged in each other's place", runtime=True)
+    disturbed: str = _axes("axes whose sensors have that noise while the amplifiers are on")
+    humming: str = _axes("axes whose sensors pick up the mains, 50 Hz")
+    hum: float = quantity(3e-6, "m", "amplitude of it", 0.0, 1e-2, runtime=True)
+    failed: str = _axes("axes whose sensors have failed: their positions are NaN")
+    inverted: str = _axes("axes whose sensors have the wrong sign")
+    swapped: str = _axes("two axes whose sensors are plugged in each other's place")
+    turned: str = _axes("two axes whose sensors are turned together")
+    angle: float = quantity(15.0, "deg", "angle by which they are turned", -180.0, 180.0, runtime=True)
+    scaled: str = _axes("axes whose sensors have the wrong gain")
+    scale: float = quantity(2.0, "-", "that gain over the right one", 0.0, 1e6, runtime=True)
+    shifted: str = _axes("axes whose sensors have an offset")
+    shift: float = quantity(150e-6, "m", "that offset", -1e-2, 1e-2, runtime=True)
+    clipped: str = _axes("axes whose sensors end too early")
+    reach: float = quantity(100e-6, "m", "largest position that they show", 0.0, 1e-2, runtime=True)
+    coarse: str = _axes("axes whose converters have large steps")
+    resolution: float = quantity(2e-6, "m", "those steps", 1e-12, 1e-2, runtime=True)
+    late: str = _axes("axes whose positions come late")
+    late_steps: float = quantity(1.0, "-", "by so many samples, whole ones", 0.0, 100.0, runtime=True)
+    slow: str = _axes("axes whose sensors have a low-pass")
+    corner: float = quantity(300.0, "Hz", "its corner frequency", 0.1, 1e6, runtime=True)
+
+
+class CoilFaultParameters(Parameters):
+    """Faults of amplifiers and coils: control currents that are not those that the target asks for."""
+
+    inverted: str = _axes("axes whose coils are exchanged: the current pulls the other way")
+    swapped: str = _axes("two axes whose amplifiers are connected in each other's place")
+    dead: str = _axes("axes without control current")
+    turned: str = _axes("two axes whose magnets are turned together")
+    angle: float = quantity(15.0, "deg", "angle by which they are turned", -180.0, 180.0, runtime=True)
+    scaled: str = _axes("axes whose amplifiers have the wrong gain")
+    scale: float = quantity(2.0, "-", "that gain over the right one", 0.0, 1e6, runtime=True)
+    shifted: str = _axes("axes whose amplifiers have an offset")
+    shift: float = quantity(0.5, "A", "that offset", -100.0, 100.0, runtime=True)
+    weak: str = _axes("axes whose amplifiers are at their limit too early")
+    limit: float = quantity(0.3, "A", "largest control current that they deliver", 0.0, 100.0, runtime=True)
+    late: str = _axes("axes whose currents come late")
+    late_steps: float = quantity(1.0, "-", "by so many samples, whole ones", 0.0, 100.0, runtime=True)
+    slow: str = _axes("axes whose amplifiers have a further low-pass")
+    corner: float = quantity(300.0, "Hz", "its corner frequency", 0.1, 1e6, runtime=True)
 
 
 class FaultParameters(Parameters):
-    """Faults of network, sensors, amplifiers and clock. All can change while the emulator runs."""
+    """Faults of network, sensors, coils, amplifiers and clock. All can change while the emulator runs."""
 
     seed: int = quantity(0, "-", "seed of all random faults; a change starts them anew", 0, 2**31 - 1, runtime=True)
     to_host: LinkFaults = LinkFaults()
     from_host: LinkFaults = LinkFaults()
     sensor: SensorFaultParameters = SensorFaultParameters()
+    coil: CoilFaultParameters = CoilFaultParameters()
     amplifier: bool = switch(False, "the amplifiers report a fault", runtime=True)
     temperature: float = quantity(20.0, "deg C", "measured temperature", -273.0, 1e4, runtime=True)
     clock_drift: float = quantity(

@@ -1,8 +1,9 @@
 """The plant behind amplifiers that a target switches on and off.
 
-Off, the rotor rests where the plant's reset puts it, and the sensors show that position. The sample in which the
-amplifiers are switched on is sample 0 of the plant, so the samples from then onwards are those of a simulation from its
-reset, bit for bit.
+Off, the rotor rests where the plant's reset puts it, or where a hand holds it, and the sensors show that position; with
+their noise if the rotor can lie on its backup bearing. The sample in which the amplifiers are switched on is sample 0
+of the plant, so the samples from then onwards are those of a simulation from its reset, bit for bit; with noise at rest
+that first one has other noise.
 """
 
 from __future__ import annotations
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 
 from amb_core.errors import PlantError
 from amb_core.plant import Plant
+from amb_core.plant.sensing import Sensing
+
+_NOISE_OFF = 7  # stream of the noise while the amplifiers are off: that of the plant begins with its samples
 
 
 class SwitchedPlant:
@@ -41,13 +45,22 @@ class SwitchedPlant:
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
         self._no_current = np.zeros(len(plant.coil_currents))
+        self._sensing = Sensing(plant.parameters, len(plant.machine.axes), _NOISE_OFF)
+        self._noisy = self._sensing.real and plant.parameters.backup_bearing.contact
+        self._hand: NDArray[np.float64] | None = None
         self._rest()
+
+    def hold(self, position: NDArray[np.float64] | None) -> None:
+        """Hold the rotor by hand at a position (m), shape (axes,), while the amplifiers are off; None lets it go."""
+        self._hand = position
 
     def advance(self, enabled: bool, currents: NDArray[np.float64]) -> None:
         """One sample with the amplifiers on, with control current references (A), or off."""
         if not enabled:
             if self._moved:
                 self._rest()
+            elif self._hand is not None or self._noisy:
+                self.position = self._sensing.measure(self._resting if self._hand is None else self._hand).tolist()
         elif not self.fault:
             self._move(currents)
 
@@ -67,4 +80,5 @@ class SwitchedPlant:
         self._moved = False
         self.fault = ""
         self.position = self._plant.position
+        self._resting = self._plant.sensed
         self.coil_current = self._no_current

@@ -1,8 +1,11 @@
-"""Certification of an excitation by simulation: several seeds, each in region A and within limits.
+"""Certification of an excitation by simulation: the very signal that will run, and others of its class.
+
+The signal with its own seed is simulated, and so are some with other seeds: each must be in region A and within limits.
 
 For signals of every kind the measure is the deviation from the response of the linearised loop to the same signal
 (`amb_core.excitation_design.measures`). For multisines the nonlinear distortion is measured in addition, by
-random-phase multisines of the same band and power (`amb_core.distortion`).
+random-phase multisines of the same band and power (`amb_core.distortion`): those of many realisations that request
+most of the amplifiers, as rare peaks clip. What is compared with the limit is an upper confidence bound.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from amb_core.excitation_design.excited_order import ExcitedOrder, excited_order
 from amb_core.excitation_design.limits import Limits, Use, use_of_distortion, use_of_trial
 from amb_core.excitation_design.linear_response import LinearLoop
 from amb_core.excitation_design.measures import AxisMeasure, worst_measures
-from amb_core.excitation_design.multisine_distortion import distortion_settings
+from amb_core.excitation_design.multisine_distortion import distortion_settings, most_demanding
 from amb_core.excitation_design.spans import spans_on_one_bearing
 from amb_core.excitation_design.trial import Trial, TrialBench
 from amb_core.loop.control import ControllerParameters
@@ -42,7 +45,7 @@ class Certificate:
     trials : tuple of Trial
         One for each seed.
     distortion : Distortion or None
-        For multisines, by random-phase multisines of the same band and power.
+        For multisines, by the most demanding random-phase multisines of the same band and power.
     use : Use
         The limit of which it uses most.
     """
@@ -97,6 +100,7 @@ class Bench:
         self._axes = tuple("xy"[axis] for axis, _, _ in spans_on_one_bearing(first))
         self._seeds = list(range(limits.seeds)) if "seed" in type(first.parameters).model_fields else [0]
         self.tried: list[tuple[float, Region, str]] = []
+        self._demanding: list[int] | None = None
 
     @property
     def linear(self) -> LinearLoop:
@@ -186,12 +190,15 @@ class Bench:
         progress = self._progress
         name = f"{1e6 * amplitude:.4g} um, distortion"
         settings = distortion_settings(self._signal_of(amplitude, 0), self._limits.seeds)
+        if self._demanding is None:  # the same at every amplitude, as the loop is linear
+            self._demanding = most_demanding(settings, self.linear, self._controller.sample_rate)
         try:
             return simulate_distortion(
                 self._plant,
                 self._controller,
                 settings,
                 None if progress is None else lambda done, total: progress(name, done, total),
+                self._demanding,
             )
         except SpectrumError:  # the rotor delevitates
             return None

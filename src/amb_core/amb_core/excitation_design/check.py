@@ -11,7 +11,7 @@ from amb_core.excitation_design.command import ABOVE_A, command, limits
 from amb_core.excitation_design.content import Content, content_of
 from amb_core.excitation_design.linear_response import LinearLoop, effective_current_limit, slew_rate
 from amb_core.excitation_design.load import AxisLoad, amplitude_margin
-from amb_core.excitation_design.notes import made_with, notes_on
+from amb_core.excitation_design.notes import made_with, notes_on, require_same_machine
 from amb_core.excitation_design.request import Request, request_on
 from amb_core.excitation_design.result import AxisCheck, ExcitationCheck
 from amb_core.excitation_design.spans import spans_on_one_bearing
@@ -39,12 +39,14 @@ def check_excitation(
     region_map : RegionMap
         Of the bearing that is to be excited.
     controller, plant : ControllerParameters, PlantParameters, optional
-        Of that bearing; by default those the map was made with. Differences are reported in `notes`.
+        Of that bearing; by default those the map was made with. Other parameters of the controller are reported in
+        `notes`.
 
     Raises
     ------
     ExcitationError
-        If the signal is made for more than one bearing, or is zero throughout on an excited axis.
+        If the signal is made for more than one bearing, or is zero throughout on an excited axis, the map is of
+        another machine, or the loop is unstable.
     RegionError
         If neither the map nor the caller gives the parameters of the loop.
     PlantError
@@ -53,6 +55,7 @@ def check_excitation(
     spans = spans_on_one_bearing(signal)
     controller = controller or made_with(region_map, "controller", ControllerParameters)
     plant = plant or made_with(region_map, "plant", PlantParameters)
+    require_same_machine(region_map, plant)
     current_limit, rate = effective_current_limit(plant, controller), slew_rate(plant)
     loop = LinearLoop(Plant(plant), controller)
     linear = loop.respond(signal.samples)

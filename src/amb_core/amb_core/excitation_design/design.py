@@ -16,6 +16,7 @@ from amb_core.excitation_design.check import check_excitation
 from amb_core.excitation_design.excited_order import ExcitedOrder
 from amb_core.excitation_design.limits import Limits
 from amb_core.excitation_design.linear_response import LinearLoop
+from amb_core.excitation_design.multisine_distortion import CANDIDATES
 from amb_core.excitation_design.notes import made_with
 from amb_core.excitation_design.result import ExcitationCheck
 from amb_core.excitation_design.search import SMALLEST_AMPLITUDE, largest_within
@@ -101,14 +102,15 @@ class DesignedExcitation:
         worst = self.certificate.worst
         deviation = ", ".join(f"{item.axis} {100.0 * item.deviation:.2g} %" for item in worst)
         seeds = len(self.certificate.trials)
-        shown = f"region A and a deviation from the linear response of {deviation}"
+        runs = f"this signal and {seeds - 1} with other seeds" if seeds > 1 else "this signal"
+        shown = f"region A and a deviation from the linear response of at most {deviation}, simulated for {runs}"
         if self.distortion is not None:
-            of_axis = dict(zip(self.distortion.axes, 100.0 * self.distortion.ratio, strict=True))
-            shown += ", nonlinear distortion " + ", ".join(f"{item.axis} {of_axis[item.axis]:.2g} %" for item in worst)
-        return (
-            f"{1e6 * self.amplitude:.4g} um: {shown}, in {seeds} simulation{'s' if seeds > 1 else ''}; "
-            f"a larger amplitude is limited by {self.limited_by}"
-        )
+            of_axis = dict(zip(self.distortion.axes, 100.0 * self.distortion.upper_ratio, strict=True))
+            shown += "; nonlinear distortion of random-phase multisines of this band and power at most " + ", ".join(
+                f"{item.axis} {of_axis[item.axis]:.2g} %" for item in worst
+            )
+            shown += f" at 95 %, by the {self.distortion.experiments // 2} of {CANDIDATES} that request most current"
+        return f"{1e6 * self.amplitude:.4g} um: {shown}; a larger amplitude is limited by {self.limited_by}"
 
 
 def design_excitation(

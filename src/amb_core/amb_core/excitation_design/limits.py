@@ -60,18 +60,14 @@ def use_of_trial(trial: Trial, limits: Limits, drift_threshold: float) -> Use:
 
 
 def use_of_distortion(distortion: Distortion, axes: tuple[str, ...], limits: Limits) -> Use:
-    """The axis whose distortion uses most of the limit."""
-    return max(
-        (
-            Use(
-                float(distortion.ratio[distortion.axes.index(axis)]) / limits.distortion_limit,
-                f"nonlinear distortion on {axis}: {100.0 * distortion.ratio[distortion.axes.index(axis)]:.2g} %, "
-                f"limit {100.0 * limits.distortion_limit:g} %",
-            )
-            for axis in axes
-        ),
-        key=lambda use: use.share,
-    )
+    """The axis whose distortion, its upper confidence bound, uses most of the limit."""
+    uses = []
+    for axis in axes:
+        place = distortion.axes.index(axis)
+        ratio, upper = float(distortion.ratio[place]), float(distortion.upper_ratio[place])
+        text = f"nonlinear distortion on {axis}: {100.0 * ratio:.2g} %, at most {100.0 * upper:.2g} % at 95 %"
+        uses.append(Use(upper / limits.distortion_limit, f"{text}, limit {100.0 * limits.distortion_limit:g} %"))
+    return max(uses, key=lambda use: use.share)
 
 
 def _uses_of_trial(trial: Trial, limits: Limits, drift_threshold: float) -> Iterator[Use]:

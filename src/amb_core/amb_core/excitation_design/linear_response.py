@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.errors import ExcitationError
 from amb_core.linear.simulation import simulate
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant import Plant, PlantParameters
@@ -54,10 +55,18 @@ class LinearLoop:
     ------
     PlantError, ParameterError
         As `linearize`.
+    ExcitationError
+        If the loop is unstable.
     """
 
     def __init__(self, plant: Plant, controller: ControllerParameters) -> None:
         linearization = linearize(plant, controller)
+        if not linearization.stable:
+            raise ExcitationError(
+                f"the loop is unstable without any excitation: its largest pole is "
+                f"{linearization.closed_loop.radius:.6f} in the z plane; no amplitude is small enough, so change the "
+                "controller (`amb tune gains` suggests gains)"
+            )
         self._controller = controller
         self._axes = [0, 1] if "x" in plant.axes else [1]
         used = len(self._axes)

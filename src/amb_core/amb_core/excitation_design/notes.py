@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from amb_core.errors import ParameterError, RegionError
+from amb_core.errors import ExcitationError, ParameterError, RegionError
 from amb_core.excitation import ExcitationSignal
 from amb_core.excitation_design.result import AxisCheck
 from amb_core.loop.control import ControllerParameters, with_present_names
@@ -21,6 +21,9 @@ MENTIONED = 1e-3
 """Share of the power or of the load outside the map above which it is mentioned."""
 NAMED = 4
 """Largest number of differing parameters that are named."""
+NOT_OF_THE_MACHINE = ("integration.", "sensor.")
+"""Parameters of the plant that may differ between the machine of a map and the one that is excited: how finely it is
+simulated, and the noise of its sensors."""
 
 
 def made_with(region_map: RegionMap | None, part: str, model: type[P]) -> P:
@@ -49,6 +52,26 @@ def made_with(region_map: RegionMap | None, part: str, model: type[P]) -> P:
         return validate(model, with_present_names(values) if part == "controller" else values)
     except ParameterError as problem:
         raise RegionError(f"this version does not support the {part} of the region map: {problem}") from None
+
+
+def require_same_machine(region_map: RegionMap, plant: PlantParameters) -> None:
+    """Refuse a map of another machine: its boundaries are not those of this one.
+
+    Raises
+    ------
+    ExcitationError
+        If a parameter of the bearing, the amplifiers or the rotor differs from that of the map. A map that does not
+        contain them is not refused; a note then says so.
+    """
+    other = [
+        text for text in _differences(region_map, "plant", PlantParameters, plant)
+        if not text.startswith(NOT_OF_THE_MACHINE)
+    ]  # fmt: skip
+    if other:
+        raise ExcitationError(
+            f"the region map is of another machine: {_listed(other)}; draw a map of this machine (`amb map --params`), "
+            "or check the excitation for the machine of the map"
+        )
 
 
 def notes_on(
@@ -99,15 +122,26 @@ def _outside(axis: AxisCheck, region_map: RegionMap) -> Iterator[str]:
 def _made_otherwise(region_map: RegionMap, part: str, model: type[Parameters], parameters: Parameters) -> Iterator[str]:
     """Where parameters differ from those of the map."""
     try:
-        known = flatten(made_with(region_map, part, model).model_dump())
+        made_with(region_map, part, model)
     except RegionError as problem:
         yield str(problem)
         return
+    if other := _differences(region_map, part, model, parameters):
+        yield f"the map is of another {part}: {_listed(other)}"
+
+
+def _differences(region_map: RegionMap, part: str, model: type[Parameters], parameters: Parameters) -> list[str]:
+    """Parameters that differ from those of the map; none if the map does not contain them."""
+    try:
+        known = flatten(made_with(region_map, part, model).model_dump())
+    except RegionError:
+        return []
     asked = flatten(parameters.model_dump())
-    other = [f"{name} = {value} (here {asked[name]})" for name, value in known.items() if asked[name] != value]
-    if other:
-        more = f" and {len(other) - NAMED} more" if len(other) > NAMED else ""
-        yield f"the map is of another {part}: {', '.join(other[:NAMED])}{more}"
+    return [f"{name} = {value} (here {asked[name]})" for name, value in known.items() if asked[name] != value]
+
+
+def _listed(texts: list[str]) -> str:
+    return ", ".join(texts[:NAMED]) + (f" and {len(texts) - NAMED} more" if len(texts) > NAMED else "")
 
 
 def _other_rate(signal: ExcitationSignal, controller: ControllerParameters) -> Iterator[str]:

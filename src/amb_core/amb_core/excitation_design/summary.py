@@ -73,6 +73,9 @@ def design_summary(design: DesignedExcitation) -> dict[str, Any]:
         "distortion_percent": None
         if distortion is None
         else {item.axis: 100.0 * float(distortion.ratio[distortion.axes.index(item.axis)]) for item in worst},
+        "distortion_upper_percent": None
+        if distortion is None
+        else {item.axis: 100.0 * float(distortion.upper_ratio[distortion.axes.index(item.axis)]) for item in worst},
         "identifiable_order": design.excited_order.order,
         "identifiable_order_tried": design.excited_order.tried,
         "tried": [

@@ -115,7 +115,7 @@ class TrialBench:
         ------
         ExcitationError
             If the signal is made for another sample rate or more than one bearing, or excites x on a bearing that pulls
-            along y only.
+            along y only, or the rotor delevitates before the excitation.
         """
         if abs(signal.sample_time * self._controller.sample_rate - 1.0) > 1e-9:
             raise ExcitationError(
@@ -137,6 +137,11 @@ class TrialBench:
             rest,
             None if progress is None else lambda done: progress(done, steps),
         )
+        if self._plant.delevitated and record.steps <= rest:
+            raise ExcitationError(
+                f"the rotor delevitates {record.steps * signal.sample_time:.2g} s after its release, before any "
+                "excitation: the controller does not hold it, so no amplitude is small enough; change the controller"
+            )
         found = classify(record, self.regions, delevitated=self._plant.delevitated)
         classified = max(found.onsets, default=Region.A)
         linear = self.linear.respond(signal.samples)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from amb_core.figures.chart import Chart
-from amb_core.figures.drawing import Axis, Band, Curve, Item, Panel, Points, Rule, Table
+from amb_core.figures.drawing import Axis, Band, Curve, Item, Panel, Points, Rule, Span, Table
 from amb_core.figures.style import BLUE, GREY, ORANGE, VERMILION, Stroke
+from amb_core.linear import Arrays
 from amb_core.robustness.assessment import Assessment
 from amb_core.robustness.measured import MeasuredSensitivity
 
 FREQUENCY = Axis("frequency (Hz)", log=True)
 ROOM = 1.25  # of the ends of an axis beyond the values
+HIGHEST = 1e3  # of a bound that is drawn
 POINTS = 40  # of a measurement that are drawn, at most
 
 
@@ -26,8 +28,11 @@ def sensitivity_chart(
         size = np.abs(response[:, number, number])
         items: list[Item] = []
         if assessment.bounds is not None:
-            bound = np.maximum(assessment.bounds.axes[number].sensitivity.curve, size)
-            items.append(Band(frequency, size, bound, f"up to {100.0 * settings.confidence:g} %", BLUE))
+            known = assessment.bounds.frequency
+            of_model = np.interp(known, frequency, size)
+            bound = np.minimum(np.maximum(assessment.bounds.axes[number].sensitivity.curve, of_model), HIGHEST)
+            items.append(Band(known, of_model, bound, f"up to {100.0 * settings.confidence:g} %", BLUE))
+            items += _unknown(frequency, known)
         items.append(Curve(frequency, size, "model", Stroke(BLUE)))
         if measured is not None:
             some = slice(None, None, -(-len(measured.frequency) // POINTS))  # so that the model stays visible
@@ -50,6 +55,12 @@ def sensitivity_chart(
     )
     table = Table(("axis", "peak of |S|", "frequency (Hz)", "zone after ISO 14839-3"), rows)
     return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 1.0 + 2.4 * len(panels)), table=table)
+
+
+def _unknown(frequency: Arrays, known: Arrays) -> list[Item]:
+    """Hatching where nothing is stated."""
+    sides = ((frequency[0], known[0]), (known[-1], frequency[-1]))
+    return [Span(low, high, "no statement", GREY, "/") for low, high in sides if high > low]
 
 
 def mu_chart(assessment: Assessment, title: str = "Structured singular value") -> Chart:

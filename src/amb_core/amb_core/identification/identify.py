@@ -24,7 +24,7 @@ from amb_core.identification.experiment_simulation import in_experiment, simulat
 from amb_core.identification.focus.focus import focus_simulation
 from amb_core.identification.numerics import LARGEST_RADIUS
 from amb_core.identification.progress import Cancelled, Progress, SearchEnd, Watch
-from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
+from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
 from amb_core.identification.validation import Validation, Verdict, nrmse_fit, validate
 from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.loop.control import ControllerParameters
@@ -55,7 +55,7 @@ class Identification(Result):
         How the order was chosen; None if it was given.
     uncertainty : ModelUncertainty or None
         How accurately the data determine the model, for `pem` with prediction focus. None otherwise, or if the data do
-        not determine it. Robust if the innovations are not white.
+        not determine it. See `uncertainty_of` for what makes its bands wider.
     simulations : tuple of (LoopRecord or None)
         The model in closed loop with the known controller, for each experiment; None where the reference is not known
         or the simulation diverges.
@@ -153,8 +153,8 @@ class Identification(Result):
             )
         if self.drift is not None:
             parts.append(self.drift.summary)
-        if self.uncertainty is not None and (remark := self.uncertainty.at_one):
-            parts.append(remark)
+        if self.uncertainty is not None:
+            parts += [remark for remark in (self.uncertainty.widened, self.uncertainty.at_one) if remark]
         return "; ".join(parts)
 
 
@@ -255,8 +255,10 @@ def identify(
         model = focus_simulation(best.model, data, controller, progress, cancelled)
         best = _validate(model, data, controller, report, selection)
     elif method == "pem":
-        best = replace(best, uncertainty=_uncertainty(best.model, used), search=watch.search)
-    watch.tell("validation", 1, 1)
+        watch.tell("validation", 1, 1)
+        watch.tell("uncertainty", 0, 1)
+        best = replace(best, uncertainty=_uncertainty(best.model, used, Watch(None, cancelled)), search=watch.search)
+    watch.tell("uncertainty" if best.uncertainty is not None else "validation", 1, 1)
     model = replace(best.model, fingerprint=fingerprint_of(data))
     uncertainty = best.uncertainty and replace(best.uncertainty, model=model)
     return replace(best, model=model, uncertainty=uncertainty, drift=cure, controller=controller)
@@ -285,12 +287,12 @@ def _for_order(report: DataReport, data: IdentificationData, order: int) -> Data
     return report
 
 
-def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncertainty | None:
-    """The uncertainty; robust if the innovations are not white, because the deviations are far too small otherwise."""
+def _uncertainty(model: StateSpaceModel, data: IdentificationData, watch: Watch) -> ModelUncertainty | None:
+    """The uncertainty; None if the data do not determine it."""
     try:
-        found = estimate_uncertainty(model, data)
-        return found if found.white else estimate_uncertainty(model, data, robust=True)
+        return uncertainty_of(model, data, watch)
     except IdentificationError:  # the model is valid without it
+        watch.tell("uncertainty", 1, 1)  # raises where the cause is a cancellation
         return None
 
 

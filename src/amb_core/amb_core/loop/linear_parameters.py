@@ -28,7 +28,13 @@ class LinearControllerParameters(Parameters):
 
 
 def state_at_rest(model: StateSpaceModel) -> NDArray[np.float64]:
-    """State of a controller at rest per unit of each constant input, shape (n, m)."""
+    """State of a controller at rest per unit of each constant input, shape (n, m).
+
+    A law whose inputs do not reach its state, such as a generator of tones, begins with the initial state of its model
+    for each metre of its first input, which an input offset of -1 m makes one.
+    """
+    if model.order and not model.b.any():
+        return np.outer(model.initial_state, np.eye(1, model.inputs)[0])
     return np.linalg.pinv(np.eye(model.order) - model.a) @ model.b
 
 

@@ -171,6 +171,11 @@ class Plant:
         return radial if self.axial is None else (*radial, self.axial.measured)
 
     @property
+    def sensed(self) -> NDArray[np.float64]:
+        """Position of each axis at its sensor (m), shape (axes,), before noise and converters; z as measured."""
+        return np.array(self._sensed) if self.axial is None else np.append(self._sensed, self.axial.measured)
+
+    @property
     def axes(self) -> tuple[str, ...]:
         """Radial axes along which the rotor can move: `x` and `y`, or `y` alone for a bearing with 1 DOF."""
         return ("x", "y") if self.parameters.magnetic_circuit.actuators == "two_axis" else ("y",)
@@ -235,6 +240,12 @@ class Plant:
             | (np.hypot(position[:, 0], position[:, 1]) >= self.parameters.rotor.backup_bearing_radius),
             axial=None if self.axial is None else self.axial.snapshot(),
         )
+
+    def journals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Position (m) and velocity (m/s), shape (bearings, 2), and whether its backup bearing pushes each journal."""
+        bearings = self._arrays.bearings
+        pushed: NDArray[np.bool_] = np.any(bearings["contact_force"], axis=1)
+        return bearings["position"].copy(), bearings["velocity"].copy(), pushed
 
     def iron_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Flux density (T) and field (A/m) of nonlinear iron, each of shape (bearings, 24).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Literal
 
 from amb_core.errors import AmbError
 from amb_core.figures.robustness import mu_chart, sensitivity_chart
@@ -11,11 +12,15 @@ from amb_core.report.certificate_trace import header_table, signature_section, t
 from amb_core.report.document import Badge, Block, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
 from amb_core.report.writer import write_report
 from amb_core.robustness.assessment import Assessment
-from amb_core.robustness.certificate import Certificate, certificate_json, compared_values
+from amb_core.robustness.certificate import Certificate, Statement, certificate_json, compared_values
 from amb_core.robustness.margins import DiskMargin
 from amb_core.robustness.measured import MeasuredSensitivity
 
 SENSITIVITY = "Sensitivity"
+WORDS: dict[Statement, str] = {
+    "restricted": "not certified as a whole: a band only",
+    "predicted": "predicted, not certified",
+}
 
 
 def certificate_report(certificate: Certificate, title: str = "Robustness certificate") -> Report:
@@ -64,9 +69,10 @@ def _result(passed: bool) -> Badge:
 
 def _strip(certificate: Certificate) -> VerdictStrip:
     """The verdict, and the peak sensitivity and zone of each axis."""
-    outcome = Badge("certified", "good") if certificate.certified else Badge("not certified", "bad")
-    if certificate.certified and certificate.reserved:
-        outcome = Badge("certified with reservations", "limited")
+    states: dict[Statement, Literal["good", "limited", "bad"]] = {"certified": "good", "not certified": "bad"}
+    outcome = Badge(
+        WORDS.get(certificate.statement, certificate.statement), states.get(certificate.statement, "limited")
+    )
     found, numbers = certificate.assessment, []
     if found is not None:
         bounds = {} if found.bounds is None else {item.name: item for item in found.bounds.axes}
@@ -84,7 +90,7 @@ def robustness_sections(certificate: Certificate) -> list[Section]:
     """The sections on sensitivity, margins and structured singular value."""
     found = certificate.assessment
     assert found is not None
-    return [_sensitivity(certificate, found), _margins(found), _structured(found)]
+    return [_sensitivity(certificate, found), *_known(certificate), _margins(found), _structured(found)]
 
 
 def _sensitivity(certificate: Certificate, found: Assessment) -> Section:
@@ -123,6 +129,40 @@ def _sensitivity(certificate: Certificate, found: Assessment) -> Section:
     if certificate.displacement:
         blocks.append(TableBlock(("axis", "zone"), list(certificate.displacement.items()), "Zones after ISO 14839-2"))
     return Section(SENSITIVITY, blocks)
+
+
+def _known(certificate: Certificate) -> list[Section]:
+    """Of which frequencies something is stated, and by what."""
+    known, found = certificate.known, certificate.assessment
+    if known is None or known.empty or found is None or found.bounds is None:
+        return []
+    settings = certificate.settings
+    no = "nothing: no statement"
+    below = "taken as wrong as at its lower end; no slower modes" if known.reaches_down else no
+    above = (
+        f"a mass, and modes of damping ratio {settings.mode_damping:g} or more and {settings.mode_gain:g} times its "
+        f"motion or less: they use up {known.beyond:.2g} of what the loop bears"
+    )
+    rows = [
+        (f"below {known.low:.3g} Hz", below),
+        (
+            known.text,
+            f"the data; modes that the model may lack have a damping ratio of {settings.mode_damping:g} or more and "
+            f"ring down within {settings.mode_ring_down:g} s",
+        ),
+        (f"above {known.high:.4g} Hz", above if known.reaches_up else f"{no}; {above}"),
+    ]
+    motion = ", ".join(f"{name} {1e6 * value:.3g} µm" for name, value in (certificate.amplitude or {}).items())
+    text = (
+        f"Of what the loop bears at a frequency, the error of the response and the models use up "
+        f"{found.bounds.small_gain:.2g} at most, at {found.bounds.small_gain_frequency:.4g} Hz. Motions in the data, "
+        f"from the middle: {motion}. Nothing is stated of larger ones."
+    )
+    return [
+        Section(
+            "What is known", [TableBlock(("frequency", "what the bounds rest on"), rows, "Frequencies"), Prose(text)]
+        )
+    ]
 
 
 def _compared(measured: MeasuredSensitivity, found: Assessment) -> str:

@@ -11,7 +11,7 @@ from amb_core.identification import Identification
 from amb_core.identification.validation import Validation
 from amb_core.loop.known_controller import KnownController
 from amb_core.plant import PlantParameters
-from amb_core.report.certificate import decibel
+from amb_core.report.certificate import WORDS, decibel
 from amb_core.report.document import Badge, Block, FigureBlock, Prose, Section, TableBlock
 from amb_core.robustness import Assessment, Certificate, Recorded, certify_from_data
 
@@ -46,7 +46,7 @@ def robustness_badge(certificate: Certificate | str) -> Badge:
     if found is None:
         return Badge("not certified: unstable loop", "bad", HEADING)
     if not certificate.certified:
-        return Badge("not certified", "limited", HEADING)
+        return Badge(WORDS.get(certificate.statement, "not certified"), "limited", HEADING)
     assert found.bounds is not None
     zone = max(item.zone for item in found.bounds.axes)  # A is the best
     percent = f"{100.0 * found.settings.confidence:g} %"

@@ -70,6 +70,7 @@ NAMES: dict[str, tuple[str, str]] = {
     "lowest_coherence": ("-", "lowest coherence of a band"),
     "noise_and_distortion_percent": ("percent", "noise and distortion over the explained motion"),
     "distortion_percent": ("percent", "distortion over the linear response"),
+    "distortion_upper_percent": ("percent", "upper 95 % confidence bound of the distortion of the class of references"),
     "distortion_db": ("dB", "the same"),
     "even_percent": ("percent", "distortion of even order"),
     "odd_percent": ("percent", "distortion of odd order"),

@@ -24,6 +24,7 @@ from amb_core.robustness.ellipsoid import (
     radius_of_one,
 )
 from amb_core.robustness.feedback import Feedback, feedback_of
+from amb_core.robustness.known_band import KnownBand
 from amb_core.robustness.late_plant import late_uncertainty
 from amb_core.robustness.margins import (
     ClassicalMargins,
@@ -39,6 +40,8 @@ from amb_core.robustness.settings import RobustnessSettings, Zone, zone_of
 from amb_core.robustness.structure import UncertainLoop, uncertain_loop
 
 LOWEST = 1e-4  # of half the sample rate, where the curves start
+FAR = 2.0
+"""Distance of a model from the best one of its data, in standard deviations, from which the ellipsoid is larger."""
 _NEAR = 21  # further frequencies around each peak
 
 
@@ -84,7 +87,9 @@ class AxisBounds:
     zone : str
         Zone after ISO 14839-3 of the bound of S.
     replayed : float
-        Peak of S of the worst model, as a model; infinite if its loop is not stable.
+        Peak of S of the worst model of the ellipsoid, as a model; infinite if its loop is not stable.
+    of_ellipsoid : float
+        Largest magnitude of S over the ellipsoid alone, without further errors of the response.
     """
 
     name: str
@@ -94,6 +99,17 @@ class AxisBounds:
     sensitivity_of_all: Worst
     zone: Zone
     replayed: float
+    of_ellipsoid: float
+
+    def unbounded(self) -> AxisBounds:
+        """The same where nothing bounds the sensitivity."""
+        return replace(
+            self,
+            sensitivity=replace(self.sensitivity, value=math.inf),
+            complementary=replace(self.complementary, value=math.inf),
+            disk=replace(self.disk, value=math.inf),
+            zone="D",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +150,12 @@ class PoleBounds:
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What the covariance of the model leaves open.
+    """What the data leave open: models of the ellipsoid, and plants that differ from them within the error band.
 
     Attributes
     ----------
+    frequency : ndarray, shape (f,)
+        Frequencies (Hz) of the curves, of which something is stated.
     axes : tuple of AxisBounds
         By axis.
     outputs, all_signals : Worst
@@ -146,13 +164,21 @@ class Bounds:
         nu-gap.
     poles : tuple of PoleBounds
         Unstable poles, fastest first; of two complex conjugate ones that in the upper half plane.
+    small_gain : float
+        Largest ||D|| ||C S|| of an error D within the band and a model of the ellipsoid; below 1 no such error makes
+        the loop unstable.
+    small_gain_frequency : float
+        Where it is (Hz).
     """
 
+    frequency: Arrays
     axes: tuple[AxisBounds, ...]
     outputs: Worst
     all_signals: Worst | None
     gap: Gap
     poles: tuple[PoleBounds, ...]
+    small_gain: float
+    small_gain_frequency: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,9 +242,12 @@ def assess(
 
 
 def assess_loop(
-    feedback: Feedback, settings: RobustnessSettings, uncertainty: ModelUncertainty | None = None
+    feedback: Feedback,
+    settings: RobustnessSettings,
+    uncertainty: ModelUncertainty | None = None,
+    known: KnownBand | None = None,
 ) -> Assessment:
-    """The same for a loop that is formed already."""
+    """The same for a loop that is formed already; its bounds hold in the known band, and count what is open there."""
     feedback.require_stable()
     if uncertainty is not None:
         uncertainty = late_uncertainty(uncertainty, settings.extra_delay % 1.0)
@@ -240,7 +269,9 @@ def assess_loop(
             uncertain,
             mu,
             distance_from_circle(uncertain.system, mu.perturbation, mu.lower_frequency) if replayed else math.nan,
-            None if uncertainty is None else _bounds(feedback, settings, uncertainty, frequency, axes, uncertain),
+            None
+            if uncertainty is None or (known is not None and known.empty)
+            else _bounds(feedback, settings, uncertainty, frequency, axes, uncertain, known),
         )
 
 
@@ -275,18 +306,36 @@ def _bounds(
     frequency: Arrays,
     axes: Sequence[AxisResult],
     uncertain: UncertainLoop,
+    known: KnownBand | None,
 ) -> Bounds:
-    plants = PlantSet.of(uncertainty, frequency)
-    search = WorstCases(feedback, uncertainty, plants, settings)
+    if known is not None:
+        ends = np.array([known.low, known.high])  # a narrow band may hold no other frequency
+        frequency = np.unique(np.concatenate([frequency[known.holds(frequency)], ends]))
+    plants = plants_of(feedback, uncertainty, frequency, known)
+    search = WorstCases(feedback, uncertainty, plants, settings, known)
     found = tuple(search.axis(axis, result.name) for axis, result in enumerate(axes))
     m, size = feedback.inputs, feedback.outputs
     into = np.eye(size, m + size, m)
     outputs = search.scaled(into, into.T, 0.5 * (settings.skew - 1.0) * np.eye(size))
     signals = search.scaled(uncertain.out, uncertain.into, uncertain.direct) if len(uncertain.direct) else None
+    small_gain, at = search.small_gain()
+    if small_gain >= 1.0:
+        found = tuple(axis.unbounded() for axis in found)
     if any(math.isinf(axis.sensitivity.value) for axis in found):
         outputs = replace(outputs, value=math.inf)
         signals = None if signals is None else replace(signals, value=math.inf)
-    return Bounds(found, outputs, signals, search.gap(), search.poles())
+    return Bounds(frequency, found, outputs, signals, search.gap(), search.poles(), small_gain, at)
+
+
+def plants_of(
+    feedback: Feedback, uncertainty: ModelUncertainty, frequency: Arrays, known: KnownBand | None
+) -> PlantSet:
+    """The plants that data leave possible; above the known band those of the assumed class, whatever the model."""
+    if known is None:
+        return PlantSet.of(uncertainty, frequency)
+    plants = PlantSet.of(uncertainty, frequency, known.error(feedback, frequency))
+    inside = (frequency <= known.high)[:, np.newaxis, np.newaxis]
+    return replace(plants, axes=plants.axes * inside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,23 +346,40 @@ class WorstCases:
     uncertainty: ModelUncertainty
     plants: PlantSet
     settings: RobustnessSettings
+    known: KnownBand | None = None
+
+    @property
+    def _wider(self) -> float:
+        """Factor of all radii: a model far from the best one of its data is as far from the truth."""
+        return self.uncertainty.distance if self.uncertainty.distance > FAR else 1.0
 
     def axis(self, axis: int, name: str) -> AxisBounds:
         """Bounds of one axis."""
         confidence, count = self.settings.confidence, self.uncertainty.root.shape[1]
-        one, whole = radius_of_one(confidence, self.feedback.outputs), radius_of_all(confidence, count)
+        one = self._wider * radius_of_one(confidence, self.feedback.outputs)
+        whole = self._wider * radius_of_all(confidence, count)
         half = 0.5 * (self.settings.skew - 1.0)
         sensitivity, of_all = self._of_axis(axis, 0.0, one), self._of_axis(axis, 0.0, whole)
-        replayed = self._replayed(axis, sensitivity)
+        of_models = self._of_axis(axis, 0.0, one, alone=True) if self.known is not None else sensitivity
+        replayed = self._replayed(axis, of_models)
         complementary, disk = self._of_axis(axis, -1.0, one), self._of_axis(axis, half, one)
-        if math.isinf(replayed):  # beyond a model on the limit of stability the gain means nothing
-            sensitivity, complementary, disk = (
-                replace(item, value=math.inf) for item in (sensitivity, complementary, disk)
-            )
         if math.isinf(self._replayed(axis, of_all)):
             of_all = replace(of_all, value=math.inf)
         zone = zone_of(sensitivity.value, self.settings.sensitivity_limits)
-        return AxisBounds(name, sensitivity, complementary, disk, of_all, zone, replayed)
+        found = AxisBounds(name, sensitivity, complementary, disk, of_all, zone, replayed, of_models.value)
+        # Beyond a model on the limit of stability the gain means nothing.
+        return found.unbounded() if math.isinf(replayed) else found
+
+    def small_gain(self) -> tuple[float, float]:
+        """Largest ||D|| ||C S|| of the errors D and the models, and its frequency."""
+        m, size = self.feedback.inputs, self.feedback.inputs + self.feedback.outputs
+        both = np.eye(size)
+        shift = np.zeros((m, size - m))
+        objective = closed_loop_objective(self.feedback, self.plants.frequency, both[:m], both[:, m:], shift)
+        action = self.plants.alone.worst(objective, self._wider * radius_of_one(self.settings.confidence)).curve
+        gain = action * self.plants.error
+        place = int(np.argmax(gain))
+        return float(gain[place]), float(self.plants.frequency[place])
 
     def _replayed(self, axis: int, worst: Worst) -> float:
         """Peak of S of an axis with a worst model, infinite if its loop is not stable."""
@@ -321,20 +387,23 @@ class WorstCases:
         part = [self.feedback.inputs + axis]
         return peak_gain(moved.closed.part(part, part)).value if moved.stable else math.inf
 
-    def _of_axis(self, axis: int, plus: float, radius: float) -> Worst:
-        """Worst |S + plus| of an axis, with the frequencies around the largest once more and closer."""
+    def _of_axis(self, axis: int, plus: float, radius: float, alone: bool = False) -> Worst:
+        """Worst |S + plus| of an axis, with the frequencies around the largest once more and closer.
+
+        `alone`: of the models of the ellipsoid, without further errors.
+        """
         row = np.zeros((1, self.feedback.inputs + self.feedback.outputs))
         row[0, self.feedback.inputs + axis] = 1.0
 
         def search(plants: PlantSet) -> Worst:
-            shift = np.array([[plus]])
+            shift, plants = np.array([[plus]]), plants.alone if alone else plants
             return plants.worst(closed_loop_objective(self.feedback, plants.frequency, row, row.T, shift), radius)
 
         rough = search(self.plants)
         place = int(np.searchsorted(self.plants.frequency, rough.frequency))
         low, high = max(place - 1, 0), min(place + 1, len(self.plants.frequency) - 1)
         near = np.linspace(float(self.plants.frequency[low]), float(self.plants.frequency[high]), _NEAR)
-        fine = search(PlantSet.of(self.uncertainty, near))
+        fine = search(plants_of(self.feedback, self.uncertainty, near, self.known))
         if fine.value <= rough.value:
             return rough
         return Worst(fine.value, fine.frequency, rough.curve, fine.factors)
@@ -346,19 +415,19 @@ class WorstCases:
         left, right = scale[:, :, np.newaxis] * out, into / scale[:, np.newaxis, :]
         shift = scale[:, :, np.newaxis] * plus / scale[:, np.newaxis, :]
         objective = closed_loop_objective(self.feedback, self.plants.frequency, left, right, shift)
-        return self.plants.worst(objective, radius_of_one(self.settings.confidence))
+        return self.plants.worst(objective, self._wider * radius_of_one(self.settings.confidence))
 
     def gap(self) -> Gap:
         """Worst nu-gap to the estimate, and what the loop bears."""
         margin, scale = stability_margin(self.feedback, self.plants.frequency)
         parts = 2 * self.plants.nominal[0].size
-        radius = radius_of_all(self.settings.confidence, parts)
+        radius = self._wider * radius_of_all(self.settings.confidence, parts)
         return Gap(self.plants.worst(gap_objective(self.plants.nominal, scale), radius), margin, scale)
 
     def poles(self) -> tuple[PoleBounds, ...]:
         """Bounds of the unstable poles."""
         groups = self.uncertainty.unstable_poles
-        radius = radius_of_one(self.settings.confidence, max(len(groups), 1))
+        radius = self._wider * radius_of_one(self.settings.confidence, max(len(groups), 1))
         return tuple(PoleBounds(group.poles, *group.magnitudes(radius)) for group in groups)
 
 

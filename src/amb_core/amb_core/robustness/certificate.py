@@ -7,19 +7,35 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
 from amb_core.errors import RobustnessError
+from amb_core.identification.data import IdentificationData
+from amb_core.identification.numerics import one_blas_thread
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation, Verdict
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
-from amb_core.robustness.assessment import Assessment, assess_loop
-from amb_core.robustness.feedback import feedback_of
+from amb_core.robustness.assessment import FAR, Assessment, AxisBounds, assess_loop
+from amb_core.robustness.checks import (
+    COVERED,
+    RUN,
+    Check,
+    amplitude_check,
+    assumption_check,
+    band_checks,
+    displacement_check,
+    measured_check,
+    measured_peak_check,
+)
+from amb_core.robustness.error_band import error_band
+from amb_core.robustness.feedback import Feedback, feedback_of
+from amb_core.robustness.known_band import KnownBand, known_band
 from amb_core.robustness.measured import MeasuredSensitivity
 from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
 from amb_core.robustness.trace import Trace
@@ -27,26 +43,8 @@ from amb_core.robustness.trace import Trace
 ON_CIRCLE = 1e-6  # distance of the replayed pole from the unit circle at most
 WIDE_GAP = 0.1  # of the bounds of mu, relative, from which the finding names it
 AGREES = 0.1  # difference of a bound and the peak of its worst model, relative
-FAR = 2.0  # of a model from the best one of its data, in standard deviations
-
-
-@dataclass(frozen=True)
-class Check:
-    """One condition of a certificate.
-
-    Attributes
-    ----------
-    name : str
-        What is asked.
-    passed : bool
-        Whether it holds.
-    finding : str
-        What was found, with numbers.
-    """
-
-    name: str
-    passed: bool
-    finding: str
+Statement = Literal["certified", "certified with reservations", "predicted", "restricted", "not certified"]
+FARTHEST = 30.0  # of a model from the best one of its data, in standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +69,10 @@ class Certificate:
         Zone after ISO 14839-2 of each axis, if displacement and clearance are known.
     reserved : bool
         Whether the model is validated with reservations only.
+    known : KnownBand or None
+        The frequencies of which something is stated; None without data.
+    amplitude : mapping
+        Largest motion from the middle in the data by axis (m).
     trace : Trace or None
         Where it comes from, if it was made from files.
     """
@@ -83,26 +85,48 @@ class Certificate:
     measured: MeasuredSensitivity | None = None
     displacement: Mapping[str, Zone] | None = None
     reserved: bool = False
+    known: KnownBand | None = None
+    amplitude: Mapping[str, float] | None = None
     trace: Trace | None = None
 
     @property
     def certified(self) -> bool:
         """Whether every check passed."""
-        return bool(self.checks) and all(check.passed for check in self.checks)
+        return self.statement.startswith("certified")
+
+    @property
+    def statement(self) -> Statement:
+        """How much is stated."""
+        failed = {check.name for check in self.checks if not check.passed}
+        if failed - {COVERED, RUN} or self.assessment is None or self.assessment.bounds is None:
+            return "not certified"
+        if COVERED in failed:
+            return "restricted"
+        if RUN in failed:
+            return "predicted"
+        return "certified with reservations" if self.reserved else "certified"
 
     @property
     def verdict(self) -> str:
         """One sentence; the bare word certified only where the model is validated without reservation."""
-        failed = [check for check in self.checks if not check.passed]
-        if failed:
-            return f"Not certified: {'; '.join(check.finding for check in failed)}.{self._own_terms}"
+        found = {check.name: check.finding for check in self.checks if not check.passed}
+        statement = self.statement
+        if statement == "not certified":
+            return f"Not certified: {'; '.join(found.values())}.{self._own_terms}"
+        if statement == "restricted":
+            only = ", predicted only" if RUN in found else ""
+            return f"Not certified as a whole{only}: {found[COVERED]}.{self._own_terms}"
         assert self.assessment is not None
         assert self.assessment.bounds is not None
         zone = max((item.zone for item in self.assessment.bounds.axes), key=ZONES.index)
         percent = f"{100.0 * self.settings.confidence:g} %"
-        word = "Certified with reservations on the model" if self.reserved else "Certified"
+        words = {
+            "certified": "Certified",
+            "certified with reservations": "Certified with reservations on the model",
+            "predicted": "Predicted, not certified, since this controller has not run on the bearing",
+        }
         return (
-            f"{word}: stable, zone {zone} after ISO 14839-3 with {percent}, and stable under all assumed "
+            f"{words[statement]}: stable, zone {zone} after ISO 14839-3 with {percent}, and stable under all assumed "
             f"perturbations together.{self._own_terms}"
         )
 
@@ -122,6 +146,8 @@ def certify(
     inputs: Mapping[str, str] | None = None,
     measured: MeasuredSensitivity | None = None,
     displacement: Mapping[str, float] | None = None,
+    records: Sequence[IdentificationData] = (),
+    has_run: bool = True,
 ) -> Certificate:
     """Check a model and a controller.
 
@@ -143,6 +169,10 @@ def certify(
         For comparison.
     displacement : mapping, optional
         Largest displacement over clearance of each axis.
+    records : sequence of IdentificationData
+        Data that show the error of the model, in addition to those of the validation.
+    has_run : bool
+        Whether data are of a loop with this controller.
 
     Raises
     ------
@@ -153,20 +183,53 @@ def certify(
     checks = [_validated(validation)]
     feedback = feedback_of(model, controller, settings.extra_delay)
     assessment: Assessment | None = None
+    known: KnownBand | None = None
     try:
         feedback.require_stable()
         checks.append(Check("the loop is stable", True, "all poles lie inside the unit circle"))
     except RobustnessError as problem:
         checks = [Check("the loop is stable", False, str(problem))]
     else:
-        assessment = assess_loop(feedback, settings, uncertainty)
-        checks += _checks(assessment, uncertainty)
+        known = _known(feedback, validation, records, settings)
+        assessment = assess_loop(feedback, settings, uncertainty, known)
+        checks += _checks(assessment, uncertainty, known)
+        if measured is not None and assessment.bounds is not None:
+            checks.append(measured_check(measured, assessment, settings))
     if measured is not None and measured.checked:
-        checks.append(_swept(measured, settings))
+        checks.append(measured_peak_check(measured, settings))
     zones = {name: zone_of(value, settings.displacement_limits) for name, value in (displacement or {}).items()}
+    if zones:
+        checks.append(displacement_check(zones, settings))
+    amplitude = {} if validation is None else _amplitude([*records, validation.data])
+    if settings.operation_amplitude and amplitude:
+        checks.append(amplitude_check(amplitude, settings))
+    if not has_run:
+        checks.append(Check(RUN, False, "no data are of a loop with this controller"))
     warnings = _warnings(validation, uncertainty) + _not_linear(assessment)
     reserved = validation is not None and validation.verdict is not Verdict.VALIDATED
-    return Certificate(tuple(checks), assessment, settings, warnings, dict(inputs or {}), measured, zones, reserved)
+    return Certificate(
+        tuple(checks), assessment, settings, warnings, dict(inputs or {}), measured, zones, reserved, known, amplitude,
+    )  # fmt: skip
+
+
+def _known(
+    feedback: Feedback,
+    validation: Validation | None,
+    records: Sequence[IdentificationData],
+    settings: RobustnessSettings,
+) -> KnownBand | None:
+    """What the data of validation and identification say of the loop by frequency; None without data."""
+    if validation is None:
+        return None
+    with one_blas_thread():
+        band = error_band(validation.model, [*records, validation.data], settings.mode_damping, settings.mode_ring_down)
+        return known_band(feedback, band, settings)
+
+
+def _amplitude(records: Sequence[IdentificationData]) -> dict[str, float]:
+    """Largest motion of each axis from its middle (m)."""
+    motions = [np.ptp(item.outputs, axis=0) for data in records for item in data.experiments]
+    return dict(zip(records[0].output_names, (0.5 * np.max(motions, axis=0)).tolist(), strict=True))
 
 
 def _validated(validation: Validation | None) -> Check:
@@ -178,7 +241,7 @@ def _validated(validation: Validation | None) -> Check:
     return Check(name, validation.validated, validation.summary)
 
 
-def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None) -> list[Check]:
+def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None, known: KnownBand | None) -> list[Check]:
     settings, bounds, mu = assessment.settings, assessment.bounds, assessment.mu
     percent = f"{100.0 * settings.confidence:g} %"
     checks = [
@@ -197,8 +260,12 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None) -> lis
             else "no perturbation was found that makes the loop unstable",
         ),
     ]
-    if bounds is None or uncertainty is None:
+    if uncertainty is None:
         return [*checks, Check("the uncertainty of the model is known", False, "no data of the model are given")]
+    if known is not None:
+        checks += [*band_checks(assessment, known), assumption_check(uncertainty, known, settings)]
+    if bounds is None:
+        return checks
     worst = max(bounds.axes, key=lambda item: item.sensitivity.value)
     zone = max((item.zone for item in bounds.axes), key=ZONES.index)
     undecided = uncertainty.at_one
@@ -206,23 +273,20 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None) -> lis
         Check("the data decide which poles of the plant are stable", not undecided, undecided or "they do"),
         Check(
             "the model is the one that explains its data best",
-            uncertainty.distance <= FAR,
-            f"{uncertainty.distance:.2g} standard deviations away; allowed: {FAR:g}",
+            uncertainty.distance <= FARTHEST,
+            f"{uncertainty.distance:.2g} standard deviations away; allowed: {FARTHEST:g}"
+            + (", and the bounds are as much wider" if uncertainty.distance > FAR else ""),
         ),
         Check(
             f"zone {settings.needed_zone} or better after ISO 14839-3 with {percent}",
             ZONES.index(zone) <= ZONES.index(settings.needed_zone),
-            f"peak sensitivity of axis {worst.name} at most {worst.sensitivity.value:.3f} with {percent}: zone {zone}",
+            f"peak sensitivity of axis {worst.name} at most {worst.sensitivity.value:.3f} with {percent}, at "
+            f"{worst.sensitivity.frequency:.4g} Hz: zone {zone}" + _share(worst),
         ),
         Check(
             "the worst models of the ellipsoid make stable loops",
             all(math.isfinite(item.replayed) for item in bounds.axes),
             ", ".join(f"{item.name}: peak {item.replayed:.3f}" for item in bounds.axes),
-        ),
-        Check(
-            "the worst nu-gap of the ellipsoid is below the stability margin b",
-            bounds.gap.worst.value < bounds.gap.margin,
-            f"{bounds.gap.worst.value:.4f} with {percent}, b = {bounds.gap.margin:.3f}",
         ),
     ]
     if bounds.all_signals is not None:
@@ -232,17 +296,13 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None) -> lis
     return checks
 
 
-def _swept(measured: MeasuredSensitivity, settings: RobustnessSettings) -> Check:
-    """The zone of the largest measured sensitivity, its uncertainty added."""
-    peaks = [(*measured.peak(number, settings.confidence), name) for number, name in enumerate(measured.axes)]
-    value, frequency, name = max(peaks)
-    zone, percent = zone_of(value, settings.sensitivity_limits), f"{100.0 * settings.confidence:g} %"
-    return Check(
-        f"measured by a swept sine: zone {settings.needed_zone} or better after ISO 14839-3",
-        ZONES.index(zone) <= ZONES.index(settings.needed_zone),
-        f"measured peak sensitivity of axis {name} at most {value:.3f} with {percent}, at {frequency:.4g} Hz: "
-        f"zone {zone}",
-    )
+def _share(worst: AxisBounds) -> str:
+    """What makes a bound: the models of the ellipsoid, the rest of the response's error, or a response not linear."""
+    if not math.isfinite(worst.replayed):
+        return ""
+    text = f" (models alone {worst.of_ellipsoid:.3f}, the worst of them as a model {worst.replayed:.3f}"
+    far = worst.of_ellipsoid > (1.0 + AGREES) * worst.replayed
+    return text + ("; the response is not linear in their parameters)" if far else ")")
 
 
 def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | None) -> tuple[str, ...]:
@@ -264,11 +324,11 @@ def _not_linear(assessment: Assessment | None) -> tuple[str, ...]:
     if assessment is None or assessment.bounds is None:
         return ()
     return tuple(
-        f"axis {one.name}: the bound {one.sensitivity.value:.3f} at {one.sensitivity.frequency:.4g} Hz is not the peak "
+        f"axis {one.name}: the bound {one.of_ellipsoid:.3f} at {one.sensitivity.frequency:.4g} Hz is not the peak "
         f"of its worst model, {one.replayed:.3f}: the data leave the plant so uncertain there that its response is not "
         "linear in the parameters; take more data, excite there, or lower the order"
         for one in assessment.bounds.axes
-        if math.isfinite(one.replayed) and abs(one.replayed - one.sensitivity.value) > AGREES * one.sensitivity.value
+        if math.isfinite(one.replayed) and abs(one.replayed - one.of_ellipsoid) > AGREES * one.of_ellipsoid
     )
 
 
@@ -285,6 +345,7 @@ def certificate_json(certificate: Certificate) -> str:
 def _values(certificate: Certificate) -> dict[str, Any]:
     values: dict[str, Any] = {
         "certified": certificate.certified,
+        "statement": certificate.statement,
         "reserved": certificate.reserved,
         "verdict": certificate.verdict,
         "checks": [{"name": one.name, "passed": one.passed, "finding": one.finding} for one in certificate.checks],
@@ -292,8 +353,16 @@ def _values(certificate: Certificate) -> dict[str, Any]:
         "settings": certificate.settings.model_dump(),
         "inputs": {name: {"sha256": value} for name, value in certificate.inputs.items()},
         "zones_iso_14839_2": dict(certificate.displacement or {}),
+        "amplitude": dict(certificate.amplitude or {}),
         **(certificate.trace.values() if certificate.trace is not None else {}),
     }
+    if certificate.known is not None:
+        values["band"] = {
+            "low": certificate.known.low,
+            "high": certificate.known.high,
+            "whole": certificate.known.whole,
+            "beyond": certificate.known.beyond,
+        }
     found = certificate.assessment
     if found is None:
         return values
@@ -345,6 +414,7 @@ def _values(certificate: Certificate) -> dict[str, Any]:
                 for one in found.bounds.axes
             },
             "disk_margin_outputs": 1.0 / found.bounds.outputs.value,
+            "small_gain": found.bounds.small_gain,
             "nu_gap": found.bounds.gap.worst.value,
             "stability_margin_b": found.bounds.gap.margin,
             "unstable_poles": [

@@ -23,7 +23,7 @@ graph topology, IEEE Transactions on Automatic Control 38 (1993); S. S. Wilks, A
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,16 +80,19 @@ class PlantSet:
         Real and imaginary parts of dP, row by row, along the k semi-axes of the responses' ellipsoid.
     into : ndarray, shape (f, k, q)
         From the semi-axes back to xi: rows of unit length.
+    error : ndarray, shape (f,)
+        Size of a further change of the response that is no change of the parameters (m/A), as a Frobenius norm.
     """
 
     frequency: Arrays
     nominal: Complexes
     axes: Arrays
     into: Arrays
+    error: Arrays
 
     @classmethod
-    def of(cls, uncertainty: ModelUncertainty, frequency: Arrays) -> PlantSet:
-        """The responses of the models of an estimate."""
+    def of(cls, uncertainty: ModelUncertainty, frequency: Arrays, error: Arrays | None = None) -> PlantSet:
+        """The responses of the models of an estimate, and of plants that differ from them by a further error."""
         model, by = uncertainty.model, uncertainty.deviations
         nominal, changes = [], []
         for _, by_state, by_input in transfers(model, frequency, model.b):
@@ -98,7 +101,19 @@ class PlantSet:
         change = np.concatenate(changes)
         flat = change.reshape(len(change), -1, change.shape[-1])
         u, size, into = np.linalg.svd(np.concatenate([flat.real, flat.imag], axis=1), full_matrices=False)
-        return cls(frequency, np.concatenate(nominal), u * size[:, np.newaxis, :], into)
+        none = np.zeros(len(frequency))
+        return cls(
+            frequency,
+            np.concatenate(nominal),
+            u * size[:, np.newaxis, :],
+            into,
+            none if error is None else error,
+        )
+
+    @property
+    def alone(self) -> PlantSet:
+        """The models without further errors."""
+        return replace(self, error=np.zeros(len(self.frequency)))
 
     def change(self, factors: Arrays, places: Places) -> Complexes:
         """DP at some of the frequencies from factors of the semi-axes, shapes (f', k) to (f', p, m)."""
@@ -113,26 +128,28 @@ class PlantSet:
 
     def worst(self, objective: Objective, radius: float, seed: int = 0) -> Worst:
         """The largest value of an objective over the ellipsoid of a radius."""
-        random, (count, _, size) = np.random.default_rng(seed), self.axes.shape
-        best, at = np.full(count, -np.inf), np.zeros((count, size))
+        random, (count, _, axes) = np.random.default_rng(seed), self.axes.shape
+        best, at = np.full(count, -np.inf), np.zeros((count, axes))
 
         def climb(start: Arrays, places: Places, steps: int) -> None:
-            factors = radius * start
+            factors, error = radius * start, np.zeros((len(places), *self.nominal.shape[1:]), dtype=np.complex128)
             for _ in range(steps):
-                value, slope = objective(self.change(factors, places), places)
+                value, slope = objective(self.change(factors, places) + error, places)
                 better = value > best[places]
                 best[places[better]], at[places[better]] = value[better], factors[better]
                 factors = radius * _unit(self.slope(slope, places))
+                size = np.linalg.norm(slope, axis=(1, 2)) + np.finfo(float).tiny
+                error = slope * (self.error[places] / size)[:, np.newaxis, np.newaxis]
 
         every = np.arange(count)
-        little = 1e-6 * radius * random.normal(size=(count, size))  # at the estimate there may be no slope
+        little = 1e-6 * radius * random.normal(size=(count, axes))  # at the estimate there may be no slope
         first = _unit(self.slope(objective(self.change(little, every), every)[1], every))
         for start in (first, -first):
             climb(start, every, _FIRST_STEPS)
         high = np.flatnonzero(best >= _HIGH * best.max())
         climb(_unit(at[high]), high, _STEPS)
         for _ in range(_STARTS - 2):
-            climb(_unit(random.normal(size=(len(high), size))), high, _STEPS)
+            climb(_unit(random.normal(size=(len(high), axes))), high, _STEPS)
         top = int(np.argmax(best))
         return Worst(float(best[top]), float(self.frequency[top]), best, at[top] @ self.into[top])
 

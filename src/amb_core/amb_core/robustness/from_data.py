@@ -13,7 +13,8 @@ import numpy as np
 from amb_core.errors import AmbError, RobustnessError
 from amb_core.identification.data import IdentificationData
 from amb_core.identification.data import RecordedLoop as Recorded
-from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
+from amb_core.identification.data.drift import cure_drift
+from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
 from amb_core.identification.validation import Validation, validate
 from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.loop.known_controller import KnownController
@@ -71,15 +72,16 @@ def certify_from_data(
     feedback = require_fitting(model, law, settings or RobustnessSettings())
     if not feedback.stable:
         return certify(model, law, settings=settings, inputs=inputs)
-    if swept is not None:
-        _require_same(swept, law)
+    if swept is not None and swept.controller is None:
+        raise RobustnessError("the controller of the swept sine is not known")
     judged = judged_on or identified_from
     displacement: dict[str, float] = {}
     measured: MeasuredSensitivity | None = None
     remarks: tuple[str, ...] = ()
     if uncertainty is None and identified_from is not None:
         progress("uncertainty of the model")
-        uncertainty = _uncertainty(model, identified_from.data)
+        cure = cure_drift(identified_from.data)  # as `identify` does
+        uncertainty = uncertainty_of(model, identified_from.data if cure is None else cure.data)
     if judged is not None:
         if validation is None:
             progress("validating")
@@ -88,27 +90,25 @@ def certify_from_data(
                 known = replace(model, fingerprint=fingerprint_of(identified_from.data))
             validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
         if swept is None:
-            try:
-                measured = _measured(judged, law)
-            except AmbError as problem:
-                remarks = (f"sensitivity not measured: {problem}",)
+            measured, remarks = _shown(judged, law)
         displacement = _displacement(judged)
     if swept is not None:
         progress("swept sine")
-        measured = replace(_measured(swept, law, modes_of(swept.data, law)), checked=True)
-        remarks += sweep_remarks(swept.data, feedback, law)
+        if _runs(swept, law):
+            measured = replace(_measured(swept, law, modes_of(swept.data, law)), checked=True)
+            remarks += sweep_remarks(swept.data, feedback, law)
+        else:
+            remarks += ("the swept sine is not of a loop with this controller, so it is left out",)
     progress("margins, worst cases and bounds")
     found = certify(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
         measured=measured, displacement=displacement,
+        records=() if identified_from is None or judged is identified_from else (identified_from.data,),
+        has_run=any(_runs(one, law) for one in (judged, identified_from, swept)),
     )  # fmt: skip
+    if uncertainty is not None and uncertainty.widened:
+        remarks += (uncertainty.widened,)
     return replace(found, warnings=(*found.warnings, *remarks))
-
-
-def _uncertainty(model: StateSpaceModel, data: IdentificationData) -> ModelUncertainty:
-    """With the measured scatter of the innovations where they are not white."""
-    found = estimate_uncertainty(model, data)
-    return found if found.white else estimate_uncertainty(model, data, robust=True)
 
 
 def require_fitting(model: StateSpaceModel, law: KnownController, settings: RobustnessSettings) -> Feedback:
@@ -130,17 +130,26 @@ def require_fitting(model: StateSpaceModel, law: KnownController, settings: Robu
 
 def _measured(loop: Recorded, law: KnownController, modes: Sequence[SharpMode] = ()) -> MeasuredSensitivity:
     """Measured sensitivity of the loop to certify; RobustnessError if it was another loop."""
-    _require_same(loop, law)
-    assert loop.controller is not None
+    if loop.controller is None:
+        raise RobustnessError("the controller of the experiment is not known")
+    if not _runs(loop, law):
+        raise RobustnessError("the experiment had another controller than the one to certify")
     return measured_sensitivity(loop.data, loop.controller, modes)
 
 
-def _require_same(loop: Recorded, law: KnownController) -> None:
-    """Raise RobustnessError if a recorded loop is another one than that of a controller."""
-    if loop.controller is None:
-        raise RobustnessError("the controller of the experiment is not known")
-    if not is_same_law(loop.controller.at_rate(loop.data.sample_rate), law, len(loop.data.output_names)):
-        raise RobustnessError("the experiment had another controller than the one to certify")
+def _shown(loop: Recorded, law: KnownController) -> tuple[MeasuredSensitivity | None, tuple[str, ...]]:
+    """The sensitivity that other data than a swept sine show, or why they show none."""
+    try:
+        return _measured(loop, law), ()
+    except AmbError as problem:
+        return None, (f"sensitivity not measured: {problem}",)
+
+
+def _runs(loop: Recorded | None, law: KnownController) -> bool:
+    """Whether data are of a loop with a controller."""
+    if loop is None or loop.controller is None:
+        return False
+    return is_same_law(loop.controller.at_rate(loop.data.sample_rate), law, len(loop.data.output_names))
 
 
 def _displacement(loop: Recorded) -> dict[str, float]:

@@ -32,6 +32,14 @@ class RobustnessSettings(Parameters):
     extra_delay: float = quantity(
         0.0, "steps", "computation delay in addition to that of the data, also part of a step", 0.0, 100.0
     )
+    mode_damping: float = quantity(0.001, "-", "least damping ratio of modes that the model may lack", 1e-4, 0.1)
+    mode_ring_down: float = quantity(1.0, "s", "longest time constant of the decay of such modes", 0.01, 1_000.0)
+    mode_gain: float = quantity(
+        0.1, "-", "largest gain of modes beyond the excited band, relative to the rotor's own motion", 0.0, 100.0
+    )
+    operation_amplitude: float = quantity(
+        0.0, "m", "largest motion from the middle in operation; 0: not compared with the data", 0.0, 1e-3
+    )
     confidence: float = quantity(0.99, "-", "confidence of the bounds", 0.5, 0.9999)
     frequencies: float = quantity(500.0, "-", "number of frequencies of the curves", 50.0, 5_000.0)
     skew: float = quantity(0.0, "-", "skew sigma of the disk margins", -1.0, 1.0)

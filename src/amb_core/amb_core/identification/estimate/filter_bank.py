@@ -8,8 +8,9 @@ With t = tr M and d = det M the contribution of a block to the prediction is
 where w holds inputs and outputs, G the block's rows of (B, K). The derivatives by the entries of M are sums of v, z v
 and, filtered once more, s = v / (z^2 - t z + d), z s. So four signals per block and channel replace the data, for any
 number of parameters. The first state of each experiment enters as one more channel, an impulse before its first
-sample. Direct feedthrough adds D u; B then stands for B - K D. An odd order is padded with a state that is neither
-controllable nor observable.
+sample. A constant in each output is estimated along: means of data that do not end as they began are not an equilibrium
+of the plant, and their error would pass for dynamics. Direct feedthrough adds D u; B then stands for B - K D. An odd
+order is padded with a state that is neither controllable nor observable.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 10.3 (gradients by filtering).
 """
@@ -247,10 +248,13 @@ def _factor(
     outputs: NDArray[np.float64],
     parts: list[slice],
 ) -> NDArray[np.float64]:
-    """Triangular factor of filters' signals (block, kind, channel), direct inputs, outputs, over the root of steps."""
+    """Triangular factor of filters' signals (block, kind, channel), direct inputs, outputs, over the root of steps.
+
+    All are without their means over all steps: the factor of them with a constant before them, less its row and column.
+    """
     steps, measured = len(inputs), inputs.shape[1] + outputs.shape[1]
     w = np.hstack([inputs, outputs, np.zeros((steps, len(parts)))])
-    triangle = np.zeros((0, len(modes.m) * 4 * w.shape[1] + direct.shape[1] + outputs.shape[1]))
+    triangle = np.zeros((0, 1 + len(modes.m) * 4 * w.shape[1] + direct.shape[1] + outputs.shape[1]))
     for index, experiment in enumerate(parts):
         state = np.zeros((len(modes.m), 4, w.shape[1]))
         state[:, 1, measured + index] = 1.0  # z v of the impulse one step before the first sample
@@ -258,9 +262,10 @@ def _factor(
             part = slice(start, min(start + _BLOCK, experiment.stop))
             signals = np.empty((len(w[part]), *state.shape))
             _filter(modes.trace, modes.determinant, w[part], state, signals)
-            rows = np.vstack([triangle, np.hstack([signals.reshape(len(signals), -1), direct[part], outputs[part]])])
+            constant, flat = np.ones((len(signals), 1)), signals.reshape(len(signals), -1)
+            rows = np.vstack([triangle, np.hstack([constant, flat, direct[part], outputs[part]])])
             triangle = np.asarray(np.linalg.qr(rows, mode="r"))  # NumPy's is a third faster than SciPy's
-    return triangle / math.sqrt(steps)
+    return triangle[1:, 1:] / math.sqrt(steps)
 
 
 def filtered(modes: Modes, w: NDArray[np.float64]) -> NDArray[np.float64]:

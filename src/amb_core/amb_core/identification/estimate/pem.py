@@ -118,7 +118,7 @@ def pem(
             ended(ends[-1])
         a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
         d = fit.feedthrough if feedthrough else None
-        return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source, d)
+        return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source, d, constant=True)
 
 
 def fit_modes(

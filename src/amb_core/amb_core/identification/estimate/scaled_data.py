@@ -81,12 +81,19 @@ class ScaledData:
         method: str,
         source: str,
         d: NDArray[np.float64] | None = None,
+        constant: bool = False,
     ) -> StateSpaceModel:
         """A model of the scaled signals in the original units, with the covariance of its innovations on these data.
 
         Its initial state is that of the first experiment. Without `d` it has no direct feedthrough.
+        With `constant` the mean of its prediction errors becomes part of its offsets.
         """
         errors = innovations(a, b, c, k, initial_states, self.inputs, self.outputs, self.lengths, d)
+        offsets = np.zeros(b.shape[1] + len(c))
+        if constant:
+            offsets, shift = _equilibrium(a, b, c, k, d, errors.mean(axis=0))
+            initial_states = initial_states - shift
+        covariance = np.atleast_2d(np.cov(errors.T, bias=True))
         d = np.zeros((len(c), b.shape[1])) if d is None else d
         return StateSpaceModel(
             a=a,
@@ -94,9 +101,9 @@ class ScaledData:
             c=c * self.output_scale[:, np.newaxis],
             d=d * self.output_scale[:, np.newaxis] / self.input_scale,
             k=k / self.output_scale,
-            innovation_covariance=errors.T @ errors / len(errors) * np.outer(self.output_scale, self.output_scale),
-            input_offset=self.input_offset,
-            output_offset=self.output_offset,
+            innovation_covariance=covariance * np.outer(self.output_scale, self.output_scale),
+            input_offset=self.input_offset + offsets[: b.shape[1]] * self.input_scale,
+            output_offset=self.output_offset + offsets[b.shape[1] :] * self.output_scale,
             initial_state=initial_states[0],
             sample_time=sample_time,
             method=method,
@@ -104,6 +111,22 @@ class ScaledData:
             samples=len(errors),
             **_labels(*d.shape),
         )
+
+
+def _equilibrium(
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    c: NDArray[np.float64],
+    k: NDArray[np.float64],
+    d: NDArray[np.float64] | None,
+    mean: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The smallest offsets of inputs and outputs that explain a mean of the prediction errors, and of the states."""
+    b = b if d is None else b - k @ d
+    to_state = np.linalg.solve(np.eye(len(a)) - a + k @ c, np.hstack([b, k]))
+    direct = np.hstack([np.zeros((len(c), b.shape[1])) if d is None else -d, np.eye(len(c))])
+    offsets = np.linalg.lstsq(direct - c @ to_state, mean, rcond=None)[0]
+    return offsets, to_state @ offsets
 
 
 def check_order(order: int) -> None:

@@ -6,5 +6,6 @@
 
 from amb_core.identification.uncertainty.estimate import estimate_uncertainty
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
+from amb_core.identification.uncertainty.reference import uncertainty_of
 
-__all__ = ["ModelUncertainty", "estimate_uncertainty"]
+__all__ = ["ModelUncertainty", "estimate_uncertainty", "uncertainty_of"]

@@ -6,7 +6,7 @@ samples and white innovations e of unit covariance after that weight,
     Cov(theta) = (sum psi psi')^-1,    in general    (sum psi psi')^-1 Q (sum psi psi')^-1,    Q = Var(sum psi e),
 
 where Q is estimated from sums over batches of samples, longer than the errors are correlated ("sandwich"). Initial
-states are estimated along with the parameters and projected out.
+states and a constant in each output are estimated along with the parameters and projected out.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, (9.10) to (9.17) of sections 9.2 and 9.3, and
 section 9.4 for closed loop; H. White, Maximum likelihood estimation of misspecified models, Econometrica 50 (1982).
@@ -34,6 +34,7 @@ from amb_core.identification.validation.prediction import first_state, predicted
 from amb_core.model.state_space import StateSpaceModel
 
 _LEAST_SINGULAR_VALUE = 1e-10  # of the normalised sensitivities, relative to the largest; good data stay above 1e-4
+_CONSTANT = 1.0 - 1e-9  # pole of a state that hardly fades, but lets the predictor count as stable
 _LEAST_SQUARE = 1e-28  # of a Hankel singular value, relative to the largest
 
 Arrays = NDArray[np.float64]
@@ -79,7 +80,7 @@ def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUn
     if robust:
         normal = normal @ _root(covariance)
     # The errors are smaller than the innovations, because the unknowns use some degrees of freedom.
-    unknowns = directions.count + model.order * len(found)  # parameters and initial states
+    unknowns = directions.count + (model.order + len(model.c)) * len(found)  # with initial states and constants
     return ModelUncertainty(
         model=model,
         root=directions.rows.T @ normal / math.sqrt(1.0 - unknowns / data.outputs.size),
@@ -101,7 +102,8 @@ def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions
         innovation_covariance=model.innovation_covariance / np.outer(y, y),
     )
     parts = experiments(len(data.inputs), data.lengths)
-    states = [_states(of_scaled, data.inputs[part], data.outputs[part]) for part in parts]
+    outputs = [_levelled(of_scaled, data.inputs[part], data.outputs[part]) for part in parts]
+    states = [_states(of_scaled, data.inputs[part], known) for part, known in zip(parts, outputs, strict=True)]
     basis = _balanced(of_scaled, np.vstack(states))
     back = np.linalg.inv(basis)
     balanced = replace(
@@ -116,11 +118,11 @@ def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions
             local,
             data.inputs[part],
             state @ back.T,
-            _errors(of_scaled, state, data.inputs[part], data.outputs[part]),
+            _errors(of_scaled, state, data.inputs[part], known),
             weight,
             batch,
         )
-        for part, state in zip(parts, states, strict=True)
+        for part, state, known in zip(parts, states, outputs, strict=True)
     ]
     of_model = Directions(
         basis @ local.a @ back,
@@ -153,15 +155,31 @@ def _check(model: StateSpaceModel, data: IdentificationData) -> None:
         )
 
 
+def _levelled(model: StateSpaceModel, inputs: Arrays, outputs: Arrays) -> Arrays:
+    """The outputs less the constants that predict best along with the initial state."""
+    (n, p), m = model.k.shape, model.b.shape[1]
+    constant = replace(
+        model,
+        a=linalg.block_diag(model.a, _CONSTANT * np.eye(p)),
+        b=np.vstack([model.b, np.zeros((p, m))]),
+        c=np.hstack([model.c, np.eye(p)]),
+        k=np.vstack([model.k, np.zeros((p, p))]),
+        initial_state=np.zeros(n + p),
+    )
+    return np.asarray(outputs - first_state(constant, inputs, outputs)[n:])
+
+
 def _states(model: StateSpaceModel, inputs: Arrays, outputs: Arrays) -> Arrays:
     """States of the predictor from the initial state that predicts best, shape (steps, n)."""
     return predicted_states(model, inputs, outputs, first_state(model, inputs, outputs))
 
 
 def _errors(model: StateSpaceModel, states: Arrays, inputs: Arrays, outputs: Arrays) -> Arrays:
-    """One-step prediction errors, shape (steps, p)."""
+    """One-step prediction errors without their mean, shape (steps, p)."""
     errors = outputs - states @ model.c.T
-    return errors - inputs @ model.d.T if np.any(model.d) else errors
+    if np.any(model.d):
+        errors = errors - inputs @ model.d.T
+    return errors - errors.mean(axis=0)
 
 
 def _balanced(model: StateSpaceModel, states: Arrays) -> Arrays:

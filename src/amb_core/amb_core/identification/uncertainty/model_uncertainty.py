@@ -25,6 +25,7 @@ from amb_core.identification.uncertainty.samples import Sampler
 from amb_core.model.state_space import StateSpaceModel
 
 _INFLATED = 1.25  # from this inflation onwards innovations are not white; even few data scatter less
+_NOTABLE = 2.0  # difference to a richer model, over the random deviation, that chance hardly makes
 _FAR = 2.0  # from this distance onwards the model is not the estimate; the true system is at 1
 
 
@@ -41,7 +42,8 @@ class ModelUncertainty:
     ----------
     model : StateSpaceModel
         The model.
-    root : ndarray, shape (n (n + m + 2 p), n (2 p + m)), each m p more with direct feedthrough
+    root : ndarray, shape (n (n + m + 2 p), n (2 p + m)), each m p more with direct feedthrough, one column more with a
+        `reference`
         Root of the covariance: each column is a change of the parameters, and with independent standard normal factors
         their sum is the difference between estimate and truth.
     inflation : float
@@ -52,6 +54,11 @@ class ModelUncertainty:
         Distance of the model from the one with the smallest prediction errors on the data: root mean square over all
         directions, relative to that of the deviations that the innovations show. Near 0 for the result of `pem` on
         these data, near 1 for the true system. If it is larger, the deviations are those of another model.
+    reference : ModelUncertainty or None
+        Of a richer model from the same data, whose difference to this one is the last column of the root and counts in
+        responses as an error; None where there is none, and for random errors alone.
+    difference : float
+        Its size, relative to the random deviation of the response (median over frequencies).
     robust : bool
         Whether the covariance uses the measured correlation of the innovations; otherwise it takes them as white.
     """
@@ -61,6 +68,8 @@ class ModelUncertainty:
     inflation: float
     distance: float
     robust: bool
+    reference: ModelUncertainty | None = None
+    difference: float = 0.0
 
     @property
     def white(self) -> bool:
@@ -75,11 +84,22 @@ class ModelUncertainty:
         if not self.white:
             taken = "are taken" if self.robust else "should be taken (robust)"
             text += f"; innovations are not white and {taken} as they are: {self.inflation:.3g} times the variance"
-        if remark := self.at_one:
-            text += f"; {remark}"
+        for remark in (self.widened, self.at_one):
+            text += f"; {remark}" if remark else ""
         if self.distance > _FAR:
             text += f"; not the model that predicts these data best, but {self.distance:.2g} standard deviations away"
         return text
+
+    @property
+    def widened(self) -> str:
+        """A remark on bands that are wider than random errors make them; empty where chance explains the difference."""
+        if self.reference is None or self.difference <= _NOTABLE:
+            return ""
+        return (
+            f"bands are widened: a model of order {self.reference.model.order} from the same data differs by "
+            f"{self.difference:.2g} times the random deviation, so order {self.model.order} is too low for the plant "
+            "or the colour of the noise"
+        )
 
     @property
     def poles_at_one(self) -> NDArray[np.complex128]:
@@ -178,7 +198,24 @@ class ModelUncertainty:
             turned = change * (found.conj() / size)[..., np.newaxis]  # real part: along the response; imaginary: across
             magnitude[part] = np.linalg.norm(turned.real, axis=-1)
             phase[part] = np.linalg.norm(turned.imag, axis=-1) / size
+            if self.reference is not None:
+                more = self._unexplained(self.reference, response.frequency[part], found, change)
+                magnitude[part], phase[part] = np.hypot(magnitude[part], more), np.hypot(phase[part], more / size)
         return replace(response, magnitude_deviation=magnitude, phase_deviation=phase)
+
+    def _unexplained(
+        self,
+        reference: ModelUncertainty,
+        frequency: NDArray[np.float64],
+        found: NDArray[np.complex128],
+        change: NDArray[np.complex128],
+    ) -> NDArray[np.float64]:
+        """What a richer model says beyond the columns of the root: the rest of the difference, and its variance."""
+        other = reference.response(frequency)
+        assert other.magnitude_deviation is not None
+        rest = np.abs(other.response - found - change[..., -1])
+        random = np.linalg.norm(change[..., :-1], axis=-1) / np.sqrt(2.0)  # along the response, on average
+        return np.hypot(rest / np.sqrt(2.0), np.sqrt(np.maximum(other.magnitude_deviation**2 - random**2, 0.0)))
 
     def samples(self, count: int, seed: int = 0) -> list[StateSpaceModel]:
         """Models drawn from the distribution, all with stable predictors, `fit` empty.

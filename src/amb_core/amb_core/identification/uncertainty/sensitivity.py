@@ -32,7 +32,7 @@ class Sensitivity:
     Attributes
     ----------
     factor : ndarray, shape (rows, q)
-        Triangular factor of the derivatives of the weighted predictions, the initial state adapted.
+        Triangular factor of the derivatives of the weighted predictions, initial state and constants adapted.
     scores : ndarray, shape (batches, q)
         Sums over batches of samples of these derivatives times the weighted errors.
     """
@@ -59,42 +59,45 @@ def sensitivity(
     directions : Directions
         Changes of the model.
     inputs, states, errors : ndarray, shapes (steps, m), (steps, n), (steps, p)
-        Inputs, states of the predictor and prediction errors.
+        Inputs, states of the predictor and prediction errors without mean.
     weight : ndarray, shape (p, p)
         Errors and predictions are weighted as weight @ error.
     batch : int
         Samples in a batch.
     """
     n, p, q = model.order, len(model.c), directions.count
-    columns = n + q  # initial states come first, so that the factor's first rows are theirs
+    free = n + p  # initial states and constants of the outputs, first, so that the factor's first rows are theirs
+    columns = free + q
     f = np.ascontiguousarray(model.a - model.k @ model.c)
     by_input = directions.b if directions.d is None else directions.b - model.k @ directions.d
     forcing = np.concatenate([directions.a - model.k @ directions.c, by_input, directions.k], axis=2)
     by_signal = np.zeros((forcing.shape[2], n, columns))
-    by_signal[:, :, n:] = forcing.transpose(2, 1, 0)
+    by_signal[:, :, free:] = forcing.transpose(2, 1, 0)
     seen, by_seen = states, directions.c
     if directions.d is not None:
         seen, by_seen = np.hstack([states, inputs]), np.concatenate([directions.c, directions.d], axis=2)
     by_state = np.zeros((seen.shape[1], p, columns))
-    by_state[:, :, n:] = by_seen.transpose(2, 1, 0)
+    by_state[:, :, free:] = by_seen.transpose(2, 1, 0)
     signals = np.hstack([states, inputs, errors])
-    change = np.hstack([np.eye(n), np.zeros((n, q))])
+    change = np.hstack([np.eye(n), np.zeros((n, p + q))])
     triangle, scores = np.zeros((0, columns)), []
     batches = max(1, _ENTRIES // (n * columns * batch))
     for start in range(0, len(signals), batch * batches):
         part = slice(start, start + batch * batches)
         changes = np.tensordot(signals[part], by_signal, axes=1)
         _propagate(f, change, changes)
-        derivatives = weight @ (model.c @ changes + np.tensordot(seen[part], by_state, axes=1))
+        derivatives = model.c @ changes + np.tensordot(seen[part], by_state, axes=1)
+        derivatives[:, :, n:free] += np.eye(p)
+        derivatives = weight @ derivatives
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, derivatives.reshape(-1, columns)]), mode="r"))
         weighted = errors[part] @ weight.T
         scores += [
             np.tensordot(weighted[first : first + batch], derivatives[first : first + batch], axes=2)
             for first in range(0, len(derivatives), batch)
         ]
-    absorbed = np.linalg.lstsq(triangle[:n, :n], triangle[:n, n:], rcond=None)[0]  # by the initial state
+    absorbed = np.linalg.lstsq(triangle[:free, :free], triangle[:free, free:], rcond=None)[0]
     all_scores = np.array(scores)
-    return Sensitivity(triangle[n:, n:], all_scores[:, n:] - all_scores[:, :n] @ absorbed)
+    return Sensitivity(triangle[free:, free:], all_scores[:, free:] - all_scores[:, :free] @ absorbed)
 
 
 @numba.njit(cache=True)

@@ -1,0 +1,164 @@
+"""Checks of a certificate against what the data show: band, error, assumptions, measured sensitivity, motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from amb_core.identification.uncertainty import ModelUncertainty
+from amb_core.robustness.assessment import Assessment
+from amb_core.robustness.known_band import KnownBand
+from amb_core.robustness.measured import COHERENT, MeasuredSensitivity
+from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
+
+COVERED = "every frequency is covered by the data or by what is assumed"
+RUN = "the controller to certify has run on the bearing"
+ABOVE = 1.05  # measured sensitivity over its bound, from which it contradicts it
+_LIGHT = 0.2  # damping ratio of a mode at most
+_REACH = 2.58  # standard deviations
+
+
+@dataclass(frozen=True)
+class Check:
+    """One condition of a certificate.
+
+    Attributes
+    ----------
+    name : str
+        What is asked.
+    passed : bool
+        Whether it holds.
+    finding : str
+        What was found, with numbers.
+    """
+
+    name: str
+    passed: bool
+    finding: str
+
+
+def band_checks(assessment: Assessment, known: KnownBand) -> list[Check]:
+    """Whether the data know the plant well enough for the loop, and what is stated beyond their band."""
+    settings, bounds = assessment.settings, assessment.bounds
+    name = "the data show the response of the bearing"
+    if bounds is None:
+        finding = "the data say too little of the response, also where the sensitivity peaks; " + (
+            "excite all axes from low to high frequencies, longer or with more amplitude"
+            if known.band is not None
+            else "they have no reference that moves all axes independently"
+        )
+        return [Check(name, False, finding)]
+    # An error that the data show is there; one that they leave open may be.
+    where = np.array([bounds.small_gain_frequency])
+    assert known.band is not None
+    shown, both = known.band.within(where)
+    shows = known.low <= where[0] <= known.high and shown[0] > 0.5 * both[0]
+    cause = "the data show an error of the response" if shows else "the data leave open an error of the response"
+    checks = [
+        Check(name, True, f"{known.text}"),
+        Check(
+            "no error of the response that the data leave open makes the loop unstable",
+            bounds.small_gain < 1.0,
+            f"{cause} at {where[0]:.4g} Hz of {bounds.small_gain:.2g} times that which the loop bears",
+        ),
+    ]
+    worst = max(item.sensitivity.value for item in bounds.axes)
+    percent = f"{100.0 * settings.confidence:g} %"
+    assumed = (
+        f"modes of damping ratio {settings.mode_damping:g} or more and {settings.mode_gain:g} times the rotor's own "
+        "motion or less"
+    )
+    finding = f"data {known.text}; beyond, {assumed} use up {known.beyond:.2g} of what the loop bears"
+    if not known.whole:
+        sides = [side for side, reached in (("below", known.reaches_down), ("above", known.reaches_up)) if not reached]
+        finding = (
+            f"sensitivity at most {worst:.3f} {known.text} with {percent}; no statement {' or '.join(sides)}, nor on "
+            f"stability: {assumed} could take {known.beyond:.2g} times what the loop bears there"
+        )
+        if known.reaches_up:
+            finding = (
+                f"sensitivity at most {worst:.3f} from {known.low:.3g} Hz with {percent}; no statement below, nor on "
+                "stability"
+            )
+    return [*checks, Check(COVERED, known.whole, finding)]
+
+
+def assumption_check(uncertainty: ModelUncertainty, known: KnownBand, settings: RobustnessSettings) -> Check:
+    """Whether the model itself has a mode with less damping than any is assumed to have."""
+    model, found = uncertainty.model, []
+    for pole, spread in zip(model.poles(), uncertainty.pole_deviations(), strict=True):
+        if pole.imag <= 0.0 or abs(pole) >= 1.0:
+            continue
+        rate = np.log(complex(pole))
+        frequency, damping = abs(rate) / (2.0 * np.pi * model.sample_time), -rate.real / abs(rate)
+        open_ = _REACH * float(np.linalg.norm(spread)) / abs(rate)
+        if known.low <= frequency <= known.high and damping < _LIGHT and damping + open_ < settings.mode_damping:
+            found.append(f"the mode at {frequency:.4g} Hz has {damping:.3g} ± {open_:.1g}")
+    name = "the data do not contradict the assumed least damping of modes"
+    return Check(
+        name, not found, f"{', '.join(found)}; assumed: at least {settings.mode_damping:g}" if found else "they do not"
+    )
+
+
+def measured_check(measured: MeasuredSensitivity, assessment: Assessment, settings: RobustnessSettings) -> Check:
+    """Whether the sensitivity that the data show lies below its bound wherever one is stated."""
+    name, bounds = "the measured sensitivity lies below its bound", assessment.bounds
+    assert bounds is not None
+    frequency = measured.frequency
+    inside = (frequency >= bounds.frequency[0]) & (frequency <= bounds.frequency[-1])
+    reach = float(ndtri(1.0 - (1.0 - settings.confidence) / max(len(frequency) * len(measured.axes), 1)))
+    worst, finding = 0.0, "nothing measured well enough"
+    for number, axis in enumerate(bounds.axes):
+        lower = np.abs(measured.own[:, number]) - reach * measured.deviation[:, number]
+        places = np.clip(np.searchsorted(bounds.frequency, frequency), 1, len(bounds.frequency) - 1)
+        curve = axis.sensitivity.curve
+        limit = np.maximum(curve[places - 1], curve[places])
+        counted = inside & (measured.coherence[:, number] >= COHERENT)
+        if not np.any(counted):
+            continue
+        ratio = np.where(counted, lower / limit, 0.0)
+        place = int(np.argmax(ratio))
+        if ratio[place] >= worst:
+            worst = float(ratio[place])
+            finding = (
+                f"axis {axis.name} at {frequency[place]:.4g} Hz: measured at least {max(lower[place], 0.0):.3f}, bound "
+                f"{limit[place]:.3f}"
+            )
+    return Check(name, worst <= ABOVE, finding)
+
+
+def displacement_check(zones: Mapping[str, Zone], settings: RobustnessSettings) -> Check:
+    """Whether the largest displacement in the data lies in the needed zone after ISO 14839-2."""
+    worst = max(zones, key=lambda name: ZONES.index(zones[name]))
+    return Check(
+        f"zone {settings.needed_zone} or better after ISO 14839-2",
+        ZONES.index(zones[worst]) <= ZONES.index(settings.needed_zone),
+        f"displacement of axis {worst} over the clearance: zone {zones[worst]}",
+    )
+
+
+def amplitude_check(amplitude: Mapping[str, float], settings: RobustnessSettings) -> Check:
+    """Whether the data move as far as the bearing will in operation."""
+    least = min(amplitude, key=lambda name: amplitude[name])
+    return Check(
+        "the data move as far as the bearing will in operation",
+        amplitude[least] >= settings.operation_amplitude,
+        f"axis {least} moves {1e6 * amplitude[least]:.3g} um from its middle in the data; operation: "
+        f"{1e6 * settings.operation_amplitude:.3g} um",
+    )
+
+
+def measured_peak_check(measured: MeasuredSensitivity, settings: RobustnessSettings) -> Check:
+    """The zone of the largest measured sensitivity, its uncertainty added."""
+    peaks = [(*measured.peak(number, settings.confidence), name) for number, name in enumerate(measured.axes)]
+    value, frequency, name = max(peaks)
+    zone, percent = zone_of(value, settings.sensitivity_limits), f"{100.0 * settings.confidence:g} %"
+    return Check(
+        f"measured by a swept sine: zone {settings.needed_zone} or better after ISO 14839-3",
+        ZONES.index(zone) <= ZONES.index(settings.needed_zone),
+        f"measured peak sensitivity of axis {name} at most {value:.3f} with {percent}, at {frequency:.4g} Hz: "
+        f"zone {zone}",
+    )

@@ -1,0 +1,122 @@
+"""The frequencies at which data say enough of a plant for its loop, and what is assumed beyond them.
+
+With the error D of the response the loop stays stable if it is stable without, D is stable and, at every frequency,
+
+    ||D|| ||C S|| < 1                                                                       (small gain).
+
+Data count where what they leave open of D uses up less than a share of this. From where the sensitivity peaks the known
+band reaches to the first frequency below and above at which they do not.
+
+Above it the response is that of a mass, continued from the last octave, and modes of a gain up to g relative to it and
+a damping ratio from zeta: ||P|| <= (1 + g / (2 zeta)) mass / f^2. If the small gain holds for all these plants, the
+loop is known as a whole; otherwise nothing is stated above, nor on stability. Below the band the error is taken as
+large as at its lower end, if that lies well below the peak of the sensitivity.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from amb_core.linear import Arrays
+from amb_core.robustness.error_band import ErrorBand
+from amb_core.robustness.feedback import Feedback
+from amb_core.robustness.settings import RobustnessSettings
+
+OPEN_BELOW, OPEN_ABOVE = 0.25, 0.5
+"""Of the small gain, what the data may leave open below and above the peak of the sensitivity: below, the loop acts on
+errors most and they widen its bound."""
+BELOW = 0.5  # of the frequency at which the sensitivity peaks, where the band has to start
+
+
+@dataclass(frozen=True, eq=False)
+class KnownBand:
+    """What is known of a loop by frequency.
+
+    Attributes
+    ----------
+    low, high : float
+        The band (Hz) in which the data say enough; NaN if there is none.
+    reaches_down, reaches_up : bool
+        Whether the assumptions cover what lies below it and above it.
+    beyond : float
+        Largest ||D|| ||C S|| above it under the assumptions; below 1 they keep the loop stable.
+    band : ErrorBand or None
+        What the data show and leave open.
+    mass : float
+        ||P|| f^2 above the band (m Hz^2/A).
+    settings : RobustnessSettings
+        The assumptions.
+    """
+
+    low: float
+    high: float
+    reaches_down: bool
+    reaches_up: bool
+    beyond: float
+    band: ErrorBand | None
+    mass: float
+    settings: RobustnessSettings
+
+    @property
+    def whole(self) -> bool:
+        """Whether something is known at every frequency."""
+        return self.reaches_down and self.reaches_up
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is known at any frequency."""
+        return math.isnan(self.low)
+
+    @property
+    def text(self) -> str:
+        """The band in words."""
+        return "at no frequency" if self.empty else f"from {self.low:.3g} to {self.high:.4g} Hz"
+
+    def holds(self, frequency: Arrays) -> Arrays:
+        """Frequencies of which something is stated, as booleans."""
+        above_low = (frequency >= self.low) | self.reaches_down
+        below_high = (frequency <= self.high) | self.reaches_up
+        return np.asarray(above_low & below_high & (not self.empty))
+
+    def error(self, feedback: Feedback, frequency: Arrays) -> Arrays:
+        """Size of D at frequencies of which something is stated (m/A)."""
+        assert self.band is not None
+        found = self.band.within(np.maximum(frequency, self.low))[1]
+        above = frequency > self.high
+        if np.any(above):
+            size = np.linalg.norm(feedback.plant.response(frequency[above]), 2, axis=(1, 2))
+            found[above] = size + self._of_class(frequency[above])
+        return found
+
+    def _of_class(self, frequency: Arrays) -> Arrays:
+        modes = self.settings.mode_gain / (2.0 * self.settings.mode_damping)
+        return np.asarray((1.0 + modes) * self.mass / frequency**2)
+
+
+def known_band(feedback: Feedback, band: ErrorBand | None, settings: RobustnessSettings) -> KnownBand:
+    """What an error band makes known of a loop, which must be stable."""
+    nothing = KnownBand(math.nan, math.nan, False, False, math.inf, band, math.nan, settings)
+    if band is None:
+        return nothing
+    m, frequency = feedback.inputs, band.frequency
+    closed = feedback.closed.response(frequency)
+    action = np.linalg.norm(closed[:, :m, m:], 2, axis=(1, 2))
+    peak = int(np.argmax(np.linalg.norm(closed[:, m:, m:], 2, axis=(1, 2))))
+    allowed = np.where(np.arange(len(frequency)) < peak, OPEN_BELOW, OPEN_ABOVE)
+    unknown = np.flatnonzero(~(action * band.open < allowed))
+    if peak in unknown:
+        return nothing
+    below, above = unknown[unknown < peak], unknown[unknown > peak]
+    first = int(below[-1]) + 1 if len(below) else 0
+    last = int(above[0]) - 1 if len(above) else len(frequency) - 1
+    low, high = float(frequency[first]), float(frequency[last])
+    octave = np.geomspace(max(low, 0.5 * high), high, 50)
+    mass = float(np.median(np.linalg.norm(feedback.plant.response(octave), 2, axis=(1, 2)) * octave**2))
+    found = KnownBand(low, high, low <= BELOW * float(frequency[peak]), True, 0.0, band, mass, settings)
+    rest = np.geomspace(high, 0.5 / feedback.plant.sample_time, 500)[1:]
+    by_action = np.linalg.norm(feedback.closed.response(rest)[:, :m, m:], 2, axis=(1, 2))
+    beyond = float(np.max(by_action * found.error(feedback, rest)))
+    return KnownBand(low, high, found.reaches_down, beyond < 1.0, beyond, band, mass, settings)

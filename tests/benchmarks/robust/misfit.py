@@ -1,0 +1,143 @@
+"""The parts `misfit`, `over_refusal` and `demo`: what certificates claim of drawn bearings, against their truth.
+
+Half of the bearings are honest: the order is right, and the excitation reaches over the whole band. The others do not
+fit in a way of their own (`misfit_plants.KINDS`). Each is certified under the mild controller with which its data are
+taken, and predicted under an aggressive one. A claim is a lie if
+
+- it covers the whole loop, certified or predicted, and the true loop is unstable or a true peak above its bound;
+- it is restricted to a band, and a true sensitivity there is above its bound;
+- an assumption that the data contradict is taken without a word.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from amb_core.errors import AmbError
+from amb_core.excitation import excitation_from_request, generate
+from amb_core.identification import IdentificationData, identify
+from amb_core.linear.peak import peak_gain
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.plant import Plant, PlantParameters
+from amb_core.robustness import Certificate, Recorded, RobustnessSettings, certify_from_data
+from amb_core.robustness.feedback import Feedback, law_from_positions
+from amb_core.simulation import simulate
+from tests.benchmarks.robust.misfit_plants import CLEARANCE, HONEST, KINDS, RATE, MisfitPlant, draw
+from tests.benchmarks.robust.records import Size, records
+
+CONTRADICTED = 0.02  # damping ratio that is assumed of a bearing with less
+PLANTS = 400
+_DENSE = np.geomspace(1.0, 4_990.0, 20_000)  # Hz
+
+
+def misfit(size: Size) -> dict[str, Any]:
+    """Claims and lies, the share of honest bearings that are certified, and how far their bounds are from the truth."""
+    plants = PLANTS * size.runs // 200
+    done = records("misfit", size, plants, lambda seed: _measured(draw(_kind(seed), seed), seed, size))
+    of_honest = [item for item in done if item["kind"] == HONEST]
+    certified = [item for item in of_honest if item["mild"]["statement"].startswith("certified")]
+    widths = [ratio for item in certified for ratio in item["mild"]["widths"]]
+    both = [item[name] for item in done for name in ("mild", "aggressive") if item[name] is not None]
+    return {
+        "plants": plants,
+        "certified": sum(one["statement"].startswith("certified") for one in both),
+        "predicted": sum(one["statement"] == "predicted" for one in both),
+        "restricted": sum(one["statement"] == "restricted" for one in both),
+        "lies": sum(one["lie"] for one in both),
+        "honest": len(of_honest),
+        "honest_certified": len(certified),
+        "width_median": float(np.median(widths)) if widths else None,
+    }
+
+
+def over_refusal(size: Size) -> dict[str, int]:
+    """Right models of honest bearings with two axes, excited to 2 kHz only: those refused, or restricted to a band."""
+
+    def one(seed: int) -> dict[str, Any]:
+        plant = draw(HONEST, 10_000 + seed, 2)
+        return _measured(replace(plant, highest=2_000.0), seed, size)
+
+    done = records("over_refusal", size, size.runs, one)
+    stated = [item["mild"]["statement"] if item["mild"] else "no model" for item in done]
+    return {
+        "models": len(done),
+        "refused": sum(one in ("not certified", "no model") for one in stated),
+        "restricted": stated.count("restricted"),
+    }
+
+
+def demo(size: Size) -> dict[str, Any]:
+    """The certificate of the demo's square waves, and that of the guide's experiment, on the nonlinear simulator."""
+    settings = RobustnessSettings(mode_gain=0.02)  # of a rotor that is a point mass, as the guide has it
+    band = {"frequency_start": 2.0, "frequency_end": 2_000.0, "amplitude": 1e-6}
+    squares = _simulated("square", {"amplitude": 40e-6, "duration": size.identification / 3.0})
+    used = _simulated("multisine", {**band, "duration": size.identification})
+    other = _simulated("multisine", {**band, "duration": size.identification / 3.0, "seed": 2})
+    found = {}
+    for name, data in (("squares", (squares, squares)), ("guide", (used, other))):
+        model = identify(data[0].data, 10, controller=data[0].controller)
+        certificate = certify_from_data(
+            model.model, ControllerParameters(), *data, settings=settings, uncertainty=model.uncertainty
+        )
+        found[name] = {"statement": certificate.statement, "verdict": certificate.verdict}
+    return found
+
+
+def _simulated(kind: str, request: dict[str, Any]) -> Recorded:
+    plant, controller, settled = PlantParameters(), ControllerParameters(), 2_000
+    excitation = generate(excitation_from_request(kind, request), RATE).samples
+    record = simulate(Plant(plant), PdController(controller), len(excitation) + settled, excitation, settled)
+    data = IdentificationData.from_record(record.window(settled, len(excitation)))
+    return Recorded(data, controller, plant)
+
+
+def _kind(seed: int) -> str:
+    return HONEST if seed % 2 == 0 else KINDS[seed // 2 % len(KINDS)]
+
+
+def _measured(plant: MisfitPlant, seed: int, size: Size) -> dict[str, Any]:
+    kind, mild, steps = plant.kind, plant.loop.controller, 8 * size.steps
+    records_of = [plant.record(steps, 2 * seed), plant.record(steps // 2, 2 * seed + 1, plant.other)]
+    if not all(np.abs(record.position).max() < CLEARANCE for record in records_of):
+        return {"kind": kind, "axes": plant.axes, "mild": None, "aggressive": None, "failed": "the rotor falls"}
+    used, judged = (
+        Recorded(IdentificationData.from_record(record), plant.aggressive if kind == "wrong controller" else mild)
+        for record in records_of
+    )
+    record: dict[str, Any] = {"kind": kind, "axes": plant.axes, "mild": None, "aggressive": None}
+    try:
+        found = identify(used.data, plant.order, controller=mild)
+    except AmbError as problem:
+        return record | {"failed": str(problem)}
+    settings = RobustnessSettings(mode_damping=CONTRADICTED) if kind == "wrong assumption" else RobustnessSettings()
+    for name, law in (("mild", mild), ("aggressive", plant.aggressive)):
+        certificate = certify_from_data(
+            found.model, law, used, judged, settings=settings, uncertainty=found.uncertainty
+        )
+        record[name] = _judged(plant, law, certificate)
+    return record
+
+
+def _judged(plant: MisfitPlant, law: ControllerParameters, certificate: Certificate) -> dict[str, Any]:
+    """What a certificate states, and whether it is true."""
+    true = Feedback(plant.true, law_from_positions(law, plant.axes))
+    statement, assessment = certificate.statement, certificate.assessment
+    found = {"statement": statement, "verdict": certificate.verdict, "stable": true.stable, "lie": False, "widths": []}
+    if statement == "not certified" or assessment is None or assessment.bounds is None or certificate.known is None:
+        return found
+    bounds = [axis.sensitivity.value for axis in assessment.bounds.axes]
+    places = [plant.axes + axis for axis in range(plant.axes)]
+    if statement == "restricted":
+        inside = _DENSE[certificate.known.holds(_DENSE)]
+        sizes = np.abs(np.diagonal(true.closed.response(inside)[:, places][:, :, places], axis1=1, axis2=2))
+        found["lie"] = bool(np.any(sizes.max(axis=0) > max(bounds)))
+    else:
+        peaks = [peak_gain(true.closed.part([place], [place])).value for place in places]
+        found["lie"] = not true.stable or bool(np.any(np.array(peaks) > bounds))
+        found["widths"] = (np.array(bounds) / peaks).tolist()
+    if plant.kind == "wrong assumption":
+        found["lie"] = True
+    return found

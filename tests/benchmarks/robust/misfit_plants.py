@@ -1,0 +1,220 @@
+"""Bearings that a model may not fit: what `misfit` draws, each from its seed.
+
+A mass on a negative stiffness for each axis, an amplifier of first order, and a bending mode that all axes share; noise
+on sensors and forces. A kind of misfit changes the bearing, its data, or what is said of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.signal import cont2discrete, lfilter
+
+from amb_core.linear import LinearSystem
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord, axis_names
+from amb_core.model import StateSpaceModel
+from amb_core.robustness import RobustnessSettings, assess
+from amb_core.robustness.feedback import Feedback, law_from_positions
+from tests.benchmarks.verdicts.drawn_loops import DrawnLoop
+
+RATE = 10_000.0  # Hz
+CLEARANCE = 150e-6  # m
+HONEST = "honest"
+KINDS = (
+    "mode below", "mode inside", "mode above", "mode between lines", "dead time", "order too low", "coloured noise",
+    "drift", "wrong controller", "saturation", "another speed", "wrong assumption",
+)  # fmt: skip
+"""Ways in which a bearing, its data or what is assumed of it do not fit the model."""
+
+
+@dataclass(frozen=True, eq=False)
+class MisfitPlant:
+    """A bearing with its experiments.
+
+    Attributes
+    ----------
+    kind : str
+        What does not fit; `honest` if nothing.
+    axes, order : int
+        Number of axes, and order of the model that is identified.
+    loop : DrawnLoop
+        The bearing under the mild controller, with which the data are taken.
+    aggressive : ControllerParameters
+        A second controller, with more derivative.
+    amplitude : float
+        Of the reference (m, rms).
+    highest : float
+        Frequency at which the excitation ends (Hz).
+    lines : int
+        The excitation takes one line of so many.
+    mode : tuple of float
+        Frequency (Hz), damping ratio and gain relative to the rotor's of the bending mode; gain 0: none.
+    other : DrawnLoop or None
+        The bearing as it is now, if that is another one than that of the identification.
+    """
+
+    kind: str
+    axes: int
+    order: int
+    loop: DrawnLoop
+    aggressive: ControllerParameters
+    amplitude: float
+    highest: float
+    lines: int
+    mode: tuple[float, float, float]
+    other: DrawnLoop | None = None
+
+    @property
+    def true(self) -> LinearSystem:
+        """From control currents to positions."""
+        loop = self.other or self.loop
+        a, b, c = loop.a, loop.b[:, : self.axes], loop.c
+        return LinearSystem(a, b, c, np.zeros((self.axes, self.axes)), 1.0 / RATE)
+
+    def record(self, steps: int, seed: int, loop: DrawnLoop | None = None) -> LoopRecord:
+        """A multisine from 2 Hz on all axes at once."""
+        random = np.random.default_rng([seed, 7])
+        period = steps
+        frequency = np.fft.rfftfreq(period, 1.0 / RATE)
+        excited = (frequency >= 2.0) & (frequency <= self.highest) & (np.arange(len(frequency)) % self.lines == 0)
+        lines = np.zeros((len(frequency), self.axes), dtype=np.complex128)
+        lines[excited] = np.exp(2j * np.pi * random.uniform(size=(int(excited.sum()), self.axes)))
+        wave = np.fft.irfft(lines, period, axis=0)
+        reference = np.tile(self.amplitude * wave / wave.std(axis=0), (-(-steps // period), 1))[:steps]
+        record = (loop or self.loop).run(reference, random)
+        position, current = record.position, record.current
+        if self.kind == "coloured noise":
+            hum = lfilter([1.0], [1.0, -1.9, 0.96], random.normal(size=position.shape), axis=0)
+            position = position + 2.0 * self.loop.sensor_noise * hum / hum.std()
+        if self.kind == "drift":
+            slow = lfilter([1.0], [1.0, -0.9999], random.normal(size=position.shape), axis=0)
+            position = position + 20.0 * self.loop.sensor_noise * slow / slow.std()
+        return replace(record, position=position, current=current)
+
+
+def draw(kind: str, seed: int, axes: int | None = None) -> MisfitPlant:
+    """A bearing that both of its controllers hold, in simulation without a misfit or with it."""
+    random = np.random.default_rng([seed, 3])
+    for _ in range(200):
+        found = _draw(kind, random, axes)
+        if found is not None:
+            return found
+    raise RuntimeError(f"no bearing of the kind {kind} was found")
+
+
+def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitPlant | None:
+    axes = wanted or (4 if kind == "another speed" else int(random.choice([1, 2, 2, 3, 4])))
+    mass, stiffness, gain = random.uniform(2.0, 15.0), random.uniform(1e5, 5e5), random.uniform(40.0, 150.0)
+    bandwidth, delay = random.uniform(1_000.0, 2_500.0), int(random.integers(0, 2))
+    if kind == "dead time":
+        delay += int(random.integers(1, 4))
+    highest, lines, (frequency, damping, share) = _excited_and_mode(kind, random)
+    with_mode = kind not in ("dead time", "saturation") and (kind != HONEST or random.random() < 0.6)
+    modelled = 0 if kind in ("mode below", "mode inside", "mode above", "mode between lines") else 2
+    state = random.bit_generator.state
+    plant = _plant(axes, mass, stiffness, gain, bandwidth, (frequency, damping, share * with_mode), delay, random)
+    natural = 2.0 * np.pi * random.uniform(40.0, 90.0)
+    ratio = random.uniform(0.5, 0.9)
+    mild = ControllerParameters(
+        sample_rate=RATE,
+        proportional_gain=(stiffness + mass * natural**2) / gain,
+        derivative_gain=2.0 * ratio * natural * mass / gain,
+        derivative_filter=random.uniform(0.5e-4, 2e-4),
+        derivative_on="error",
+        current_limit=0.12 if kind == "saturation" else 5.0,
+    )
+    harder = 10.0 ** random.uniform(np.log10(1.3), np.log10(3.0))
+    aggressive = mild.model_copy(update={"derivative_gain": harder * mild.derivative_gain, "current_limit": 5.0})
+    sensor = 10.0 ** random.uniform(-8.0, -7.0)
+    loop = DrawnLoop(*plant, mild, sensor, 10.0 ** random.uniform(-2.0, -1.0), np.zeros(axes))
+    order = axes * (3 + delay) + (modelled if with_mode else 0)
+    if kind == "dead time":
+        order = axes * 3
+    if kind == "order too low":
+        order = axes * 2
+    other = None
+    if kind == "another speed":
+        again = np.random.default_rng()
+        again.bit_generator.state = state
+        moved = (frequency * random.choice([0.9, 0.95, 1.05, 1.1]), damping, share)
+        other = replace(
+            loop, **dict(zip("abc", _plant(axes, mass, stiffness, gain, bandwidth, moved, delay, again), strict=True))
+        )
+    found = MisfitPlant(
+        kind, axes, order, loop, aggressive, 50.0 * sensor + 10.0 * loop.force_noise / stiffness, highest, lines,
+        (frequency, damping, share * with_mode), other,
+    )  # fmt: skip
+    laws = [law_from_positions(one, axes) for one in (mild, aggressive)]
+    if not all(
+        Feedback(LinearSystem(one.a, one.b[:, :axes], one.c, np.zeros((axes, axes)), 1.0 / RATE), laws[0]).closed.radius
+        < 0.9998
+        for one in (loop, other or loop)
+    ):
+        return None
+    if kind == HONEST:  # one that deserves a certificate
+        model = named_model(found)
+        of_true = assess(model, mild, RobustnessSettings(frequencies=100.0))
+        if max(axis.sensitivity.value for axis in of_true.axes) > 2.2 or of_true.mu.upper > 0.7:
+            return None
+    return found
+
+
+def named_model(plant: MisfitPlant) -> StateSpaceModel:
+    """The true plant as a model, without noise."""
+    true, names = plant.true, axis_names(plant.axes)
+    inputs = tuple(f"i_{name}" for name in names)
+    n, p = true.order, plant.axes
+    return StateSpaceModel(
+        true.a, true.b, true.c, true.d, np.zeros((n, p)), np.eye(p), np.zeros(p), np.zeros(p), np.zeros(n), 1.0 / RATE,
+        inputs, names, input_units=("A",) * p, output_units=("m",) * p,
+    )  # fmt: skip
+
+
+def _excited_and_mode(kind: str, random: np.random.Generator) -> tuple[float, int, tuple[float, float, float]]:
+    """Where the excitation ends, its lines, and frequency, damping and gain of the mode."""
+    highest, lines = 4_600.0, 1
+    damping, share = 10.0 ** random.uniform(-3.0, np.log10(0.02)), 10.0 ** random.uniform(-2.0, 0.0)
+    frequency = 10.0 ** random.uniform(np.log10(200.0), np.log10(1_500.0))
+    if kind == HONEST:
+        damping = max(damping, 0.003)
+    elif kind == "mode below":
+        frequency = random.uniform(15.0, 80.0)
+    elif kind == "mode above":
+        highest = random.uniform(300.0, 1_500.0)
+        frequency = highest * random.uniform(1.1, 3.0)
+    elif kind == "mode between lines":
+        lines = int(random.choice([10, 40]))
+    elif kind == "wrong assumption":
+        highest = random.uniform(1_500.0, 2_500.0)
+        frequency, damping, share = random.uniform(200.0, 1_200.0), random.uniform(0.001, 0.004), 0.3
+    return highest, lines, (frequency, damping, share)
+
+
+def _plant(axes, mass, stiffness, gain, bandwidth, mode, delay, random):
+    block_a = np.zeros((3, 3))
+    rate = 2.0 * np.pi * bandwidth
+    block_a[0, 1], block_a[1, 0], block_a[1, 2], block_a[2, 2] = 1.0, stiffness / mass, gain / mass, -rate
+    frequency, damping, share = mode
+    angular = 2.0 * np.pi * frequency
+    shape = random.uniform(0.3, 1.0, axes) * random.choice([-1.0, 1.0], axes)
+    shape /= np.abs(shape).max()
+    n = 3 * axes + (2 if share else 0)
+    a, b, c = np.zeros((n, n)), np.zeros((n, 2 * axes)), np.zeros((axes, n))
+    a[: 3 * axes, : 3 * axes] = block_diag(*[block_a] * axes)
+    for axis in range(axes):
+        b[3 * axis + 2, axis], b[3 * axis + 1, axes + axis], c[axis, 3 * axis] = rate, 1.0 / mass, 1.0
+        if share:
+            a[-1, 3 * axis + 2] = share * gain / mass * shape[axis]
+            b[-1, axes + axis], c[axis, -2] = share / mass * shape[axis], shape[axis]
+    if share:
+        a[-2, -1], a[-1, -2], a[-1, -1] = 1.0, -(angular**2), -2.0 * damping * angular
+    mixed = np.eye(axes) + random.uniform(-0.03, 0.03, (axes, axes)) * (1.0 - np.eye(axes))
+    a, b, c, *_ = cont2discrete((a, b, mixed @ c, np.zeros((axes, 2 * axes))), 1.0 / RATE)
+    for _ in range(delay):  # of the currents
+        a = np.block([[a, b[:, :axes]], [np.zeros((axes, len(a) + axes))]])
+        b = np.block([[np.zeros((len(a) - axes, axes)), b[:, axes:]], [np.eye(axes), np.zeros((axes, axes))]])
+        c = np.hstack([c, np.zeros((axes, axes))])
+    return a, b, c

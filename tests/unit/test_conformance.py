@@ -1,0 +1,37 @@
+"""Checks of a port of the target: the example keeps to the protocol, and what a porter gets wrong is named."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+
+from amb_core.errors import TargetError
+from amb_core.target.conformance import Exchange, check_target
+from tests.soak.conformance import FAULTS, named
+
+
+def test_the_example_keeps_to_the_protocol() -> None:
+    assert named(None) == []
+
+
+@pytest.mark.parametrize("name", ["last byte of the tag not checked", "status word in the wrong place"])
+def test_a_planted_fault_is_named(name: str) -> None:
+    assert FAULTS[name].check in {one.check for one in named(FAULTS[name])}
+
+
+def test_there_are_thirty_planted_faults_at_least() -> None:
+    assert len(FAULTS) >= 30
+
+
+def test_a_target_that_does_not_answer_is_said_to_be_silent() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+        target = Exchange("127.0.0.1", silent.getsockname()[1], b"", 0.05)
+        assert [one.text for one in check_target(target)] == ["no answer to HELLO"]
+        target.close()
+
+
+def test_an_address_that_is_none_is_refused_in_one_line() -> None:
+    with pytest.raises(TargetError, match="cannot be reached"):
+        Exchange("no.such.host.invalid", 1, b"")

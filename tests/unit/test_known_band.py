@@ -1,0 +1,114 @@
+"""What data show of the error of a model and leave open, and the frequencies of which a certificate speaks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from amb_core.identification import IdentificationData, estimate_uncertainty
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.model import StateSpaceModel
+from amb_core.robustness import RobustnessSettings, feedback_of
+from amb_core.robustness.assessment import assess_loop
+from amb_core.robustness.checks import assumption_check, band_checks
+from amb_core.robustness.error_band import ErrorBand, error_band
+from amb_core.robustness.known_band import known_band
+
+LAW = ControllerParameters()
+SETTINGS = RobustnessSettings(frequencies=100.0, mode_damping=0.01)
+EXCITED = {"amplitude": 10e-6, "duration": 1.2, "frequency_start": 2.0, "axes": "all"}
+
+
+@pytest.fixture(scope="module")
+def record(bearing) -> LoopRecord:
+    return bearing.experiment(2e-9, "multisine", force=0.01, frequency_end=4_500.0, **EXCITED)
+
+
+@pytest.fixture(scope="module")
+def true(bearing) -> StateSpaceModel:
+    """The bearing with a predictor that is stable."""
+    return replace(bearing.model, k=bearing.kalman_gain(2e-9, 0.01))
+
+
+def band_of(model: StateSpaceModel, record: LoopRecord) -> ErrorBand:
+    found = error_band(model, [IdentificationData.from_record(record)], SETTINGS.mode_damping)
+    assert found is not None
+    return found
+
+
+def test_the_band_of_the_true_model_holds_no_error_and_shows_none(record, true) -> None:
+    band = band_of(true, record)
+    here = (band.frequency > 50.0) & (band.frequency < 4_000.0)
+    assert np.mean(band.shown[here] < band.open[here]) > 0.99
+
+
+@pytest.mark.parametrize("frequency", [150.0, 900.0])
+def test_the_band_holds_the_error_of_a_model_that_lacks_a_mode(record, true, frequency: float) -> None:
+    """The model has the mode and the bearing does not: the same error with the other sign."""
+    wrong = with_mode(true, frequency, 0.01, 0.2)
+    band = band_of(wrong, record)
+    here = (band.frequency > 0.7 * frequency) & (band.frequency < 1.4 * frequency)
+    error = np.linalg.norm(wrong.response(band.frequency) - true.response(band.frequency), 2, axis=(1, 2))
+    assert np.all(error[here] <= (band.shown + band.open)[here])
+    assert band.frequency[np.argmax(band.shown * band.frequency**2 * here)] == pytest.approx(frequency, rel=0.05)
+
+
+def test_nothing_is_known_above_the_excitation_and_nothing_stated_if_modes_may_be_large(bearing, true) -> None:
+    record = bearing.experiment(2e-9, "multisine", force=0.01, frequency_end=500.0, **EXCITED)
+    feedback, band = feedback_of(true, LAW), band_of(true, record)
+    large = known_band(feedback, band, replaced(mode_gain=1.0))
+    assert 300.0 < large.high < 700.0
+    assert not large.whole
+    assert not large.holds(np.array([2.0 * large.high])).any()
+    without = known_band(feedback, band, replaced(mode_gain=0.0))
+    assert without.reaches_up
+
+
+def test_bounds_count_what_the_data_leave_open_and_the_verdict_names_the_band(record, true) -> None:
+    feedback, uncertainty = feedback_of(true, LAW), estimate_uncertainty(true, IdentificationData.from_record(record))
+    known = known_band(feedback, band_of(true, record), replaced(mode_gain=100.0))
+    alone, counted = (assess_loop(feedback, SETTINGS, uncertainty, band).bounds for band in (None, known))
+    assert alone is not None and counted is not None
+    for narrow, wide in zip(alone.axes, counted.axes, strict=True):
+        assert wide.sensitivity.value > narrow.sensitivity.value
+    assert counted.frequency[-1] <= known.high
+    *_, covered = band_checks(assess_loop(feedback, SETTINGS, uncertainty, known), known)
+    assert not covered.passed
+    assert "no statement" in covered.finding
+
+
+def test_an_assumed_damping_that_the_model_contradicts_is_refused(record, true) -> None:
+    light = with_mode(true, 600.0, 0.005, 0.3)
+    uncertainty = estimate_uncertainty(light, IdentificationData.from_record(record))
+    known = known_band(feedback_of(true, LAW), band_of(true, record), SETTINGS)
+    check = assumption_check(replace(uncertainty, root=1e-6 * uncertainty.root), known, SETTINGS)
+    assert not check.passed
+    assert "the mode at 600 Hz has 0.005" in check.finding
+
+
+def replaced(**values: float) -> RobustnessSettings:
+    return SETTINGS.model_copy(update=values)
+
+
+def with_mode(model: StateSpaceModel, frequency: float, damping: float, share: float) -> StateSpaceModel:
+    """A model with a mode between the first input and output, of a gain relative to that of the mass."""
+    rate = 2.0 * np.pi * frequency * model.sample_time * (-damping + 1j * np.sqrt(1.0 - damping**2))
+    pole = np.exp(rate)
+    mode = np.array([[pole.real, pole.imag], [-pole.imag, pole.real]])
+    n, mass = model.order, abs(model.response([frequency])[0, 0, 0])
+    a = np.block([[model.a, np.zeros((n, 2))], [np.zeros((2, n)), mode]])
+    b = np.vstack([model.b, [[share * mass * abs(rate), 0.0], [0.0, 0.0]]])
+    c = np.hstack([model.c, [[1.0, 0.0], [0.0, 0.0]]])
+    return replace(model, a=a, b=b, c=c, k=np.vstack([model.k, np.zeros((2, 2))]), initial_state=np.zeros(n + 2))
+
+
+def test_a_band_without_a_frequency_of_the_grid_has_bounds_at_its_ends(record, true) -> None:
+    feedback, uncertainty = feedback_of(true, LAW), estimate_uncertainty(true, IdentificationData.from_record(record))
+    known = known_band(feedback, band_of(true, record), SETTINGS)
+    narrow = replace(known, low=300.0, high=300.1, reaches_down=False, reaches_up=False)
+    bounds = assess_loop(feedback, SETTINGS, uncertainty, narrow).bounds
+    assert bounds is not None
+    assert bounds.frequency == pytest.approx([300.0, 300.1])
