@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from amb_core.errors import AmbError, RobustnessError
-from amb_core.identification.data import IdentificationData
 from amb_core.identification.data import RecordedLoop as Recorded
 from amb_core.identification.data.drift import cure_drift
 from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
@@ -94,11 +93,8 @@ def certify_from_data(
         displacement = _displacement(judged)
     if swept is not None:
         progress("swept sine")
-        if _runs(swept, law):
-            measured = replace(_measured(swept, law, modes_of(swept.data, law)), checked=True)
-            remarks += sweep_remarks(swept.data, feedback, law)
-        else:
-            remarks += ("the swept sine is not of a loop with this controller, so it is left out",)
+        measured, more = _swept(swept, feedback, law)
+        remarks += more
     progress("margins, worst cases and bounds")
     found = certify(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
@@ -143,6 +139,16 @@ def _shown(loop: Recorded, law: KnownController) -> tuple[MeasuredSensitivity | 
         return _measured(loop, law), ()
     except AmbError as problem:
         return None, (f"sensitivity not measured: {problem}",)
+
+
+def _swept(
+    loop: Recorded, feedback: Feedback, law: KnownController
+) -> tuple[MeasuredSensitivity | None, tuple[str, ...]]:
+    """The sensitivity that a swept sine shows, and what it does not; it is left out if it is of another controller."""
+    if not _runs(loop, law):
+        return None, ("the swept sine is not of a loop with this controller, so it is left out",)
+    measured = _measured(loop, law, modes_of(loop.data, law))
+    return replace(measured, checked=True), sweep_remarks(loop.data, feedback, law)
 
 
 def _runs(loop: Recorded | None, law: KnownController) -> bool:
