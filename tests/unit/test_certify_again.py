@@ -89,8 +89,8 @@ def test_a_changed_bag_is_named_by_its_hash(bearing, copied: Path) -> None:
     write_bag(copied / "bag", replace(record, position=1.01 * record.position))
     result = CliRunner().invoke(app, ["certify", "--again", str(copied / "certificate.json")], catch_exceptions=False)
     assert result.exit_code == NOT_THE_SAME
-    assert "differs: bag bag: the samples have the SHA-256" in result.stdout
-    assert "bounds.axes.x.peak_sensitivity" in result.stdout
+    assert "differs: bag bag: the SHA-256 of the samples is" in result.stdout
+    assert "measured.peaks.x" in result.stdout
 
 
 def test_a_changed_model_a_number_and_a_version_are_named(copied: Path) -> None:

@@ -71,7 +71,9 @@ class Evidence:
         if not measures:
             return np.full(1, np.nan)
         ratio = np.fmax.reduce(measures)
-        return np.asarray(100.0 * (1.0 - ratio / np.sqrt(1.0 + ratio**2)))
+        return np.asarray(
+            100.0 * (1.0 - np.sin(np.arctan(ratio)))
+        )  # ratio / sqrt(1 + ratio^2), also where it is infinite
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for strict JSON."""

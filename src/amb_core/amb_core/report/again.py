@@ -125,7 +125,7 @@ def _changed_inputs(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[
         before, now = (values["data"].get(role, {}) for values in (old, new))
         for what, key in (("file", "sha256"), ("samples", "sha256_of_samples")):
             if before.get(key) and before.get(key) != now.get(key):
-                yield f"{role} {before.get('name')}: the {what} have the SHA-256 {now.get(key)}, before {before[key]}"
+                yield f"{role} {before.get('name')}: the SHA-256 of the {what} is {now.get(key)}, before {before[key]}"
     files = [name for name in old["inputs"] if name.startswith(("controller file", "experiment controller file"))]
     for name in files:
         now = new["inputs"].get(name, {}).get("sha256")  # the gains of one that is gone are in the certificate
