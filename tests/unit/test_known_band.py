@@ -65,6 +65,8 @@ def test_nothing_is_known_above_the_excitation_and_nothing_stated_if_modes_may_b
     assert not large.holds(np.array([2.0 * large.high])).any()
     without = known_band(feedback, band, replaced(mode_gain=0.0))
     assert without.reaches_up
+    for count in range(40, 60):  # wherever the ends of the band lie between the frequencies that are asked for
+        assert np.isfinite(without.error(feedback, np.geomspace(0.5 * without.low, 5_000.0, count))).all()
 
 
 def test_bounds_count_what_the_data_leave_open_and_the_verdict_names_the_band(record, true) -> None:

@@ -84,11 +84,11 @@ class KnownBand:
     def error(self, feedback: Feedback, frequency: Arrays) -> Arrays:
         """Size of D at frequencies of which something is stated (m/A)."""
         assert self.band is not None
-        found = self.band.within(np.maximum(frequency, self.low))[1]
+        found = self.band.within(np.clip(frequency, self.low, self.high))[1]
         above = frequency > self.high
         if np.any(above):
             size = np.linalg.norm(feedback.plant.response(frequency[above]), 2, axis=(1, 2))
-            found[above] = size + self._of_class(frequency[above])
+            found[above] = np.maximum(found[above], size + self._of_class(frequency[above]))
         return found
 
     def _of_class(self, frequency: Arrays) -> Arrays:

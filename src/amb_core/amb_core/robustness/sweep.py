@@ -31,6 +31,7 @@ from amb_core.robustness.sharp_peaks import (
 MATTERS = 0.1  # of T: up to the highest frequency with more a mode of ten times the response could spoil the loop
 HIDDEN = 0.06  # of S: a narrow mode that changes it more is found, or the certificate names where it might not be
 MOST_DWELLS = 6
+_INSIDE = 2.0 ** (1.0 / 12.0)  # of the ends of an excitation, at which its response looks like a transient
 _SPACING = 0.05  # relative, of the frequencies at which that is asked
 _LINES = 4.0  # within the half bandwidth of a mode, of a dwell
 _NARROW = 0.02  # damping ratio: broader modes are known from the first sweep
@@ -122,7 +123,7 @@ def sweep_remarks(data: IdentificationData, feedback: Feedback, law: KnownContro
     references = [item.reference for item in data.experiments if item.reference is not None]
     if not references:
         return ()
-    first = _ends(references, data.sample_time)[0]
+    first = _INSIDE * _ends(references, data.sample_time)[0]
     low, last = looked_band(data)
     found = []
     if low > first:
@@ -142,8 +143,8 @@ def sweep_remarks(data: IdentificationData, feedback: Feedback, law: KnownContro
     matters = highest_that_matters(feedback)
     if last < matters:
         found.append(
-            f"the swept sine ends at {last:.4g} Hz; the loop acts up to {matters:.4g} Hz, and nothing was looked for "
-            "between them"
+            f"the swept sine shows narrow modes up to {last:.4g} Hz; the loop acts up to {matters:.4g} Hz, and nothing "
+            "was looked for between them"
         )
     return tuple(found)
 
@@ -169,7 +170,7 @@ def looked_band(data: IdentificationData, damping: float = LEAST_DAMPING) -> tup
     """Frequencies (Hz) between which data show modes of a damping ratio: slow enough, and excited."""
     references = [item.reference for item in data.experiments if item.reference is not None]
     first, last = _ends(references, data.sample_time)
-    return max(first, lowest_resolved(experiments_of(data), data.sample_time, damping)), last
+    return max(_INSIDE * first, lowest_resolved(experiments_of(data), data.sample_time, damping)), last / _INSIDE
 
 
 def highest_that_matters(feedback: Feedback) -> float:
@@ -182,13 +183,18 @@ def highest_that_matters(feedback: Feedback) -> float:
 
 
 def _ends(references: list[np.ndarray], sample_time: float) -> tuple[float, float]:
-    """Lowest and highest frequency (Hz) at which references have a thousandth of their largest power per octave."""
+    """Lowest and highest frequency (Hz) that references excite: much of the most per octave, or of the most per line.
+
+    The first is even in a logarithmic sweep, the second in a linear one and in a multisine.
+    """
     low, high = math.inf, 0.0
     for reference in references:
-        lines = np.fft.rfft(reference - reference.mean(axis=0), axis=0)[1:]
+        lines = np.sum(np.abs(np.fft.rfft(reference - reference.mean(axis=0), axis=0)[1:]) ** 2, axis=1)
         frequency = np.fft.rfftfreq(len(reference), sample_time)[1:]
-        octaves = np.floor(12.0 * np.log2(frequency / frequency[0])).astype(int)
-        power = np.bincount(octaves, np.sum(np.abs(lines) ** 2, axis=1))
-        excited = frequency[power[octaves] > 1e-2 * power.max()]
+        part = np.floor(12.0 * np.log2(frequency / frequency[0])).astype(int)
+        power = np.bincount(part, lines)
+        per_line = power / np.maximum(np.bincount(part), 1)
+        much = (power > 0.25 * power.max()) | (per_line > 0.5 * per_line.max())
+        excited = frequency[much[part]]
         low, high = min(low, float(excited[0])), max(high, float(excited[-1]))
     return low, high
