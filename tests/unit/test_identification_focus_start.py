@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from amb_core.identification import IdentificationData, closed_loop_poles, identify
-from amb_core.identification.estimate.methods import estimate
+from amb_core.identification.estimate.methods import starts_for_simulation
 from amb_core.identification.numerics import LARGEST_RADIUS
 from amb_core.identification.progress import Watch
 from amb_core.loop.control import ControllerParameters
@@ -18,8 +18,11 @@ if TYPE_CHECKING:
 CONTROLLER = ControllerParameters()
 
 
-def test_it_starts_from_a_stable_loop_where_the_best_predictor_makes_an_unstable_one(bearing: LinearBearing) -> None:
-    """Without noise PEM of too high an order keeps a mode that the data do not determine."""
+def test_without_noise_it_starts_from_a_stable_loop(bearing: LinearBearing) -> None:
+    """PEM of too high an order may keep a mode that such data do not determine, and whose loop is not stable.
+
+    Whether it does depends on the last bits of the computer; the other starts do not.
+    """
     record = bearing.experiment(
         duration=0.5,
         noise=0.0,
@@ -29,8 +32,8 @@ def test_it_starts_from_a_stable_loop_where_the_best_predictor_makes_an_unstable
         frequency_start=1.0,
         frequency_end=1_000.0,
     )
-    (predictor,) = estimate(IdentificationData.from_record(record), 8, "pem", Watch(), "")
-    assert np.abs(closed_loop_poles(predictor, CONTROLLER)[0]) >= LARGEST_RADIUS
+    starts = starts_for_simulation(IdentificationData.from_record(record), 8, Watch(), "")
+    assert min(np.abs(closed_loop_poles(start, CONTROLLER)[0]) for start in starts) < LARGEST_RADIUS
 
     found = identify(record, 8, focus="simulation", controller=CONTROLLER)
 

@@ -33,6 +33,7 @@ _FREE = 2.0  # lines over unknowns, at least
 _SIGNIFICANT = 10.0  # ratio of explained and unexplained power per unknown, from which a mode is taken as there
 WIDEST = 0.05  # damping ratio from which the polynomials see a mode
 _EXCITED = 1e-4  # of the largest line of an experiment, from which its references act at a frequency
+_NOTHING = 1e-100  # norm of a column that says nothing
 _STEP = 1.5  # of the scan, in half bandwidths
 _POINTS = 33  # of the response at a mode
 
@@ -295,7 +296,7 @@ def _lines(
         not enough
         or not acts
         or not np.all(power > LEAST_POWER * largest)
-        or not np.all(np.linalg.norm(columns, axis=0) > 0.0)
+        or not np.all(np.linalg.norm(columns, axis=0) > _NOTHING)
     ):
         return None
     modes = np.r_[np.tile([True, False, False, False], references), np.tile([True, False, False], len(spectra))]
