@@ -39,9 +39,7 @@ class NodeProcess:
 
     def open_segments(self) -> set[str]:
         """Names of the segments in shared memory that the process has open, by which others reach its nodes."""
-        with contextlib.suppress(OSError):
-            return set(SEGMENT.findall(Path(f"/proc/{self.pid}/maps").read_text()))
-        return set()
+        return segments_of(self.pid)
 
     def send_signal(self, sig: int) -> None:
         """Send a signal, unless the process has ended; keeps in mind what SIGKILL gives it no time to remove."""
@@ -156,3 +154,10 @@ def remove_shared_memory(processes: Sequence[NodeProcess]) -> None:
         for name in process.segments:
             for path in (SHARED_MEMORY / name, SHARED_MEMORY / f"{name}_el"):
                 path.unlink(missing_ok=True)
+
+
+def segments_of(pid: int) -> set[str]:
+    """Names of the segments in shared memory that a process has open."""
+    with contextlib.suppress(OSError):
+        return set(SEGMENT.findall(Path(f"/proc/{pid}/maps").read_text()))
+    return set()
