@@ -14,7 +14,7 @@ from amb_core.loop.known_controller import KnownController
 from amb_core.parameters import part_of
 from amb_core.report.certification import InMemory, Request, certify_request
 from amb_core.robustness import RobustnessSettings
-from amb_core.robustness.certificate import certificate_json, compared_values
+from amb_core.robustness.certificate_json import certificate_json, compared_values
 from amb_core.robustness.trace import CertificateHeader
 from amb_ident_node.sources import LoopSources
 

@@ -22,17 +22,18 @@ from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.plant import Plant, PlantParameters
 from amb_core.target import ReferenceTarget, commands, decode, hello
 from amb_core.target.answers import Reply, TargetStatus, TelemetryBlock
+from amb_core.target.commanded import CommandedLink
 from amb_core.target.commands import Command, CommandWriter
 from amb_core.target.description import Description, machine_of
 from amb_core.target.layout import CHECKSUM, HEADER, LARGEST_FRAME, Code, Law, TelemetryOption
-from amb_core.target.link import LinkCount, LinkListener, TargetDescription, TargetLink, TargetSettings
+from amb_core.target.link import LinkCount, LinkListener, TargetDescription, TargetSettings
 from amb_core.target.refusals import require_done
-from amb_core.target.upload import Upload, controller_upload, excitation_upload
+from amb_core.target.upload import Upload, controller_upload
 
 _OPTIONS = TelemetryOption.FLOAT64 | TelemetryOption.STATUS
 
 
-class LockStepLink(TargetLink):
+class LockStepLink(CommandedLink):
     """A link to a target in this process; time passes in `advance` only.
 
     Parameters
@@ -129,40 +130,12 @@ class LockStepLink(TargetLink):
             self._bring(controller_upload(next(self._uploads), law.model))
         self._command(commands.controller(Law.STATE_SPACE if isinstance(law, LinearControl) else Law.PD))
 
-    def levitate(self, seconds: float) -> None:
-        """Close the loop in so many seconds."""
-        self._command(commands.levitate(seconds))
-
-    def land(self, seconds: float) -> None:
-        """Land in so many seconds."""
-        self._command(commands.delevitate(seconds))
-
-    def upload(
-        self, samples: NDArray[np.float64], cancelled: Callable[[], bool] = lambda: False
-    ) -> Callable[[int], None]:
-        """Bring an excitation to the target; returns what arms it."""
-        upload = excitation_upload(next(self._uploads), samples)
-        self._bring(upload)
-
-        def arm(step: int) -> None:
-            self._command(commands.arm(upload.id, step))
-
-        return arm
-
-    def disarm(self) -> None:
-        """Stop the excitation."""
-        self._command(commands.disarm())
-
     def reset_faults(self) -> None:
         """Forget latched trips, and measure anew."""
         self._command(commands.fault_reset())
         self.advance(1)
 
-    def status(self) -> TargetStatus:
-        """The state of the target now."""
-        return self._command(commands.heartbeat()).status
-
-    def _bring(self, upload: Upload) -> None:
+    def _bring(self, upload: Upload, cancelled: Callable[[], bool] = lambda: False) -> None:
         self._command(upload.begin)
         for chunk in range(upload.chunks):
             self._target.feed(self._writer.write(upload.chunk(chunk)))

@@ -12,7 +12,8 @@ from amb_core.report.certificate_trace import header_table, signature_section, t
 from amb_core.report.document import Badge, Block, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
 from amb_core.report.writer import write_report
 from amb_core.robustness.assessment import Assessment
-from amb_core.robustness.certificate import Certificate, Statement, certificate_json, compared_values
+from amb_core.robustness.certificate import Certificate, Statement
+from amb_core.robustness.certificate_json import certificate_json, compared_values
 from amb_core.robustness.margins import DiskMargin
 from amb_core.robustness.measured import MeasuredSensitivity
 

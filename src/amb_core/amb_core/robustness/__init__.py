@@ -7,7 +7,8 @@
 from amb_core.identification.data import RecordedLoop as Recorded
 from amb_core.linear.peak import Peak, peak_gain
 from amb_core.robustness.assessment import Assessment, assess, assess_loop
-from amb_core.robustness.certificate import Certificate, Check, certificate_values, certify
+from amb_core.robustness.certificate import Certificate, Check, certify
+from amb_core.robustness.certificate_json import certificate_values
 from amb_core.robustness.feedback import Feedback, feedback_of
 from amb_core.robustness.from_data import certify_from_data
 from amb_core.robustness.hashes import sha256_of, sha256_of_controller, sha256_of_data, sha256_of_model

@@ -5,11 +5,10 @@ The word certified stands only where every check passed. A loop that is not stab
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -329,130 +328,3 @@ def _not_linear(assessment: Assessment | None) -> tuple[str, ...]:
         for one in assessment.bounds.axes
         if math.isfinite(one.replayed) and abs(one.replayed - one.of_ellipsoid) > AGREES * one.of_ellipsoid
     )
-
-
-def certificate_values(certificate: Certificate) -> dict[str, Any]:
-    """All numbers as plain values for strict JSON; values that are not finite are None."""
-    return dict(_strict(_values(certificate)))
-
-
-def certificate_json(certificate: Certificate) -> str:
-    """The content of certificate.json."""
-    return json.dumps(certificate_values(certificate), indent=2, allow_nan=False) + "\n"
-
-
-def _values(certificate: Certificate) -> dict[str, Any]:
-    values: dict[str, Any] = {
-        "certified": certificate.certified,
-        "statement": certificate.statement,
-        "reserved": certificate.reserved,
-        "verdict": certificate.verdict,
-        "checks": [{"name": one.name, "passed": one.passed, "finding": one.finding} for one in certificate.checks],
-        "warnings": list(certificate.warnings),
-        "settings": certificate.settings.model_dump(),
-        "inputs": {name: {"sha256": value} for name, value in certificate.inputs.items()},
-        "zones_iso_14839_2": dict(certificate.displacement or {}),
-        "amplitude": dict(certificate.amplitude or {}),
-        **(certificate.trace.values() if certificate.trace is not None else {}),
-    }
-    if certificate.known is not None:
-        values["band"] = {
-            "low": certificate.known.low,
-            "high": certificate.known.high,
-            "whole": certificate.known.whole,
-            "beyond": certificate.known.beyond,
-        }
-    found = certificate.assessment
-    if found is None:
-        return values
-    if certificate.measured is not None:
-        values["measured"] = compared_values(certificate.measured, found)
-    values["axes"] = {
-        axis.name: {
-            "peak_sensitivity": _peak(axis.sensitivity),
-            "peak_complementary": _peak(axis.complementary),
-            "gain_margin_up": _peak(axis.margins.gain_up),
-            "gain_margin_down": _peak(axis.margins.gain_down),
-            "phase_margin_degrees": _peak(axis.margins.phase, 180.0 / math.pi),
-            "delay_margin_seconds": _peak(axis.margins.delay),
-            "disk_margin": axis.disk.guaranteed,
-            "zone_iso_14839_3": axis.zone,
-        }
-        for axis in found.axes
-    }
-    values["peak_sensitivity"], values["peak_complementary"] = _peak(found.sensitivity), _peak(found.complementary)
-    values["disk_margins"] = [
-        {"where": one.where, "guaranteed": one.guaranteed, "broken": one.broken, "frequency": one.frequency}
-        for one in found.disks
-    ]
-    values["mu"] = {
-        "upper": found.mu.upper,
-        "lower": found.mu.lower,
-        "gap": found.mu.gap,
-        "frequency": found.mu.frequency,
-        "worst_case": {
-            "frequency": found.mu.lower_frequency,
-            "distance_from_unit_circle": found.on_circle,
-            "perturbation": {
-                block.name: [value.real, value.imag]
-                for block, value in zip(found.uncertain.blocks, found.mu.perturbation.tolist(), strict=False)
-            },
-        },
-    }
-    if found.bounds is not None:
-        values["bounds"] = {
-            "confidence": found.settings.confidence,
-            "axes": {
-                one.name: {
-                    "peak_sensitivity": one.sensitivity.value,
-                    "peak_complementary": one.complementary.value,
-                    "disk_margin": 1.0 / one.disk.value,
-                    "peak_sensitivity_all_parameters": one.sensitivity_of_all.value,
-                    "zone_iso_14839_3": one.zone,
-                }
-                for one in found.bounds.axes
-            },
-            "disk_margin_outputs": 1.0 / found.bounds.outputs.value,
-            "small_gain": found.bounds.small_gain,
-            "nu_gap": found.bounds.gap.worst.value,
-            "stability_margin_b": found.bounds.gap.margin,
-            "unstable_poles": [
-                {
-                    "poles": [[pole.real, pole.imag] for pole in one.poles.tolist()],
-                    "magnitude": [one.lowest, one.highest],
-                }
-                for one in found.bounds.poles
-            ],
-        }
-    return values
-
-
-def compared_values(measured: MeasuredSensitivity, found: Assessment) -> dict[str, Any]:
-    """The measured sensitivity and its difference from the model's up to 1 kHz, where it is comparable."""
-    difference = np.abs(measured.difference_db(found.feedback))
-    compared = measured.frequency[measured.comparable()]
-    return {
-        "method": measured.method,
-        "peaks": {name: measured.peak(number, 0.5)[0] for number, name in enumerate(measured.axes)},
-        "worst_difference_db": float(difference.max()) if difference.size else math.nan,
-        "median_difference_db": float(np.median(difference)) if difference.size else math.nan,
-        "frequencies": int(difference.shape[1]),
-        "from_hz": float(compared.min()) if compared.size else math.nan,
-        "to_hz": float(compared.max()) if compared.size else math.nan,
-    }
-
-
-def _peak(peak: Any, factor: float = 1.0) -> dict[str, float]:
-    return {"value": peak.value * factor, "frequency": peak.frequency}
-
-
-def _strict(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _strict(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_strict(item) for item in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value

@@ -15,9 +15,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from amb_core.errors import AmbError, TargetError, one_line
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_parameters import require_order
@@ -29,6 +26,7 @@ from amb_core.target.answers import (
     TelemetryBlock,
     decode,
 )
+from amb_core.target.commanded import CommandedLink
 from amb_core.target.commands import Command, CommandWriter
 from amb_core.target.description import Description, machine_of
 from amb_core.target.frames import Refusal, require_key
@@ -46,7 +44,7 @@ from amb_core.target.layout import (
 from amb_core.target.link import HostLoopLink, LinkCount, LinkListener, TargetDescription, TargetSettings
 from amb_core.target.refusals import require_done
 from amb_core.target.search import Search
-from amb_core.target.upload import Upload, controller_upload, excitation_upload
+from amb_core.target.upload import Upload, controller_upload
 
 PORT = 47_000
 RECEIVE_TIMEOUT = 0.002  # s; also the precision of heartbeats
@@ -64,7 +62,7 @@ BURST = 48  # chunks of an upload before the target is asked which have arrived:
 RECEIVE_BUFFER = 1 << 22  # bytes: half a second of telemetry of 16 axes
 
 
-class AmbUdpLink(HostLoopLink):
+class AmbUdpLink(CommandedLink, HostLoopLink):
     """A connection to a target by AMB-UDP.
 
     Parameters
@@ -250,27 +248,7 @@ class AmbUdpLink(HostLoopLink):
         """Close the loop in so many seconds."""
         if self._waiting_settings is not None:
             self.configure(self._waiting_settings)
-        self._command(commands.levitate(seconds))
-
-    def land(self, seconds: float) -> None:
-        """Land in so many seconds."""
-        self._command(commands.delevitate(seconds))
-
-    def upload(
-        self, samples: NDArray[np.float64], cancelled: Callable[[], bool] = lambda: False
-    ) -> Callable[[int], None]:
-        """Bring an excitation to the target; returns what arms it."""
-        upload = excitation_upload(next(self._uploads), samples)
-        self._bring(upload, cancelled)
-
-        def arm(step: int) -> None:
-            self._command(commands.arm(upload.id, step))
-
-        return arm
-
-    def disarm(self) -> None:
-        """Stop the excitation."""
-        self._command(commands.disarm())
+        super().levitate(seconds)
 
     def reset_faults(self) -> None:
         """Forget latched trips, and wait until the target has measured anew."""
@@ -280,10 +258,6 @@ class AmbUdpLink(HostLoopLink):
             if time.monotonic() > until:
                 raise TargetError(f"{self._where} has measured nothing since the reset")
             time.sleep(RECEIVE_TIMEOUT)
-
-    def status(self) -> TargetStatus:
-        """The state of the target now."""
-        return self._command(commands.heartbeat()).status
 
     def _command(self, command: Command) -> Reply:
         with self._open():
