@@ -25,7 +25,7 @@ from tests.front_door.figures import problems
 from tests.front_door.results import ROOT, results_file
 
 AT_A_TIME = 2
-LINES = 4  # of the output of a program that fails, which are shown
+LINES = 60  # of the output of a program that fails, which are shown at the end
 LONGEST = 900.0  # s, that a program may take on a machine with much other work
 
 
@@ -56,8 +56,7 @@ def run_program(program: Program) -> Outcome:
     outcome.seconds = round(time.monotonic() - began, 1)
     outcome.processor_seconds = round(usage.ru_utime + usage.ru_stime, 1)
     if status:
-        last = [line.strip() for line in log.read_text().splitlines() if line.strip()][-LINES:]
-        outcome.problems.append(f"exit code {os.waitstatus_to_exitcode(status)}: {' / '.join(last)}")
+        outcome.problems.append(f"exit code {os.waitstatus_to_exitcode(status)}")
     return outcome
 
 
@@ -118,7 +117,9 @@ def main() -> int:
     used = sum(outcome.processor_seconds for outcome in outcomes.values())
     print(f"{len(outcomes)} programs in {time.monotonic() - began:.0f} s, {used:.0f} s of the processor")
     for module in wrong:
-        print(f"WRONG: {module}; its output is in {results_file(f'{module}.txt', quick=True).relative_to(ROOT)}")
+        log = results_file(f"{module}.txt", quick=True)
+        print(f"WRONG: {module}; the end of its output, {log.relative_to(ROOT)}:")
+        print("\n".join(f"    {line}" for line in log.read_text().splitlines()[-LINES:]))
     return 1 if wrong else 0
 
 
