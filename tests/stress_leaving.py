@@ -47,7 +47,8 @@ NODES = 6
 HUNG_AFTER = 6.0  # s
 GIVEN_UP_AFTER = 120.0  # s; for the start of a graph, and for its end
 STEPS = 2_000  # that are recorded at least
-MAPPED = re.compile(r"/dev/shm/(\S*fastrtps_\S+)")
+# But for ports below 7400: graphs of all DDS domains share them, and one of another graph may have been killed.
+MAPPED = re.compile(r"/dev/shm/(\S*fastrtps_(?!port7[0-3]\d\d\b)\S+)")
 
 
 class Ends(Figures):
@@ -134,7 +135,7 @@ def mapped(process: int) -> set[str]:
 
 
 def left(files: set[str]) -> set[str]:
-    """Those that still exist, and are not of a program that runs: all DDS domains of a machine share the ports."""
+    """Those that still exist, and are not of a program that runs."""
     there = {name for name in files if (SHARED_MEMORY / name).exists()}
     for process in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):

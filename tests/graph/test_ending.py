@@ -15,6 +15,9 @@ import pytest
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from amb_bringup.launch_file import NodeProcess as Launched
+from amb_bringup.launcher import Graph as Launcher
+from amb_ros import shared_memory
 from tests.delayed_discovery import build_delayed_discovery, delays
 from tests.graph.limits import TIMEOUT
 from tests.graph.processes import SHARED_MEMORY
@@ -65,6 +68,25 @@ class Leaving(Node):
     def finish(self):
         Path("finished").touch()
 raise SystemExit(run_node(Leaving))
+"""
+HELD = """
+from rclpy.node import Node
+from amb_ros.process import run_node
+class Held(Node):
+    def __init__(self):
+        super().__init__("held", start_parameter_services=False)
+        self.handle.__enter__()  # as a thread does that uses the node at this moment
+raise SystemExit(run_node(Held))
+"""
+ENDING_AT_ONCE = """
+import os, signal
+import rclpy
+rclpy.init()
+node = rclpy.create_node("ending_at_once")
+signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
+print("ready", flush=True)
+while True:
+    signal.pause()
 """
 GOING_ON = """
 import sys
@@ -201,3 +223,23 @@ def test_a_killed_node_leaves_no_segment_behind(open_graph: Callable[[Path], Any
         graph.stop(process, signal.SIGKILL)
         assert process.segments
     assert not [name for name in process.segments if (SHARED_MEMORY / name).exists()]
+
+
+def test_a_node_that_a_thread_still_uses_leaves_no_segment_behind(graph: Graph) -> None:
+    others = {path.name for path in SHARED_MEMORY.iterdir()}
+    process = graph.start_command([sys.executable, "-c", HELD])
+    graph.wait_until(lambda: "held" in graph.node.get_node_names(), "the node")
+    segments = process.open_segments() - others
+    assert graph.stop(process) == (0, "")
+    assert segments
+    assert not [name for name in segments if (SHARED_MEMORY / name).exists()]
+
+
+def test_a_launched_node_that_ends_at_once_leaves_nothing_in_shared_memory(domain: int) -> None:
+    ready = threading.Event()
+    node = Launched("ending_at_once", (sys.executable, "-c", ENDING_AT_ONCE), {})
+    with Launcher([node], {"ROS_DOMAIN_ID": str(domain)}, lambda *_: ready.set()) as launcher:
+        assert ready.wait(TIMEOUT)
+        files = shared_memory.owned(launcher.processes["ending_at_once"].pid)
+        assert len(files) > 1, "a segment and ports"
+    assert not [path for path in files if path.exists()]

@@ -21,7 +21,7 @@ from types import TracebackType
 
 from amb_bringup.launch_file import NodeProcess, read_launch_file
 from amb_bringup.packages import LaunchError, share_folder
-from amb_ros import interruptions
+from amb_ros import interruptions, shared_memory
 
 POLL_PERIOD = 0.05  # s
 # Signal, patience (s). Not SIGINT: an interpreter that is still starting would write a traceback. On a busy machine a
@@ -148,15 +148,19 @@ class Graph:
         """End all nodes: SIGTERM, and SIGKILL for those that do not react. Returns the exit codes.
 
         Before a node is killed, it writes the stacks of its threads to its output. Ctrl-C during this leaves no node
-        behind: the next signal is sent at once.
+        behind: the next signal is sent at once. What nodes that did not end by themselves leave in shared memory is
+        removed.
         """
+        left = [path for process in self.processes.values() for path in shared_memory.owned(process.pid)]
         with interruptions.held_back() as interrupted:
             for number, patience in STOP_STAGES:
                 self._end(number, patience, interrupted)
             interrupted.clear()
+        if len(ended := self.ended()) == len(self.processes):
+            shared_memory.remove(left)
         for reader in self._readers.values():
             reader.join(timeout=1.0)
-        return self.ended()
+        return ended
 
     def _end(self, number: signal.Signals, patience: float, interrupted: list[int]) -> None:
         """Send a signal to all running nodes and wait until they end, at most `patience` (s) or until Ctrl-C."""

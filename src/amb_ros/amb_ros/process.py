@@ -21,7 +21,7 @@ from rclpy.utilities import get_default_context
 from threadpoolctl import threadpool_limits
 
 from amb_core.errors import AmbError
-from amb_ros import middleware
+from amb_ros import middleware, shared_memory
 from amb_ros.leaving import leave_graph
 
 SPIN_TIMEOUT = 0.1  # s
@@ -39,11 +39,12 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: end.ask_for())
     middleware.configure()
-    middleware.remove_dead_segments()
+    shared_memory.remove_dead_segments()
     # rclpy would shut the context down in its own thread. While a node is being made that can fail without a message,
     # and rclpy then has nothing left to shut down: no signal would end the process.
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     code = _run(factories, end)
+    shared_memory.remove(shared_memory.owned(os.getpid()))  # of a node that a thread still uses
     # Exit at once. Python would wait for threads whose results are no longer needed. Then destructors of libraries
     # would run while threads of other libraries are still running, which hung under load.
     sys.stdout.flush()
