@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from amb_bringup.launch_file import NodeProcess, read_launch_file
-from amb_bringup.launcher import Graph
+from amb_bringup.launcher import Graph, own_domain
 from amb_bringup.packages import LaunchError, find_executable
 
 LAUNCH_FOLDER = Path(__file__).parents[2] / "src" / "amb_bringup" / "launch"
@@ -313,3 +313,13 @@ def test_amb_up_refuses_a_wrong_parameter_file_before_it_starts_anything(
         "'rotor.mass' is not"
     )
     assert process.returncode == 1
+
+
+def test_two_sessions_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    other = "from amb_bringup.launcher import own_domain; print(own_domain())"
+    own = own_domain()
+    given = int(subprocess.run([sys.executable, "-c", other], capture_output=True, text=True, check=True).stdout)
+    assert own_domain() == own != given
+    monkeypatch.setenv("ROS_DOMAIN_ID", "77")
+    assert own_domain() == 77

@@ -9,8 +9,10 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
+import socket
 import subprocess
 import threading
 import time
@@ -27,6 +29,7 @@ POLL_PERIOD = 0.05  # s
 # Signal, patience (s). Not SIGINT: an interpreter that is still starting would write a traceback. On a busy machine a
 # bag takes a while to close. With SIGUSR1 a node shows where it hangs.
 STOP_STAGES = ((signal.SIGTERM, 20.0), (signal.SIGUSR1, 0.5), (signal.SIGKILL, 5.0))
+RESERVING_PORTS = 32768  # plus domain; `domain_coordinator`, by which ROS tests reserve theirs, takes the same
 KEPT_LINES = 50  # of each node's output, for error messages
 
 Output = Callable[[str, str], None]
@@ -38,9 +41,28 @@ def launch_file(name: str) -> Path:
 
 
 def own_domain() -> int:
-    """ROS_DOMAIN_ID if set; otherwise one that is unlikely to be in use, so that other graphs are not disturbed."""
+    """ROS_DOMAIN_ID if set; otherwise one that this process reserves until it ends, so that no graph meets another.
+
+    Raises
+    ------
+    LaunchError
+        If all are reserved.
+    """
     given = os.environ.get("ROS_DOMAIN_ID")
-    return int(given) if given else 1 + os.getpid() % 100
+    return int(given) if given else _reservation()[0]
+
+
+@functools.cache
+def _reservation() -> tuple[int, socket.socket]:
+    for domain in range(1, 101):
+        port = socket.socket()
+        try:
+            port.bind(("", RESERVING_PORTS + domain))
+        except OSError:
+            port.close()
+        else:
+            return domain, port
+    raise LaunchError("the DDS domains 1 to 100 are in use by other sessions on this machine; set ROS_DOMAIN_ID")
 
 
 class Graph:
