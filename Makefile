@@ -90,7 +90,7 @@ bench-verdicts: setup  ## verdicts on true and wrong models of random bearings; 
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@
 
 .venv-docs/.complete: docs/requirements.hashes  # an environment of its own that sees the packages of .venv
-	@.venv/bin/python -m venv --clear .venv-docs && .venv-docs/bin/python -m pip install -q --disable-pip-version-check --require-hashes -r $<
+	@.venv/bin/python -m venv --clear .venv-docs && .venv-docs/bin/python -m pip install -q --disable-pip-version-check --no-deps --require-hashes -r $<
 	@cd .venv-docs/lib/python3*/site-packages && ls -d ../../../../.venv/lib/python3*/site-packages > workbench.pth
 	@touch $@
 

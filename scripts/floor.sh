@@ -15,9 +15,8 @@ pins=(scripts/stock-jazzy-apt.txt scripts/stock-jazzy-pip.txt)
 names=$(sed -nE 's/^([A-Za-z0-9_.-]+)==.*/\1/p' "${pins[@]}" | sort -u | paste -sd '|')
 rm requirements.hashes
 { grep -viE "^($names)==" "$root/requirements.txt"; cat "${pins[@]}"; } > requirements.txt
-# PIP_NO_DEPS: every package is pinned, and ctrlsys declares NumPy 2.
 AMB_PYTHON=${AMB_PYTHON:-/usr/bin/python3.12 python3.12 /usr/bin/python3.11 python3.11} \
-    EXTRAS="" PIP_NO_DEPS=1 bash scripts/setup.sh
+    EXTRAS="" bash scripts/setup.sh
 set +u
 unset VIRTUAL_ENV AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 source scripts/env.sh

@@ -70,6 +70,9 @@ kernel_state() {
     cat "$venv_stamp"
 }
 
+# Every package is pinned. With dependencies, pip may look at a version that came out after the pins, and refuse it.
+install_pins() { "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check --no-deps "$@"; }
+
 make_venv() {
     [ "$(uname -sm)" = "Linux x86_64" ] || fail "the ROS 2 wheels exist for x86-64 Linux only, this is $(uname -sm)"
     # Interrupted, moved to another folder, or its Python removed: nothing to build upon.
@@ -85,7 +88,7 @@ make_venv() {
     # The hashes of the same pins; floor.sh has none for its own.
     local pins=(-r requirements.txt)
     [ ! -f requirements.hashes ] || pins=(--require-hashes -r requirements.hashes)
-    "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check "${pins[@]}"
+    install_pins "${pins[@]}"
     mend_cmake_files
     venv_state > "$venv_stamp"
 }
@@ -97,8 +100,7 @@ add_extras() {
         stamp=$venv/.extra-$name
         [ "$(cat "$stamp" 2>/dev/null)" != "$(extra_state "$name")" ] || continue
         say "adding the extra $name (some minutes)"
-        "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check \
-            --require-hashes -r requirements.hashes -r "requirements-$name.hashes"
+        install_pins --require-hashes -r requirements.hashes -r "requirements-$name.hashes"
         extra_state "$name" > "$stamp"
     done
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import importlib.metadata
 import re
 import runpy
 import sys
@@ -55,6 +56,7 @@ FROM_PYPI = {
 DISTRIBUTIONS = {"yaml": "pyyaml"}  # names on PyPI that differ from those of the modules
 NOT_IMPORTED = {"amb_ident_node", "launch_ros", "launch_yaml"}  # what launch files need, dependencies of amb_bringup
 LOADED_BY_OTHERS = {"cryptography"}  # by distributed, of which it is an optional part
+LICENCES = runpy.run_path(str(ROOT / "scripts" / "licences.py"))
 NOT_OF_THE_PACKAGES = {"all", "test", "ross", "foxglove"}  # extras of tests, of users' own code, and loaded by name
 
 
@@ -143,7 +145,13 @@ def test_every_pin_has_the_hashes_of_its_files(requirements: Path) -> None:
     )
 
 
-LICENCES = runpy.run_path(str(ROOT / "scripts" / "licences.py"))
+def test_the_pins_are_complete_as_set_up_installs_no_other_package() -> None:
+    pins, normal = LICENCES["pins"](ROOT / "requirements.txt"), LICENCES["normal"]
+    for name in pins:
+        for text in importlib.metadata.requires(name) or []:
+            needed = Requirement(text)
+            if needed.marker is None or needed.marker.evaluate({"extra": ""}):
+                assert pins.get(normal(needed.name)) in needed.specifier, f"{name} requires {needed}"
 
 
 def licences_of(requirements: Path) -> list[str]:
