@@ -28,7 +28,7 @@ test-slow: setup  ## the slow tests
 	@$(RUN) python -m pytest -m slow
 
 quick: setup  ## every program and command at its smallest size, and the keys of its results; leaves results/quick
-	@$(RUN) python -m tests.front_door.run
+	@$(RUN) python -m tests.front_door.run $(if $(AGAIN),--again)
 
 measured: setup  ## the measured figures of the documentation, with date and commit: which are older than their code
 	@$(RUN) python -m docs.generators.measured

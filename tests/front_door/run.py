@@ -1,7 +1,8 @@
 """`make quick`: runs the programs of the front door at their smallest size, and checks that they write every key.
 
 `python -m tests.front_door.run tests.validation.run` runs one. Results, outputs (.txt) and summary.json are left in
-results/quick. Two programs run at a time, as they wait more than they compute.
+results/quick. Two programs run at a time, as they wait more than they compute. With --again, what fails runs a second
+time, alone, as continuous integration does on a machine that others load; the summary names what needed it.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ class Outcome:
     processor_seconds: float = 0.0
     problems: list[str] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
+    first_run: list[str] = field(default_factory=list)  # problems of a first run, where this is the second
 
 
 def run_program(program: Program) -> Outcome:
@@ -79,6 +81,40 @@ def run_file(programs: list[Program]) -> dict[str, Outcome]:
     return outcomes
 
 
+def run_and_show(programs: list[Program]) -> dict[str, Outcome]:
+    """Run the programs of one file of results, and print what they came to."""
+    outcomes = run_file(programs)
+    for module, outcome in outcomes.items():
+        verdict = "; ".join(outcome.problems) or "right"
+        print(f"{module}: {outcome.seconds} s ({outcome.processor_seconds} s of the processor): {verdict}", flush=True)
+        for skipped in outcome.skipped:
+            print(f"  not run here: {skipped}", flush=True)
+    return outcomes
+
+
+def run_again(files: list[list[Program]], before: dict[str, Outcome]) -> dict[str, Outcome]:
+    """Run the programs of files a second time, one after the other, and name what failed at the first."""
+    outcomes: dict[str, Outcome] = {}
+    for programs in files:
+        for module in _problems(before, programs):
+            print(f"WARNING: {module} failed and runs again; the end of its first output:")
+            print(_end_of_output(module), flush=True)
+        found = run_and_show(programs)
+        for module, outcome in found.items():
+            outcome.first_run = before[module].problems
+        outcomes |= found
+    return outcomes
+
+
+def _problems(outcomes: dict[str, Outcome], programs: list[Program]) -> list[str]:
+    return [program.module for program in programs if outcomes[program.module].problems]
+
+
+def _end_of_output(module: str) -> str:
+    log = results_file(f"{module}.txt", quick=True)
+    return "\n".join(f"    {line}" for line in log.read_text().splitlines()[-LINES:])
+
+
 def _skipped(found: Any) -> list[tuple[str, str]]:
     if not isinstance(found, dict):
         return []
@@ -91,35 +127,27 @@ def main() -> int:
     """Run what is asked for, by default all; 1 if there is a problem."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("programs", nargs="*", help=f"of {', '.join(program.module for program in PROGRAMS)}")
-    chosen = parser.parse_args().programs
-    wanted = [program for program in PROGRAMS if not chosen or program.module in chosen]
+    parser.add_argument("--again", action="store_true", help="run what fails a second time")
+    chosen = parser.parse_args()
+    wanted = [program for program in PROGRAMS if not chosen.programs or program.module in chosen.programs]
     by_file: dict[str, list[Program]] = {}
     for program in wanted:
         by_file.setdefault(program.results, []).append(program)
     files = list(by_file.values())
     files.sort(key=lambda programs: -sum(program.seconds for program in programs))
-    outcomes: dict[str, Outcome] = {}
     began = time.monotonic()
     with ThreadPoolExecutor(AT_A_TIME) as pool:
-        for found in pool.map(run_file, files):
-            outcomes |= found
-            for module, outcome in found.items():
-                verdict = "; ".join(outcome.problems) or "right"
-                print(
-                    f"{module}: {outcome.seconds} s ({outcome.processor_seconds} s of the processor): {verdict}",
-                    flush=True,
-                )
-                for skipped in outcome.skipped:
-                    print(f"  not run here: {skipped}", flush=True)
+        outcomes = {name: one for found in pool.map(run_and_show, files) for name, one in found.items()}
+    if chosen.again:
+        outcomes |= run_again([file for file in files if _problems(outcomes, file)], outcomes)
     summary = {module: asdict(outcome) for module, outcome in outcomes.items()}
     results_file("summary.json", quick=True).write_text(json.dumps(summary, indent=1) + "\n")
     wrong = [module for module, outcome in outcomes.items() if outcome.problems]
     used = sum(outcome.processor_seconds for outcome in outcomes.values())
     print(f"{len(outcomes)} programs in {time.monotonic() - began:.0f} s, {used:.0f} s of the processor")
     for module in wrong:
-        log = results_file(f"{module}.txt", quick=True)
-        print(f"WRONG: {module}; the end of its output, {log.relative_to(ROOT)}:")
-        print("\n".join(f"    {line}" for line in log.read_text().splitlines()[-LINES:]))
+        print(f"WRONG: {module}; the end of its output, results/quick/{module}.txt:")
+        print(_end_of_output(module))
     return 1 if wrong else 0
 
 
