@@ -14,6 +14,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner
 
+import amb_core
 from amb_bringup.cli import app
 from amb_core.errors import BagError
 from amb_core.loop.control import ControllerParameters
@@ -395,3 +396,15 @@ def test_bag_info_shows_runs_only_if_asked(bag_folder: Path) -> None:
     assert "/amb/telemetry" in brief.output
     assert "steps 0 to" not in brief.output
     assert "steps 0 to" in CliRunner().invoke(app, ["bag", "info", str(bag_folder), "--runs"]).output
+
+
+@pytest.mark.parametrize("custom", [["x"], {"written_by": 1}, {"other": "x"}, "x"], ids=str)
+def test_an_overview_names_the_program_and_version_that_wrote_the_bag(custom: object, bag_folder: Path) -> None:
+    assert read_overview(bag_folder).written_by == f"amb_core {amb_core.__version__}"
+    shown = CliRunner().invoke(app, ["bag", "info", str(bag_folder)]).output
+    assert f"written by amb_core {amb_core.__version__}" in " ".join(shown.split())
+    metadata = bag_folder / "metadata.yaml"
+    content = yaml.safe_load(metadata.read_text())
+    content["rosbag2_bagfile_information"]["custom_data"] = custom
+    metadata.write_text(yaml.safe_dump(content))
+    assert read_overview(bag_folder).written_by == ""

@@ -41,7 +41,8 @@ def info(
 
     found = read_overview(bag)
     console = Terminal()
-    console.print(f"{bag}: {found.messages} messages in {found.duration:.1f} s", style="bold")
+    written_by = f", written by {found.written_by}" if found.written_by else ""
+    console.print(f"{bag}: {found.messages} messages in {found.duration:.1f} s{written_by}", style="bold")
     warn_of_damage(console, bag, found.damage)
     console.print(_topics(found.topics))
     if runs:

@@ -9,10 +9,11 @@ from typing import Any
 
 import yaml
 
-from amb_core.recording.mcap_file import FileContent, StoredTopic
+from amb_core.recording.mcap_file import PROGRAM, FileContent, StoredTopic
 
 METADATA = "metadata.yaml"
 VERSION = 9
+WRITTEN_BY = "written_by"  # key of the program in rosbag2's custom data
 
 
 def write_metadata(
@@ -42,7 +43,7 @@ def write_metadata(
             {"path": file.path.name, **_times(file.start, file.end), "message_count": file.counts.total()}
             for file in files
         ],
-        "custom_data": None,
+        "custom_data": {WRITTEN_BY: PROGRAM},
         "ros_distro": ros_distro,
     }
     (folder / METADATA).write_text(yaml.safe_dump({"rosbag2_bagfile_information": content}, sort_keys=False))

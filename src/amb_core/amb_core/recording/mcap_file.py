@@ -11,6 +11,11 @@ from pathlib import Path
 
 from mcap.writer import Writer
 
+from amb_core import __version__
+
+PROGRAM = f"amb_core {__version__}"
+"""What a bag names as its writer."""
+
 CHUNK_SIZE = 1 << 20
 """Bytes after which a chunk is written. The index of a chunk stays in memory until the file is closed."""
 
@@ -93,7 +98,7 @@ class McapFile:
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._stream = path.open("xb")
         self._writer = Writer(self._stream, chunk_size=sys.maxsize)  # `write` decides where a chunk ends
-        self._writer.start(profile="ros2", library="amb_core")
+        self._writer.start(profile="ros2", library=PROGRAM)
 
     @property
     def size(self) -> int:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from mcap.reader import SeekingReader
 
 from amb_core.errors import BagError
 from amb_core.files.regular_files import open_regular
+from amb_core.recording.bag_metadata import WRITTEN_BY
 from amb_core.recording.mcap_scan import LARGEST, UNREADABLE
-from amb_core.recording.storage import McapStorage, Storage, open_storage
+from amb_core.recording.storage import McapStorage, Storage, description_of, open_storage
 from amb_core.recording.topic_info import TopicInfo
+
+LONGEST_NAME = 80  # characters of the program that wrote a bag
 
 
 @dataclass(frozen=True)
@@ -28,11 +32,14 @@ class BagOverview:
         Time from its first to its last message (s).
     damage : str
         Why it cannot be read to its end; empty for a bag whose files all have an index.
+    written_by : str
+        Program and version that wrote it, where the bag says so; empty where it does not.
     """
 
     topics: list[TopicInfo]
     duration: float
     damage: str = ""
+    written_by: str = ""
 
     @property
     def messages(self) -> int:
@@ -53,6 +60,16 @@ def read_overview(path: Path) -> BagOverview:
     BagError
         If there is no bag, or if no message of a damaged one can be read.
     """
+    return replace(_content(path), written_by=_writer(path))
+
+
+def _writer(path: Path) -> str:
+    custom: Any = description_of(path).get("custom_data") if path.is_dir() else None
+    writer = custom.get(WRITTEN_BY) if isinstance(custom, dict) else None
+    return writer[:LONGEST_NAME] if isinstance(writer, str) else ""
+
+
+def _content(path: Path) -> BagOverview:
     storage = open_storage(path)
     counts: Counter[tuple[str, str]] = Counter()
     times: list[int] = []

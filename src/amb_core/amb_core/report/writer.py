@@ -7,6 +7,7 @@ import mimetypes
 from collections.abc import Iterator
 from pathlib import Path
 
+from amb_core import __version__
 from amb_core.errors import AmbError
 from amb_core.extras import extra
 from amb_core.figures.saving import DRAWING, STYLE, page_fragment
@@ -47,6 +48,7 @@ def write_report(report: Report, path: str | Path) -> None:
     folder = Path(__file__).parent
     page = environment.get_template("page.html.j2").render(
         report=report,
+        program=f"amb_core {__version__}",
         style=Markup(STYLE + (folder / "page.css").read_text(encoding="utf-8")),
         script=Markup(get_plotlyjs()),
         page_script=Markup(DRAWING + (folder / "page.js").read_text(encoding="utf-8")),
