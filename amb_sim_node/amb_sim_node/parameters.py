@@ -9,6 +9,7 @@ from amb_core.parameters import quantity, switch
 from amb_core.plant import PlantParameters
 
 LONGEST_PERIOD = 0.05  # s of wall-clock time between two paced steps; services wait as long
+LARGEST_FACTOR = 100.0
 
 
 class SimulatorParameters(PlantParameters):
@@ -20,7 +21,11 @@ class SimulatorParameters(PlantParameters):
         0.25, "s", "wall-clock time after which the answer of the controller counts as overdue", 0.05, 10.0
     )
     real_time_factor: float = quantity(
-        0.0, "-", "simulation time over wall-clock time at which the loop is paced; 0 for as fast as it can", 0.0, 100.0
+        0.0,
+        "-",
+        "simulation time over wall-clock time at which the loop is paced; 0 for as fast as it can",
+        0.0,
+        LARGEST_FACTOR,
     )
     plant_state_steps: int = quantity(
         0, "-", "controller steps between messages on plant_state; 0 for none", 0, 1_000_000
@@ -29,10 +34,26 @@ class SimulatorParameters(PlantParameters):
 
     @model_validator(mode="after")
     def _paced_steps_do_not_block_services(self) -> SimulatorParameters:
-        least = 1.0 / (self.integration.sample_rate * LONGEST_PERIOD)
-        if 0.0 < self.real_time_factor < least:
-            raise ValueError(
-                f"real_time_factor = {self.real_time_factor:g} is not allowed at {self.integration.sample_rate:g} Hz; "
-                f"allowed: 0, or from {least:g} on"
-            )
+        refusal = pace_refusal(self.real_time_factor, self.integration.sample_rate)
+        if refusal:
+            raise ValueError(refusal)
         return self
+
+
+def pace_refusal(factor: float, sample_rate: float) -> str:
+    """Why a loop cannot be paced so; empty where it can.
+
+    Parameters
+    ----------
+    factor : float
+        Simulation time over wall-clock time; 0 for as fast as it can.
+    sample_rate : float
+        Of the loop (Hz).
+    """
+    least = 1.0 / (sample_rate * LONGEST_PERIOD)
+    if factor == 0.0 or least <= factor <= LARGEST_FACTOR:
+        return ""
+    return (
+        f"real_time_factor = {factor:g} is not allowed at {sample_rate:g} Hz; "
+        f"allowed: 0, or {least:g} to {LARGEST_FACTOR:g}"
+    )

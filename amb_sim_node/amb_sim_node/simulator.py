@@ -40,7 +40,7 @@ from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 from amb_ros.services import create_service
-from amb_sim_node.parameters import SimulatorParameters
+from amb_sim_node.parameters import SimulatorParameters, pace_refusal
 
 MODE_NAMES = {
     SimulatorState.PAUSED: "paused",
@@ -57,6 +57,7 @@ class SimulatorNode(Node):
     def __init__(self) -> None:
         super().__init__("simulator", namespace=topics.NAMESPACE, automatically_declare_parameters_from_overrides=True)
         settings = declare(self, SimulatorParameters)
+        self._pace: Pace | None = None
         self._use(settings, _compiled_plant(settings))
         self._sample_rate = settings.integration.sample_rate  # fixed: a reset to another one is refused
 
@@ -228,7 +229,10 @@ class SimulatorNode(Node):
                 f"steps = {request.steps} is not allowed; allowed: 0 (until paused) to {most}, the largest number for "
                 "which a ROS time stamp can represent the simulation time"
             )
+        elif refusal := pace_refusal(request.real_time_factor, self._sample_rate):
+            response.message = refusal
         elif state.mode == SimulatorState.PAUSED:
+            self._use_pace(request.real_time_factor or self._settings.real_time_factor)
             self._start(request.steps)
             response.success = True
         else:
@@ -274,8 +278,15 @@ class SimulatorNode(Node):
     def _use(self, settings: SimulatorParameters, plant: Plant) -> None:
         self._settings, self._plant = settings, plant
         self._clock_steps = max(round(settings.clock_period * settings.integration.sample_rate), 1)
-        factor = settings.real_time_factor
-        self._pace = Pace(plant.sample_time / factor) if factor > 0.0 else None
+        self._use_pace(settings.real_time_factor)
+
+    def _use_pace(self, factor: float) -> None:
+        if factor == 0.0:
+            self._pace = None
+            return
+        period = self._plant.sample_time / factor
+        if self._pace is None or self._pace.period != period:  # its counts go on where it stays
+            self._pace = Pace(period)
 
     def _reset(self) -> None:
         self._plant.reset()

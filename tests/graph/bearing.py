@@ -55,9 +55,9 @@ class Bearing:
         assert answer.success, answer.message
         return answer.run
 
-    def run(self, steps: int) -> Any:
+    def run(self, steps: int, **fields: Any) -> Any:
         self.graph.wait_until(self.telemetry.get_publisher_count, "the controller")
-        answer = self.graph.call(RunSteps, "/amb/simulator/run", steps=steps)
+        answer = self.graph.call(RunSteps, "/amb/simulator/run", steps=steps, **fields)
         assert answer.success, answer.message
         return answer
 

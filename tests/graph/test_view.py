@@ -89,9 +89,40 @@ def test_excitations_are_started_and_stopped_from_the_page(master: Visit) -> Non
 
 def test_an_order_that_is_not_possible_is_answered_with_the_reason(master: Visit) -> None:
     master.page.locator("#kind").select_option("sweep")
-    master.page.locator("[data-name=amplitude]").fill("a lot")
-    master.order("Start excitation", "amplitude")
+    for name, value in {"amplitude": "5", "duration": "1", "axes": "w"}.items():
+        master.page.locator(f"[data-name={name}]").fill(value)
+    master.order("Start excitation", "axes = 'w' is not allowed")
     assert master.page.locator("#answer").get_attribute("data-ok") == "false"
+
+
+def test_a_wrong_field_is_named_in_the_words_and_units_of_the_page(master: Visit) -> None:
+    master.page.locator("#kind").select_option("sweep")
+    for amplitude, complaint in {
+        "5000": "amplitude = 5000 µm is not allowed; allowed: 0.001 to 1000 µm",
+        "a lot": "amplitude = a lot µm is not allowed; allowed: 0.001 to 1000 µm",
+        "": "amplitude is missing; allowed: 0.001 to 1000 µm",
+    }.items():
+        master.page.locator("[data-name=duration]").fill("1")
+        master.page.locator("[data-name=amplitude]").fill(amplitude)
+        master.order("Start excitation", complaint)
+        assert master.page.locator("#answer").get_attribute("data-ok") == "false"
+
+
+def test_orders_and_their_answers_are_in_sight_without_scrolling(watched: Watched) -> None:
+    visit = watched.visit(watched.server.address_with_token, viewport={"width": 1280, "height": 800})
+    visit.wait("!document.getElementById('controls').disabled")
+    visit.order("Pause", "paused")
+    for place in ("#answer", "button:text-is('Identify')", "button:text-is('Certify')", "button:text-is('Stop')"):
+        box = visit.page.locator(place).bounding_box()
+        assert box is not None and box["y"] + box["height"] <= 800, (place, box)
+    visit.order("Run", "in real time until paused")
+    visit.close()
+
+
+def test_the_spectrum_shows_nothing_below_what_a_sensor_sees(master: Visit) -> None:
+    shown = "import('./spectrum.js').then((module) => module.decades({}))"
+    assert master.value(shown.format("1e-16")) == [-10, -8]
+    assert master.value(shown.format("2e-5")) == [-9, -4]
 
 
 def test_the_keyboard_freezes_the_page_and_chooses_windows_and_signals(master: Visit) -> None:
@@ -231,6 +262,7 @@ def test_a_server_that_goes_away_is_shown_and_its_end_is_clean(watched: Watched)
 @pytest.mark.slow
 def test_a_rig_is_levitated_and_landed_from_the_page_and_its_trips_are_shown(watched: Watched, graph: Graph) -> None:
     rig = Rig(graph)
+    graph.start("amb_ident_node.region_monitor")
     server = LivePage(graph)
     visit = Visit(watched.browser, server.address_with_token)
     visit.wait("!document.getElementById('controls').disabled && ambView.state.sections.plant")
@@ -238,9 +270,16 @@ def test_a_rig_is_levitated_and_landed_from_the_page_and_its_trips_are_shown(wat
     assert rig.change("configure"), rig.state.problem
     visit.order("Levitate", "levitated")
     visit.wait("ambView.samples.step > 1000")
+    lamp = visit.page.locator("#lamps .lamp").first
+    visit.page.locator("#lamps .lamp[data-region=A]").first.wait_for()
     visit.order("Land", "landed")
+    visit.order("Levitate", "levitated")
+    visit.order("Off", "off")
+    visit.page.locator("#lamps .lamp[data-region=none]").first.wait_for()
+    assert lamp.text_content() == "–"
     visit.order("Levitate", "levitated")
     graph.stop(rig.emulator, signal.SIGKILL)
     visit.page.locator("#trip-list li", has_text="does not answer").wait_for()
     visit.page.locator("#banner").wait_for()
+    visit.page.locator("#lamps .lamp[data-region=none]").first.wait_for()
     visit.close()

@@ -1,4 +1,4 @@
-"""Orders from the live page: excite, record, identify, run the simulator, levitate or land a rig."""
+"""Orders from the live page: excite, record, map, identify, certify, run the simulator, levitate or land a rig."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from amb_core.errors import AmbError, one_line
 from amb_core.excitation import KINDS, excitation_from_request
 from amb_core.identification import METHODS, IdentificationProgress
 from amb_core.parameters import Declaration, declarations
+from amb_core.regions.region_map import MapProgress
 from amb_msgs.srv import RunSteps, StartRecording, StopRecording
 
 HIGHEST_ORDER = 100
@@ -41,6 +42,10 @@ class Orders:
             "run": ("simulator", _run),
             "pause": ("simulator", lambda client, _settings, _report: f"paused at step {client.pause()}"),
             "reset": ("simulator", lambda client, _settings, _report: f"reset; run {client.reset()}"),
+            "off": ("off", _off),  # a lane of its own: it waits for nothing
+            "reset_trip": ("rig", _reset_trip),
+            "certify": ("identification", _certify),
+            "build_map": ("map", _build_map),
             "levitate": ("rig", lambda client, _settings, _report: f"levitated; run {client.rig.levitate()}"),
             "land": ("rig", _land),
             "identify": ("identification", _identify),
@@ -125,13 +130,41 @@ def _stop_recording(client: AmbClient, _settings: Settings, _report: Report) -> 
     return f"recorded {answer.messages} messages to {answer.uri}"
 
 
-def _run(client: AmbClient, _settings: Settings, _report: Report) -> str:
-    return f"runs from step {client.call(RunSteps, 'simulator/run', steps=0).first_step} until paused"
+def _run(client: AmbClient, settings: Settings, _report: Report) -> str:
+    in_real_time = settings.get("real_time", False)
+    if not isinstance(in_real_time, bool):
+        raise ClientError(f"real_time = {_shown(in_real_time)} is not allowed; allowed: true or false")
+    started = client.call(RunSteps, "simulator/run", steps=0, real_time_factor=1.0 if in_real_time else 0.0)
+    return f"runs from step {started.first_step}{' in real time' if in_real_time else ''} until paused"
 
 
 def _land(client: AmbClient, _settings: Settings, _report: Report) -> str:
     client.rig.land()
     return "landed"
+
+
+def _off(client: AmbClient, _settings: Settings, _report: Report) -> str:
+    client.rig.off()
+    return "off: the currents are switched off"
+
+
+def _reset_trip(client: AmbClient, _settings: Settings, _report: Report) -> str:
+    client.rig.reset_faults()
+    return "trip reset; the rotor can be levitated again"
+
+
+def _certify(client: AmbClient, _settings: Settings, report: Report) -> str:
+    report("certifying the last model with the controller of its experiment")
+    answer = client.certify()
+    return " ".join([answer.verdict, *(f"Not met: {text}" for text in answer.reasons[:1])])
+
+
+def _build_map(client: AmbClient, _settings: Settings, report: Report) -> str:
+    def on_progress(progress: MapProgress) -> None:
+        report(f"sweeps: {progress.done} of {progress.total}")
+
+    found = client.build_map(progress=on_progress)
+    return f"region map of {len(found.amplitudes)} amplitudes"
 
 
 def _identify(client: AmbClient, settings: Settings, report: Report) -> str:
@@ -170,7 +203,8 @@ def _field(item: Declaration) -> dict[str, Any]:
         "default": default,
         "unit": item.unit,
         "description": item.description,
-        "allowed": item.allowed,
+        "minimum": item.minimum,
+        "maximum": item.maximum,
         "choices": list(item.choices),
     }
 

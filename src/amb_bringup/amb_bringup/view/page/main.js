@@ -63,11 +63,8 @@ const SHOW = {
     const what = `${machine.axes.map((axis) => axis.name).join(", ")} in ${bearings}`;
     find("machine").textContent = `${machine.name} (${machine.source}): ${what}, ${+(machine.sampleRate / 1000).toPrecision(4)} kHz`;
   },
-  region: (region) => {
-    noteRegion(region);
-    showRegions(find("lamps"), region);
-  },
-  plant: (plant) => orders.usePlant(plant.what),
+  region: noteRegion,
+  plant: (plant) => orders.usePlant(plant),
   model: (model) => showModel(find("model"), model),
   trips: (trips) => showTrips(find("trip-list"), trips),
   nodes: (nodes) => showNodes(find("node-list"), nodes),
@@ -76,9 +73,16 @@ const SHOW = {
 function show({ sections, log }) {
   Object.assign(state.sections, sections);
   for (const [name, value] of Object.entries(sections)) SHOW[name]?.(value);
+  if (sections.region || sections.plant) showRegions(find("lamps"), state.sections.region, atRest());
   if (sections.map || sections.region) drawMap(find("plane"), state.sections.map, state.sections.region);
   if (log.length) addLines(find("log-list"), log);
   showStatus();
+}
+
+// Why nothing is excited or judged now; empty while the rotor is levitated.
+function atRest() {
+  const plant = state.sections.plant;
+  return plant?.what === "rig" && plant.mode !== "levitated" ? plant.mode : "";
 }
 
 function showWindows(layout) {
@@ -115,7 +119,7 @@ function showExcitation() {
   const left = (excitation.first + excitation.steps - samples.step) * (samples.layout.sampleTime || 0);
   let text = `Excitation refused: ${excitation.message}`;
   if (excitation.accepted) {
-    const ended = excitation.kind === "stop" || left <= 0 || excitation.run !== samples.layout.run;
+    const ended = excitation.kind === "stop" || left <= 0 || excitation.run !== samples.layout.run || atRest();
     text = ended ? "No excitation." : `Excitation: ${excitation.kind}, ${short(left)} s left.`;
   }
   if (find("excitation").textContent !== text) find("excitation").textContent = text;

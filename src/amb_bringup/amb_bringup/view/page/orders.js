@@ -5,7 +5,7 @@ import { element } from "./regions.js";
 const MAIN = ["amplitude", "frequency", "frequency_start", "frequency_end", "duration", "axes", "frequencies", "amplitudes"];
 const PLANT = {
   simulator: [["run", "Run"], ["pause", "Pause"], ["reset", "Reset"]],
-  rig: [["levitate", "Levitate"], ["land", "Land"]],
+  rig: [["levitate", "Levitate"], ["land", "Land"], ["off", "Off"], ["reset_trip", "Reset trip"]],
 };
 const MICRO = "m"; // fields in metres are shown in micrometres
 
@@ -19,11 +19,11 @@ export class Orders {
     this.unlocked = false;
     this.token = takeToken();
     find("kind").addEventListener("change", () => this.showSettings());
-    find("excite").addEventListener("submit", (event) => this.submit(event, () => this.order("start_excitation", this.settings())));
+    find("excite").addEventListener("submit", (event) => this.submit(event, () => this.excite()));
     find("identify").addEventListener("submit", (event) => this.submit(event, () => this.order("identify", identification())));
     find("orders").addEventListener("click", (event) => {
       const order = event.target.closest("button")?.dataset.order;
-      if (order) this.order(order, {});
+      if (order) this.order(order, order === "run" ? { real_time: find("real-time").checked } : {});
     });
   }
 
@@ -53,14 +53,22 @@ export class Orders {
     this.lock("");
   }
 
-  usePlant(what) {
+  usePlant({ what, tripped }) {
+    this.showButtons(what);
+    const reset = find("plant-orders").querySelector("[data-order=reset_trip]");
+    if (reset) reset.hidden = !tripped;
+  }
+
+  showButtons(what) {
     if (what === this.plant) return;
     this.plant = what;
     find("plant-orders").replaceChildren(...(PLANT[what] || []).map(([order, textContent]) => {
       const button = element("button", { type: "button", textContent });
       button.dataset.order = order;
+      if (order === "off") Object.assign(button, { className: "stop", title: "Switches the currents off at once: the rotor falls" });
       return button;
     }));
+    find("real-time").parentElement.hidden = what !== "simulator";
   }
 
   submit(event, act) {
@@ -89,6 +97,20 @@ export class Orders {
     find("more-settings").replaceChildren(...shown(false));
   }
 
+  // A wrong field is named as the page shows it, before anything is sent.
+  excite() {
+    for (const input of find("excite").querySelectorAll("[data-name]")) {
+      const text = this.unlocked ? wrongIn(input) : "";
+      if (!text) continue;
+      this.number += 1;
+      this.answer({ ok: false, text, number: this.number });
+      input.closest("details")?.setAttribute("open", "");
+      input.focus();
+      return;
+    }
+    this.order("start_excitation", this.settings());
+  }
+
   settings() {
     const settings = { kind: find("kind").value };
     for (const input of find("excite").querySelectorAll("[data-name]")) {
@@ -111,7 +133,7 @@ function takeToken() {
 
 function fieldElement(field) {
   const inMicro = field.unit === MICRO, unit = inMicro ? "µm" : field.unit === "-" ? "" : field.unit;
-  const title = `${field.description}; allowed: ${field.allowed}`;
+  const scale = inMicro ? 1e-6 : 1, bound = (value) => (value === null ? "" : +(value / scale).toPrecision(6));
   let input;
   if (field.choices.length) {
     input = element("select", {}, ...field.choices.map((name) => element("option", { textContent: name })));
@@ -122,10 +144,25 @@ function fieldElement(field) {
     const shown = field.default === null ? missing : inMicro ? +(1e6 * field.default).toPrecision(6) : field.default;
     input = element("input", { type: "text", placeholder: shown, inputMode: field.type === "str" ? "text" : "decimal" });
   }
-  Object.assign(input.dataset, { name: field.name, type: field.type, scale: inMicro ? 1e-6 : 1 });
-  input.title = title;
+  Object.assign(input.dataset, { name: field.name, type: field.type, scale, unit, least: bound(field.minimum), most: bound(field.maximum) });
+  input.title = allowedIn(input) ? `${field.description}; allowed: ${allowedIn(input)}` : field.description;
   const text = field.name.replaceAll("_", " ") + (unit ? ` (${unit})` : "");
   return element("label", {}, text, input);
+}
+
+function allowedIn({ dataset: { least, most, unit } }) {
+  const range = least && most ? `${least} to ${most}` : least ? `from ${least} on` : most ? `up to ${most}` : "";
+  return range && `${range} ${unit}`.trim();
+}
+
+// What is wrong with a number that a field holds; empty if nothing is.
+function wrongIn(input) {
+  const { name, type, unit, least, most } = input.dataset, text = input.value.trim(), shown = name.replaceAll("_", " ");
+  if (type !== "float" && type !== "int") return "";
+  if (!text) return input.placeholder === "required" ? `${shown} is missing; allowed: ${allowedIn(input)}` : "";
+  const value = Number(text);
+  if (Number.isFinite(value) && !(least && value < Number(least)) && !(most && value > Number(most))) return "";
+  return `${shown} = ${text} ${unit} is not allowed; allowed: ${allowedIn(input) || "a number"}`.replace("  ", " ");
 }
 
 // What a field sets; undefined for the default. What is no number goes to the server, which refuses it by name.

@@ -10,18 +10,20 @@ export function element(tag, properties = {}, ...children) {
   return made;
 }
 
-export function showRegions(list, region) {
+// The lamps; `unjudged` says why the last regions hold no longer, and is empty while they do.
+export function showRegions(list, region, unjudged = "") {
   list.previousElementSibling.hidden = Boolean(region);
   if (!region) return;
   while (list.children.length > region.axes.length) list.lastElementChild.remove();
   region.axes.forEach((axis, number) => {
     const item = list.children[number] || list.appendChild(newLamp());
     const [lamp, name, evidence] = item.children;
-    lamp.textContent = lamp.dataset.region = axis.region;
+    lamp.textContent = unjudged ? "–" : axis.region;
+    lamp.dataset.region = unjudged ? "none" : axis.region;
     lamp.dataset.settled = region.settled;
     name.firstChild.textContent = axis.name;
-    name.lastChild.textContent = ` ${MEANINGS[axis.region]}${region.settled ? "" : ", still settling"}`;
-    const text = evidenceOf(axis).join(" · ");
+    name.lastChild.textContent = ` ${unjudged || MEANINGS[axis.region] + (region.settled ? "" : ", still settling")}`;
+    const text = unjudged ? "" : evidenceOf(axis).join(" · ");
     if (evidence.textContent !== text) evidence.textContent = text;
   });
 }

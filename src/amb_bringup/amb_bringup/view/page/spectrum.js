@@ -4,6 +4,13 @@ import { axisColour, colour, line, prepared } from "./drawing.js";
 
 const LEFT = 66, RIGHT = 10, TOP = 8, BOTTOM = 30; // px
 const DECADES = 5; // shown below the largest line
+const FLOOR = -10; // decade in m, 0.1 nm: below it is no motion that a sensor sees
+
+// First and last decade (m) of the axis for the largest line.
+export function decades(largest) {
+  const top = Math.max(Math.ceil(Math.log10(largest) + 0.1), FLOOR + 2);
+  return [Math.max(top - DECADES, FLOOR), top];
+}
 
 export function drawSpectrum(canvas, samples) {
   const { context, width, height } = prepared(canvas);
@@ -13,11 +20,11 @@ export function drawSpectrum(canvas, samples) {
     context.fillText(axes.length ? "collecting samples" : "no samples yet", LEFT, height / 2);
     return;
   }
-  const largest = spectrum.reduce((most, value) => (value > most && Number.isFinite(value) ? value : most), 1e-12);
-  const top = Math.ceil(Math.log10(largest) + 0.1), bottom = top - DECADES;
+  const largest = spectrum.reduce((most, value) => (value > most && Number.isFinite(value) ? value : most), 0);
+  const [bottom, top] = decades(largest);
   const first = Math.log10(frequency[0]), last = Math.log10(frequency.at(-1));
   const x = (value) => LEFT + ((width - LEFT - RIGHT) * (Math.log10(value) - first)) / (last - first);
-  const y = (value) => TOP + ((height - TOP - BOTTOM) * (top - Math.max(bottom, Math.log10(value)))) / DECADES;
+  const y = (value) => TOP + ((height - TOP - BOTTOM) * (top - Math.max(bottom, Math.log10(value)))) / (top - bottom);
   grid(context, { x, y, top, bottom, first, last, width, height });
   axes.forEach((_, axis) => {
     context.strokeStyle = axisColour(axis);
