@@ -99,6 +99,30 @@ class IdentificationData:
         """One experiment from arrays of shapes (steps, m), (steps, p) and (steps, p) or, for one signal, (steps,).
 
         By default inputs are named u1, u2 ..., outputs y1, y2 ..., and have no units.
+
+        Parameters
+        ----------
+        inputs : array_like, shape (steps, m) or (steps,)
+            Inputs, in `input_units`.
+        outputs : array_like, shape (steps, p) or (steps,)
+            Outputs, in `output_units`.
+        sample_time : float
+            Sample time (s).
+        reference : array_like, shape (steps, p) or (steps,), optional
+            References of the outputs, in their units; None if there is none.
+        first_step : int, optional
+            Controller step of the first sample.
+        source : str, optional
+            Where the samples come from.
+        input_names, output_names : sequence of str, optional
+            Names of the signals; by default u1, u2 ... and y1, y2 ...
+        input_units, output_units : sequence of str, optional
+            Units of the signals; none by default.
+
+        Returns
+        -------
+        IdentificationData
+            The data of this experiment.
         """
         u, y = _columns(inputs), _columns(outputs)
         experiment = Experiment(u, y, None if reference is None else _columns(reference), first_step, source)
@@ -114,7 +138,20 @@ class IdentificationData:
 
     @classmethod
     def from_record(cls, record: LoopRecord, source: str = "") -> IdentificationData:
-        """One experiment from a record of the loop: control current references (A) to positions (m)."""
+        """One experiment from a record of the loop: control current references (A) to positions (m).
+
+        Parameters
+        ----------
+        record : LoopRecord
+            References (m), positions (m) and currents (A) of the loop.
+        source : str, optional
+            Where the record comes from.
+
+        Returns
+        -------
+        IdentificationData
+            One experiment; the inputs are named `i_` and the axis.
+        """
         experiment = Experiment(record.current, record.position, record.reference, record.first_step, source)
         inputs = tuple(f"i_{axis}" for axis in record.axes)
         units = (("A",) * len(inputs), ("m",) * len(inputs))
@@ -146,15 +183,49 @@ class IdentificationData:
         ]
 
     def time(self, index: int = 0) -> NDArray[np.float64]:
-        """Time of each sample of an experiment from step 0 of its run (s), shape (steps,)."""
+        """Time of each sample of an experiment from step 0 of its run (s), shape (steps,).
+
+        Parameters
+        ----------
+        index : int, optional
+            Which experiment.
+
+        Returns
+        -------
+        ndarray, shape (steps,)
+            Times (s).
+        """
         return self.experiments[index].time(self.sample_time)
 
     def subset(self, indices: Iterable[int]) -> IdentificationData:
-        """The experiments with these indices, in this order."""
+        """The experiments with these indices, in this order.
+
+        Parameters
+        ----------
+        indices : iterable of int
+            Indices of experiments.
+
+        Returns
+        -------
+        IdentificationData
+            The chosen experiments.
+        """
         return replace(self, experiments=tuple(self.experiments[index] for index in indices))
 
     def window(self, first_step: int, stop: int) -> IdentificationData:
         """The samples of all experiments from step `first_step` up to, not including, `stop`.
+
+        Parameters
+        ----------
+        first_step : int
+            First controller step that is kept.
+        stop : int
+            Step after the last one that is kept.
+
+        Returns
+        -------
+        IdentificationData
+            The samples of these steps, of every experiment that has any.
 
         Raises
         ------
@@ -170,6 +241,16 @@ class IdentificationData:
     def between(self, start: float, end: float) -> IdentificationData:
         """The samples of all experiments from time `start` up to, not including, `end` (s of their runs).
 
+        Parameters
+        ----------
+        start, end : float
+            Times from step 0 of each run (s); both finite.
+
+        Returns
+        -------
+        IdentificationData
+            The samples of that time, of every experiment that has any.
+
         Raises
         ------
         IdentificationError
@@ -182,6 +263,16 @@ class IdentificationData:
 
     def split(self, share: float = 0.5) -> tuple[IdentificationData, IdentificationData]:
         """The first share of the samples and the rest, for identification and validation.
+
+        Parameters
+        ----------
+        share : float, optional
+            Part of all samples that comes first (-), between 0 and 1.
+
+        Returns
+        -------
+        tuple of IdentificationData
+            The first part and the rest; an experiment that the boundary crosses is divided.
 
         Raises
         ------
@@ -203,6 +294,16 @@ class IdentificationData:
 
     def select(self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> IdentificationData:
         """Only the named inputs and outputs, in this order; all by default.
+
+        Parameters
+        ----------
+        inputs, outputs : sequence of str, optional
+            Names of the signals to keep; None for all.
+
+        Returns
+        -------
+        IdentificationData
+            The same experiments with these signals.
 
         Raises
         ------
@@ -235,6 +336,16 @@ class IdentificationData:
 
     def record(self, index: int = 0) -> LoopRecord:
         """An experiment as a record of the loop, with its trends added again.
+
+        Parameters
+        ----------
+        index : int, optional
+            Which experiment.
+
+        Returns
+        -------
+        LoopRecord
+            References, positions and currents at the sample time of the data.
 
         Raises
         ------
@@ -294,6 +405,16 @@ class IdentificationData:
 
 def merge(datasets: Iterable[IdentificationData]) -> IdentificationData:
     """The experiments of several data sets in one, each with its own initial state.
+
+    Parameters
+    ----------
+    datasets : iterable of IdentificationData
+        Data with the same signals and sample time.
+
+    Returns
+    -------
+    IdentificationData
+        All experiments, in this order.
 
     Raises
     ------
