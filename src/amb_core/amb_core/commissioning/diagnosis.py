@@ -58,10 +58,19 @@ def diagnose(bench: Bench, expected: Expected | None, hand: Hand | None = None, 
 
     Parameters
     ----------
-    bench, expected, hand
-        As in `before_lift`.
-    ramp : float
+    bench : Bench
+        The target, off.
+    expected : Expected or None
+        Of the model of the machine; without it no gain, angle or delay is compared.
+    hand : Hand, optional
+        Moves the rotor by hand; without it, sensors and coils that are both reversed are not noticed.
+    ramp : float, optional
         Duration of the ramp of the first levitation (s).
+
+    Returns
+    -------
+    Diagnosis
+        The faults found, and what was not checked.
     """
     result = before_lift(bench, expected, hand)
     if not result.findings:
@@ -81,6 +90,11 @@ def before_lift(bench: Bench, expected: Expected | None, hand: Hand | None = Non
         Of the model of the machine; without it no gain, angle or delay is compared.
     hand : callable, optional
         Moves the rotor by hand; without it, sensors and coils that are both reversed are not noticed.
+
+    Returns
+    -------
+    Diagnosis
+        The faults found, and what was not checked.
     """
     result = Diagnosis()
     rest = at_rest(bench, hand, result)
