@@ -204,7 +204,7 @@ class Assessment:
     mu : MuPeak
         Structured singular value for them; the loop bears all of them together if it is below 1.
     on_circle : float
-        Distance from the unit circle of the pole of the replayed worst case.
+        Distance from the unit circle of the pole of the replayed worst case (-).
     bounds : Bounds or None
         By the covariance of the model, if it is known.
     """
@@ -230,6 +230,22 @@ def assess(
 ) -> Assessment:
     """The robustness of the loop of a model and a controller.
 
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Identified model without feedthrough.
+    controller : KnownController
+        The PD controller or any linear one; limits are left out.
+    settings : RobustnessSettings, optional
+        What is assumed; the defaults if None.
+    uncertainty : ModelUncertainty, optional
+        Covariance of the model; without it there are no bounds of it.
+
+    Returns
+    -------
+    Assessment
+        Margins, peaks and structured singular value.
+
     Raises
     ------
     RobustnessError
@@ -247,7 +263,29 @@ def assess_loop(
     uncertainty: ModelUncertainty | None = None,
     known: KnownBand | None = None,
 ) -> Assessment:
-    """The same for a loop that is formed already; its bounds hold in the known band, and count what is open there."""
+    """The same for a loop that is formed already; its bounds hold in the known band, and count what is open there.
+
+    Parameters
+    ----------
+    feedback : Feedback
+        A stable loop.
+    settings : RobustnessSettings
+        What is assumed.
+    uncertainty : ModelUncertainty, optional
+        Covariance of the model; without it there are no bounds of it.
+    known : KnownBand, optional
+        Frequencies of which the data say something; all if None.
+
+    Returns
+    -------
+    Assessment
+        Margins, peaks and structured singular value.
+
+    Raises
+    ------
+    RobustnessError
+        If the loop is not stable, or something else makes margins meaningless.
+    """
     feedback.require_stable()
     if uncertainty is not None:
         uncertainty = late_uncertainty(uncertainty, settings.extra_delay % 1.0)
