@@ -20,9 +20,9 @@ class RunningSpectrum:
         Number of signals.
     sample_time : float
         Sample time (s).
-    length : int
+    length : int, optional
         Samples of one spectrum; resolution is 1 / (length x sample_time).
-    points : int
+    points : int, optional
         Most points per spectrum, equally spaced in the logarithm of frequency. Each holds the largest bin in its range.
 
     Attributes

@@ -32,5 +32,11 @@ class Task(ABC, Generic[R]):
         """The result that `to_json` wrote; KeyError, TypeError or ValueError for anything else."""
 
     def key(self) -> str:
-        """Checksum of `describe`: tasks with the same key have the same result."""
+        """Checksum of `describe`: tasks with the same key have the same result.
+
+        Returns
+        -------
+        str
+            Hexadecimal digits.
+        """
         return hashlib.sha256(json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()

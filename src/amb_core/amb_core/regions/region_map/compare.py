@@ -104,9 +104,9 @@ def analytic_lines(
     ----------
     plant, controller : PlantParameters, ControllerParameters
         The loop.
-    axes : str
+    axes : str, optional
         Axes that are excited, as in the settings of a map; gravity loads those along y.
-    lowest_frequency : float
+    lowest_frequency : float, optional
         Where the lines begin (Hz).
 
     Raises

@@ -54,8 +54,8 @@ def confirm_map(
     cache, scheduler, workers, cancelled : optional
         As for `build_map`; dwells are kept as sweeps are.
     progress : callable, optional
-        Called in the calling thread at the start and whenever a dwell or sweep has finished. The total grows until
-        all boundaries are bracketed.
+        Called in the calling thread at the start and whenever a dwell or sweep has finished. The total grows until all
+        boundaries are bracketed.
 
     Returns
     -------

@@ -58,11 +58,11 @@ def build_grid(
 
     Parameters
     ----------
-    design : mapping
-        Values by name: a dotted name of `PlantParameters` (amplifier.bias_current, rotor.gravity) or `controller.`
-        and a name of `ControllerParameters` (controller.derivative_gain). The last name varies fastest.
     settings, plant, controller, regions, cache, scheduler, workers, progress, cancelled
         As for `build_map`; parameters that `design` does not name are the same in all maps.
+    design : mapping
+        Values by name: a dotted name of `PlantParameters` (amplifier.bias_current, rotor.gravity) or `controller.` and
+        a name of `ControllerParameters` (controller.derivative_gain). The last name varies fastest.
 
     Returns
     -------
