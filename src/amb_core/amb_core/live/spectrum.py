@@ -41,7 +41,13 @@ class RunningSpectrum:
         self.frequency = (starts[1:] - 1.0) / (length * sample_time)
 
     def add(self, samples: NDArray[np.float64]) -> None:
-        """Take in consecutive samples, shape (steps, signals)."""
+        """Take in consecutive samples, shape (steps, signals).
+
+        Parameters
+        ----------
+        samples : ndarray, shape (steps, signals)
+            Samples, in the unit of each signal.
+        """
         length = len(self._samples)
         count = min(len(samples), length)
         self._samples[: length - count] = self._samples[count:]
@@ -58,7 +64,13 @@ class RunningSpectrum:
         return self._filled == len(self._samples)
 
     def amplitude(self) -> NDArray[np.float64]:
-        """Peak amplitude of the lines at each point, shape (points, signals), in the unit of the samples."""
+        """Peak amplitude of the lines at each point, shape (points, signals), in the unit of the samples.
+
+        Returns
+        -------
+        ndarray, shape (points, signals)
+            Peak amplitudes.
+        """
         samples = self._samples - self._samples.mean(axis=0)
         lines = np.abs(np.fft.rfft(samples * self._window, axis=0)) * (2.0 / self._window.sum())
         return np.maximum.reduceat(lines[: len(samples) // 2], self._starts, axis=0)
