@@ -65,6 +65,11 @@ def modal_data_from_ross(
     damping_ratio : float, optional
         Damping ratio of the bending modes (-).
 
+    Returns
+    -------
+    ModalData
+        Modes, weights and places of the rotor.
+
     Raises
     ------
     PlantError

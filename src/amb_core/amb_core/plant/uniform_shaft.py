@@ -58,6 +58,11 @@ def uniform_shaft(
     density, elastic_modulus : float, optional
         Of the material (kg/m^3, Pa); by default those of steel.
 
+    Returns
+    -------
+    ModalData
+        Modes, weights and places of the rotor.
+
     Raises
     ------
     PlantError
