@@ -390,7 +390,7 @@ class AmbClient(IdentifierCalls):
         Returns
         -------
         RegionState
-            The latest state of the present graph.
+            The latest state that the region monitor has published.
         """
         self._listen_to_regions()
         self.wait_until(lambda: self._region is not None, complaint="no region received; is region_monitor running?")

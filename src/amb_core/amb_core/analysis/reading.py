@@ -59,7 +59,7 @@ def read(
     Returns
     -------
     RecordedLoop
-        The data, the controller where it is known, and how each column was understood.
+        The data, controller and plant where they are known, and what was understood of a file.
 
     Raises
     ------

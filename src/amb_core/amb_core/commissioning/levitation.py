@@ -31,7 +31,7 @@ def rest_checks(positions: NDArray[np.float64], machine: Machine, settings: Comm
     Returns
     -------
     list of Check
-        Position and noise of each axis.
+        Position and noise of each axis, and the resting place in each bearing.
     """
     checks = []
     for axis, name in enumerate(machine.axis_names):
@@ -77,7 +77,7 @@ def levitation_checks(
     Returns
     -------
     list of Check
-        Time to lift off, place at rest, currents and noise of each axis.
+        Time until the rotor is at rest; its orbit, place and currents there.
     """
     last = record.window(record.first_step + record.steps - _settled_steps(record), _settled_steps(record))
     place = last.position.mean(axis=0)

@@ -18,7 +18,7 @@ class Check:
     what : str
         What it is.
     value : float or str
-        The number, in its own unit (unit of `unit`), or a text.
+        The number, in the unit of the check, or a text.
     unit : str
         Its unit; `-` for none.
     limit : str
@@ -52,7 +52,7 @@ def measured(what: str, value: float | str, unit: str = "-") -> Check:
     what : str
         What was measured.
     value : float or str
-        The number, in the unit of `unit`, or a text.
+        The number, in the unit of the check, or a text.
     unit : str, optional
         Unit of the number; - for none.
 
@@ -72,9 +72,9 @@ def at_most(what: str, value: float, limit: float, unit: str = "-", advice: str 
     what : str
         What is checked.
     value : float
-        The number, in the unit of `unit`.
+        The number, in the unit of the check.
     limit : float
-        Largest value allowed, in the same unit (unit of `unit`).
+        Largest value allowed, in the unit of the check.
     unit : str, optional
         Unit of the number; - for none.
     advice : str, optional
@@ -101,9 +101,9 @@ def between(what: str, value: float, low: float, high: float, unit: str = "-", a
     what : str
         What is checked.
     value : float
-        The number, in the unit of `unit`.
+        The number, in the unit of the check.
     low, high : float
-        Smallest and largest value allowed, in the unit of `unit`.
+        Smallest and largest value allowed, in the unit of the check.
     unit : str, optional
         Unit of the number; - for none.
     advice : str, optional

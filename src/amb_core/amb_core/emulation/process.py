@@ -50,7 +50,7 @@ class EmulatorSettings:
     real_time_factor : float
         Simulation time over wall-clock time (-); 0 for as fast as it can.
     real_time : RealTimeParameters
-        Priority and processor core of the process.
+        Priority, memory and processors of its thread.
     host_patience : float, optional
         Longest wait of wall-clock time for the current of a host that closes the loop (s); 0 for none.
     plant_waits : bool, optional

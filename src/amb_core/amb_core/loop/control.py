@@ -52,7 +52,7 @@ def pd_update(
     Parameters
     ----------
     state : ndarray, shape (2 * axes + 1,)
-        State of the law, changed in place, see `initial_state` (units of its entries: m).
+        State of the law (m, apart from its last entry), changed in place, see `initial_state`.
     gains : ndarray, shape (axes, 6)
         From `pack_gains`, in the units of their parameters.
     position, reference : ndarray, shape (axes,)

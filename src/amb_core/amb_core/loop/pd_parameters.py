@@ -229,7 +229,7 @@ def one_each(name: str, values: tuple[float, ...], default: float, axes: int) ->
     values : tuple of float
         One value for each axis, in the unit of the parameter, or none.
     default : float
-        Value of every axis if none are given, in the unit of `values`; both in units of the parameter.
+        Value on all axes where none are given (unit of the parameter).
     axes : int
         Number of axes.
 

@@ -74,7 +74,7 @@ def rows_by_axis(values: Mapping[str, Mapping[str, float | None]]) -> list[tuple
     Parameters
     ----------
     values : mapping of str to mapping of str to float or None
-        Numbers by axis and name, None for missing ones (units of their names).
+        Numbers by axis and name, None for missing ones; the names end in the units of their values.
 
     Returns
     -------

@@ -84,7 +84,7 @@ class TripLog:
         self._waiting: list[_Waiting] = []
 
     def note(self, status: TargetStatus, now: float) -> bool:
-        """Take the trips of a status at a time of a monotonic clock (s). Whether there are new ones.
+        """Take the trips of a status.
 
         Parameters
         ----------

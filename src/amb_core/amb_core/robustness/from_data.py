@@ -73,7 +73,7 @@ def certify_from_data(
     AmbError
         If model, controller and data do not fit together.
     RobustnessError
-        If the data cannot be used for this model, or the analysis fails.
+        If the controller of the swept sine is not known, or is another one.
     """
     feedback = require_fitting(model, law, settings or RobustnessSettings())
     if not feedback.stable:

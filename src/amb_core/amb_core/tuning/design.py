@@ -64,7 +64,7 @@ def design_bearing(bearing: Bearing, highest_peak: float = HIGHEST_PEAK) -> Bear
     Returns
     -------
     BearingDesign
-        Plant, gains, and the numbers that they were chosen by.
+        Plant, gains, and how the rotor lifts off.
 
     Raises
     ------

@@ -106,7 +106,7 @@ def compare_responses(
     data : IdentificationData
         Data with the signals of the model.
     controller : KnownController, optional
-        Controller of the experiments; without it no estimate uses the reference.
+        Controller that holds the rotor where the plant is linearised; by default the paper's.
     uncertainty : ModelUncertainty, optional
         Uncertainty of the model; without it there are no bands.
     plant : PlantParameters, optional

@@ -166,7 +166,7 @@ def compare(region_map: RegionMap, analytic: Sequence[AnalyticLine]) -> list[Com
     Returns
     -------
     list of Comparison
-        Ratio of simulated and analytic frequencies for each pair of line and boundary.
+        One for each pair of line and boundary.
     """
     comparisons = []
     for line in analytic:

@@ -111,12 +111,12 @@ class Exchange:
         return Received(datagram, time.monotonic(), decode(datagram, self._open))
 
     def find(self) -> str:
-        """Have the target describe itself. Returns what is wrong with the answer; empty if nothing is.
+        """Have the target describe itself.
 
         Returns
         -------
         str
-            What is wrong, or nothing.
+            What is wrong with the answer; empty if nothing is.
         """
         search = Search(self.key)
         reason, until = "no answer to HELLO", time.monotonic() + 3.0 * self.patience

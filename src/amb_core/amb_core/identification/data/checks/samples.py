@@ -98,7 +98,7 @@ def check_sample_time(data: IdentificationData, expected: float | None = None) -
     Returns
     -------
     Finding
-        An error if the sample times differ.
+        An error if the sample times differ, a warning if the outputs repeat.
     """
     sample_time = data.sample_time
     if expected is not None and abs(sample_time - expected) > 1e-6 * expected:
