@@ -61,7 +61,7 @@ class Sweep(Excitation):
         Returns
         -------
         Sampler
-            Makes the samples (m) from a first one up to, not including, another.
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
         """
         span = steps / sample_rate
         start, end = self.frequency_start, self.frequency_end
@@ -129,7 +129,7 @@ class Square(Excitation):
         Returns
         -------
         Sampler
-            Makes the samples (m) from a first one up to, not including, another.
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
         """
 
         def samples(first: int, stop: int) -> NDArray[np.float64]:
@@ -205,7 +205,7 @@ class Tones(Excitation):
         Returns
         -------
         Sampler
-            Makes the samples (m) from a first one up to, not including, another.
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
         """
         phases = self.phases or (0.0,) * len(self.frequencies)
 

@@ -163,7 +163,7 @@ class Multisine(_Band):
         Returns
         -------
         Sampler
-            Makes the samples (m) from a first one up to, not including, another.
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
 
         Raises
         ------
@@ -279,7 +279,7 @@ class Prbs(_Seeded):
         Returns
         -------
         Sampler
-            Makes the samples (m) from a first one up to, not including, another.
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
         """
         from scipy.signal import max_len_seq  # takes a second to import, and not needed by other kinds
 
@@ -327,7 +327,7 @@ class WhiteNoise(_Band):
         Returns
         -------
         Sampler
-            Makes the samples (m) from a first one up to, not including, another.
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
         """
         lines = self.lines(steps, sample_rate)
         parts = self.random(axis).standard_normal((2, lines.stop - lines.start))

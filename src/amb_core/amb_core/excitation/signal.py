@@ -57,7 +57,7 @@ class Excitation(Parameters):
         Returns
         -------
         Sampler
-            Makes the samples (m) from a first one up to, not including, another.
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
         """
 
     def instantaneous_frequency(self, steps: int, sample_rate: float) -> NDArray[np.float64] | None:

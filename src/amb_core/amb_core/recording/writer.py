@@ -156,7 +156,7 @@ class BagWriter:
         node : str
             Full name of the node.
         values : mapping of str to ParameterValue
-            Its parameters by name.
+            Its parameters by name, in the units of their declarations.
         log_time : int
             Time of the message (ns since 1970).
 
@@ -177,7 +177,7 @@ class BagWriter:
         node : str
             Full name of the node.
         values : mapping of str to ParameterValue
-            Its parameters by name.
+            Its parameters by name, in the units of their declarations.
         log_time : int
             Time of the message (ns since 1970).
         """

@@ -90,7 +90,7 @@ class Feedback:
         Parameters
         ----------
         into_states, from_states : ndarray, shapes (n, e), (s, n)
-            How e further inputs act on the next state of the plant, and s further outputs as seen from its state.
+            How e further inputs act on the next state of the plant, and s further outputs as seen from its state (-).
 
         Returns
         -------

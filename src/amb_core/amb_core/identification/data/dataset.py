@@ -103,13 +103,13 @@ class IdentificationData:
         Parameters
         ----------
         inputs : array_like, shape (steps, m) or (steps,)
-            Inputs, in `input_units`.
+            Inputs, in the units of `input_units`.
         outputs : array_like, shape (steps, p) or (steps,)
-            Outputs, in `output_units`.
+            Outputs, in the units of `output_units`.
         sample_time : float
             Sample time (s).
         reference : array_like, shape (steps, p) or (steps,), optional
-            References of the outputs, in their units; None if there is none.
+            References, in the units of the outputs; None if there are none.
         first_step : int, optional
             Controller step of the first sample.
         source : str, optional

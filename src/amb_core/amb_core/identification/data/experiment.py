@@ -26,9 +26,9 @@ class Experiment:
     Attributes
     ----------
     inputs, outputs : ndarray, shapes (steps, m), (steps, p)
-        The samples.
+        The samples, in the units of the data set.
     reference : ndarray, shape (steps, p), or None
-        Setpoint of the outputs, in their units. None if it is not known.
+        Setpoint of the outputs, in units of the outputs; None if it is not known.
     first_step : int
         Number of the first sample; sample k is taken at the time k * sample_time of the run.
     source : str

@@ -36,7 +36,7 @@ def pbsid(
     Parameters
     ----------
     inputs, outputs : ndarray, shapes (steps, m), (steps, p), or lists of such
-        Inputs and outputs of one experiment, or of each of several.
+        Inputs and outputs of one experiment, or of each of several, in any units of their own.
     sample_time : float
         Sample time of the data (s).
     order : int, optional

@@ -58,8 +58,8 @@ def pem(
     Parameters
     ----------
     inputs, outputs : ndarray, shapes (steps, m), (steps, p), or lists of such
-        Inputs and outputs of one experiment, or of each of several. Several experiments take more time. Means over all
-        are removed and kept as the model's offsets.
+        Inputs and outputs of one experiment, or of each of several, in the units of `start`. Several experiments take
+        more time. Means over all are removed and kept as the model's offsets.
     start : StateSpaceModel
         Where to start: gives order, sample time, A, C and K. B, D and the initial state are estimated anew.
     progress : callable, optional

@@ -49,7 +49,7 @@ def n4sid(
     Parameters
     ----------
     inputs, outputs : ndarray, shapes (steps, m), (steps, p)
-        Inputs and outputs.
+        Inputs and outputs, in any units of their own.
     sample_time : float
         Sample time of the data (s).
     order : int, optional

@@ -134,7 +134,7 @@ def check_residuals(
     Parameters
     ----------
     residuals, inputs : sequences of ndarray, shapes (steps, p), (steps, m)
-        Of each experiment.
+        Of each experiment, in the units of outputs and inputs.
     lags : int, optional
         Largest lag M.
     parameters, estimation_samples : int, optional

@@ -104,7 +104,7 @@ class RegionMap:
         ----------
         region : Region
             B, C or D.
-        amplitude : array_like
+        amplitude : array_like, of any shape
             Amplitudes (m), positive.
         side : {"sweep", "dwell"}, optional
             See `Side`.
@@ -134,7 +134,7 @@ class RegionMap:
 
         Parameters
         ----------
-        frequency : array_like
+        frequency : array_like, of any shape
             Frequencies (Hz).
         amplitude : array_like
             Amplitudes (m), of a shape that broadcasts with the frequencies.
