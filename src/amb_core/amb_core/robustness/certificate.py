@@ -19,7 +19,7 @@ from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation, Verdict
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
-from amb_core.robustness.assessment import FAR, Assessment, AxisBounds, assess_loop
+from amb_core.robustness.assessment import Assessment, assess_loop
 from amb_core.robustness.checks import (
     COVERED,
     RUN,
@@ -37,6 +37,7 @@ from amb_core.robustness.known_band import KnownBand, known_band
 from amb_core.robustness.measured import MeasuredSensitivity
 from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
 from amb_core.robustness.trace import Trace
+from amb_core.robustness.worst_cases import FAR, AxisBounds
 
 ON_CIRCLE = 1e-6  # distance of the replayed pole from the unit circle at most
 WIDE_GAP = 0.1  # of the bounds of mu, relative, from which the finding names it
