@@ -12,29 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data.experiment import Experiment, line
+from amb_core.identification.data.gap import Gap
 from amb_core.loop.records import LoopRecord, sample_rate_of
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Samples that are missing between two experiments of one source, from `first_step` up to, not including, `stop`.
-
-    Attributes
-    ----------
-    source : str
-        The run in which they are missing.
-    first_step, stop : int
-        First missing sample, and the one after the last.
-    """
-
-    source: str
-    first_step: int
-    stop: int
-
-    @property
-    def steps(self) -> int:
-        """Number of missing samples."""
-        return self.stop - self.first_step
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,45 +380,6 @@ class IdentificationData:
                 found = getattr(item, f"{kind}s").shape[1]
                 if found != len(names):
                     raise IdentificationError(f"experiment {index} has {found} {kind}s; {len(names)} are named")
-
-
-def merge(datasets: Iterable[IdentificationData]) -> IdentificationData:
-    """The experiments of several data sets in one, each with its own initial state.
-
-    Parameters
-    ----------
-    datasets : iterable of IdentificationData
-        Data with the same signals and sample time.
-
-    Returns
-    -------
-    IdentificationData
-        All experiments, in this order.
-
-    Raises
-    ------
-    IdentificationError
-        If there is none, or if sample time, names or units differ.
-    """
-    merged = list(datasets)
-    if not merged:
-        raise IdentificationError("there are no data to merge")
-    first = merged[0]
-    for number, other in enumerate(merged[1:], start=2):
-        if abs(other.sample_time - first.sample_time) > 1e-9 * first.sample_time:
-            raise IdentificationError(
-                f"data set {number} has the sample time {other.sample_time:g} s, the first {first.sample_time:g} s; "
-                "only data of one sample time can be merged: decimate the faster one"
-            )
-        for what in ("input_names", "output_names", "input_units", "output_units"):
-            mine, theirs = getattr(first, what), getattr(other, what)
-            if mine != theirs:
-                raise IdentificationError(
-                    f"data set {number} has the {what.replace('_', ' ')} {', '.join(theirs)}, "
-                    f"the first {', '.join(mine)}; they must be the same"
-                )
-    experiments = tuple(item for data in merged for item in data.experiments)
-    return replace(first, experiments=experiments, foreign=any(data.foreign for data in merged))
 
 
 def _columns(values: ArrayLike) -> NDArray[np.float64]:
