@@ -20,15 +20,12 @@ from typing import TYPE_CHECKING, Any
 from amb_bringup.connection import ClientError, NoAnswerError
 from amb_bringup.experiment import Experiment, ExperimentRun, Progress, carry_out
 from amb_bringup.identifier_calls import IdentifierCalls
+from amb_bringup.region_calls import RegionCalls
 from amb_bringup.request_fields import absolute, known_settings
 from amb_bringup.rig import Rig
 from amb_core.excitation import excitation_from_request
 from amb_core.files.parameter_files import BRIDGE_NODE, NODES
 from amb_core.parameters import validate
-from amb_core.recording.messages.region_map import region_map_from_message
-from amb_core.recording.messages.region_state import region_state_from_message
-from amb_msgs.action import BuildMap
-from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import (
     Pause,
@@ -41,13 +38,11 @@ from amb_msgs.srv import (
     StopRecording,
 )
 from amb_ros import topics
-from amb_ros.qos import HISTORY, LATCHED
+from amb_ros.qos import LATCHED
 from amb_ros.requests import COMPUTED, QUICKLY
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
-    from amb_core.regions import Region, RegionState
-    from amb_core.regions.region_map import MapProgress, RegionMap
     from amb_core.robustness import MeasuredSensitivity
 
 __all__ = ["NODES", "AmbClient", "ClientError", "Experiment", "ExperimentRun", "RunEnd", "StartedExcitation"]
@@ -93,7 +88,7 @@ class StartedExcitation:
     steps: int
 
 
-class AmbClient(IdentifierCalls):
+class AmbClient(IdentifierCalls, RegionCalls):
     """Calls the nodes of one graph; see `GraphConnection` for errors and further methods.
 
     Parameters
@@ -117,9 +112,6 @@ class AmbClient(IdentifierCalls):
     ) -> None:
         super().__init__(namespace, timeout, domain_id, nodes)
         self._state: SimulatorState | None = None
-        self._run = 0
-        self._region: RegionStateMessage | None = None
-        self._region_subscription: Any = None  # made at the first request for regions
         create_subscription(self.node, SimulatorState, topics.SIMULATOR_STATE, self._on_state, LATCHED)
 
     @cached_property
@@ -382,95 +374,6 @@ class AmbClient(IdentifierCalls):
             raise ClientError(f"bag {bag}: lacks the parameters of the controller; name it in `controller`")
         return measured_sensitivity(loop.data, loop.controller, modes_of(loop.data, loop.controller))
 
-    # -- regions
-
-    def region_state(self) -> RegionState:
-        """The region in which the bearing runs, with its features; waits for the first message of the monitor.
-
-        Returns
-        -------
-        RegionState
-            The latest state that the region monitor has published.
-        """
-        self._listen_to_regions()
-        self.wait_until(lambda: self._region is not None, complaint="no region received; is region_monitor running?")
-        return region_state_from_message(self._region)
-
-    def wait_for_region(self, region: Region, timeout: float | None = None) -> RegionState:
-        """Wait until the rotor is in a region in the present run.
-
-        Parameters
-        ----------
-        region : Region
-            The region.
-        timeout : float, optional
-            Longest wait (s); that of the connection by default.
-
-        Returns
-        -------
-        RegionState
-            The state in which the region was reached.
-        """
-        self._listen_to_regions()
-
-        def reached() -> bool:
-            return self._region is not None and (self._region.run, self._region.region) == (self._run, region)
-
-        self.wait_until(reached, timeout, f"the rotor did not enter region {region.name}")
-        return region_state_from_message(self._region)
-
-    def build_map(
-        self,
-        parameter_file: str | Path = "",
-        path: str | Path = "",
-        progress: Callable[[MapProgress], None] | None = None,
-        cancelled: Callable[[], bool] | None = None,
-        **settings: Any,
-    ) -> RegionMap:
-        """Build a region map, by default that of the running loop.
-
-        Parameters
-        ----------
-        parameter_file : str or Path, optional
-            ROS parameter file with another plant and controller.
-        path : str or Path, optional
-            File for the map.
-        progress : callable, optional
-            Called with a `MapProgress` whenever a sweep has finished. None for no calls.
-        cancelled : callable, optional
-            Called while waiting; when it returns true the goal is cancelled. Finished sweeps stay in the cache. None if
-            it cannot be cancelled.
-        **settings : object
-            As in `amb_core.regions.region_map.MapSettings`, SI units; missing ones take their defaults.
-
-        Returns
-        -------
-        RegionMap
-            After a cancellation the map of the finished sweeps, which is not `complete`.
-
-        Raises
-        ------
-        ClientError
-            If the monitor is missing, refuses, or the map fails.
-        """
-        from amb_core.regions.region_map import MapProgress
-
-        def on_feedback(message: Any) -> None:
-            told = message.feedback
-            if progress is not None:
-                region_map = region_map_from_message(told.map) if told.map.amplitude else None
-                progress(MapProgress(told.done, told.total, told.reused, region_map))
-
-        goal = BuildMap.Goal(
-            **known_settings(BuildMap.Goal, settings),
-            parameter_file=absolute(parameter_file),
-            path=absolute(path),
-        )
-        result = self.act(BuildMap, "region_monitor/build_map", goal, on_feedback, cancelled or (lambda: False))
-        if not result.map.amplitude:
-            raise ClientError(result.message)
-        return region_map_from_message(result.map)
-
     # -- recording
 
     def start_recording(self, uri: str | Path = "") -> str:
@@ -512,26 +415,6 @@ class AmbClient(IdentifierCalls):
         ).uri
 
     # -- messages
-
-    def heard_region(self) -> RegionStateMessage | None:
-        """The last region state of the present run, without waiting; None before the first one.
-
-        Returns
-        -------
-        RegionStateMessage or None
-            The message of the region monitor.
-        """
-        self._listen_to_regions()
-        return self._region if self._region is not None and self._region.run == self._run else None
-
-    def _listen_to_regions(self) -> None:
-        if self._region_subscription is None:
-            self._region_subscription = create_subscription(
-                self.node, RegionStateMessage, topics.REGION, self._on_region, HISTORY
-            )
-
-    def _on_region(self, message: RegionStateMessage) -> None:
-        self._region = message
 
     def _on_state(self, message: SimulatorState) -> None:
         self._state = message
