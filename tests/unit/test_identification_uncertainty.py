@@ -18,7 +18,7 @@ from amb_core.identification import (
     pem,
     response_of,
 )
-from amb_core.identification.data.dataset import merge
+from amb_core.identification.data import merge
 from amb_core.identification.estimate.predictor import innovations, kalman_gain
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation.prediction import first_state, predict

@@ -20,15 +20,12 @@ from typing import TYPE_CHECKING, Any
 from amb_bringup.connection import ClientError, NoAnswerError
 from amb_bringup.experiment import Experiment, ExperimentRun, Progress, carry_out
 from amb_bringup.identifier_calls import IdentifierCalls
+from amb_bringup.region_calls import RegionCalls
 from amb_bringup.request_fields import absolute, known_settings
 from amb_bringup.rig import Rig
 from amb_core.excitation import excitation_from_request
 from amb_core.files.parameter_files import BRIDGE_NODE, NODES
 from amb_core.parameters import validate
-from amb_core.recording.messages.region_map import region_map_from_message
-from amb_core.recording.messages.region_state import region_state_from_message
-from amb_msgs.action import BuildMap
-from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import (
     Pause,
@@ -41,13 +38,11 @@ from amb_msgs.srv import (
     StopRecording,
 )
 from amb_ros import topics
-from amb_ros.qos import HISTORY, LATCHED
+from amb_ros.qos import LATCHED
 from amb_ros.requests import COMPUTED, QUICKLY
 from amb_ros.subscriptions import create_subscription
 
 if TYPE_CHECKING:
-    from amb_core.regions import Region, RegionState
-    from amb_core.regions.region_map import MapProgress, RegionMap
     from amb_core.robustness import MeasuredSensitivity
 
 __all__ = ["NODES", "AmbClient", "ClientError", "Experiment", "ExperimentRun", "RunEnd", "StartedExcitation"]
@@ -57,7 +52,17 @@ EXCITATION_TIMEOUT = 120.0  # s; generator and controller may have to search for
 
 @dataclass(frozen=True)
 class RunEnd:
-    """Where a run request ended: run, next step, and whether the rotor delevitated before that step."""
+    """Where a run request ended.
+
+    Attributes
+    ----------
+    run : int
+        Number of the run.
+    step : int
+        Next step.
+    delevitated : bool
+        Whether the rotor delevitated before that step.
+    """
 
     run: int
     step: int
@@ -66,15 +71,37 @@ class RunEnd:
 
 @dataclass(frozen=True)
 class StartedExcitation:
-    """An accepted excitation: its run, first step and number of steps."""
+    """An accepted excitation.
+
+    Attributes
+    ----------
+    run : int
+        Number of its run.
+    first_step : int
+        Its first step.
+    steps : int
+        Its number of steps.
+    """
 
     run: int
     first_step: int
     steps: int
 
 
-class AmbClient(IdentifierCalls):
-    """Calls the nodes of one graph; see `GraphConnection` for parameters, errors and further methods."""
+class AmbClient(IdentifierCalls, RegionCalls):
+    """Calls the nodes of one graph; see `GraphConnection` for errors and further methods.
+
+    Parameters
+    ----------
+    namespace : str, optional
+        Namespace of the nodes.
+    timeout : float, optional
+        Longest wall-clock wait for a node to appear, to answer or, while running, to advance (s).
+    domain_id : int, optional
+        DDS domain of the graph; ROS_DOMAIN_ID by default.
+    nodes : sequence of str, optional
+        The nodes of the graph, relative to the namespace; by default those of a simulation.
+    """
 
     def __init__(
         self,
@@ -85,9 +112,6 @@ class AmbClient(IdentifierCalls):
     ) -> None:
         super().__init__(namespace, timeout, domain_id, nodes)
         self._state: SimulatorState | None = None
-        self._run = 0
-        self._region: RegionStateMessage | None = None
-        self._region_subscription: Any = None  # made at the first request for regions
         create_subscription(self.node, SimulatorState, topics.SIMULATOR_STATE, self._on_state, LATCHED)
 
     @cached_property
@@ -96,7 +120,13 @@ class AmbClient(IdentifierCalls):
         return Rig(self)
 
     def use_run(self, run: int) -> None:
-        """Take a later run for the present one."""
+        """Take a later run for the present one.
+
+        Parameters
+        ----------
+        run : int
+            Number of the run; an earlier one than the present is ignored.
+        """
         self._run = max(self._run, run)
 
     # -- simulator
@@ -107,20 +137,31 @@ class AmbClient(IdentifierCalls):
         return self._state
 
     def reset(self, parameter_file: str | Path | None = None) -> int:
-        """Back to step 0 of a new run, paused. Returns the number of the run.
+        """Back to step 0 of a new run, paused.
 
         Parameters
         ----------
         parameter_file : str or Path, optional
             ROS parameter file for the simulator, which then behaves as if it had been started with it. Relative to the
-            working directory of the caller; the simulator must be able to read it.
+            working directory of the caller; the simulator must be able to read it. None to keep the parameters.
+
+        Returns
+        -------
+        int
+            Number of the run.
         """
         self._require_simulator("simulator/reset")
         self._run = self.call(Reset, "simulator/reset", parameter_file=absolute(parameter_file or "")).run
         return self._run
 
     def pause(self) -> int:
-        """Pause the simulator. Returns the next step."""
+        """Pause the simulator.
+
+        Returns
+        -------
+        int
+            The next step.
+        """
         self._require_simulator("simulator/pause")
         return self.call(Pause, "simulator/pause", repeat_after=QUICKLY).step
 
@@ -132,7 +173,17 @@ class AmbClient(IdentifierCalls):
         steps : int
             Number of controller steps, at least 1.
         progress : callable, optional
-            Called with the next step whenever the simulator reports its state.
+            Called with the next step whenever the simulator reports its state. None for no calls.
+
+        Returns
+        -------
+        RunEnd
+            Where the run request ended.
+
+        Raises
+        ------
+        ClientError
+            If `steps` is below 1, the plant fails, or the simulator is paused before the end or does not advance.
         """
         if steps < 1:
             raise ClientError(f"steps = {steps} is not allowed; allowed: 1 or more")
@@ -177,9 +228,21 @@ class AmbClient(IdentifierCalls):
     # -- excitation
 
     def start_excitation(self, kind: str, first_step: int = -1, **settings: Any) -> StartedExcitation:
-        """Start an excitation in the present run at `first_step` or, with -1, at the next step.
+        """Start an excitation in the present run.
 
-        `settings` are the fields of the kind in SI units, as in the service: amplitude, axes, duration, frequency, ...
+        Parameters
+        ----------
+        kind : str
+            One of `amb_core.excitation.KINDS`.
+        first_step : int, optional
+            First step of the excitation; -1 for the next step.
+        **settings : object
+            Fields of the kind in SI units, as in the service: amplitude, axes, duration, frequency, ...
+
+        Returns
+        -------
+        StartedExcitation
+            Run, first step and number of steps.
         """
         fields = known_settings(StartExcitation.Request, settings)
         try:
@@ -211,6 +274,8 @@ class AmbClient(IdentifierCalls):
             As for `start_excitation`, with the same settings.
         region_map : str or Path, optional
             File of a map; by default the last one that the region monitor has built.
+        **settings : object
+            As for `start_excitation`.
 
         Returns
         -------
@@ -242,10 +307,10 @@ class AmbClient(IdentifierCalls):
         kind : str or sequence of Experiment
             Kind of the excitation, with `settings`; or several experiments.
         bag : str or Path, optional
-            New folder in which everything is recorded.
+            New folder in which everything is recorded. None to record nothing.
         progress : callable, optional
             Called with the name of the stage, the number of finished steps and the number of all steps.
-        **settings
+        **settings : object
             Fields of the excitation in SI units: amplitude, duration, axes, ...
 
         Returns
@@ -258,6 +323,8 @@ class AmbClient(IdentifierCalls):
         AmbError
             If an excitation is wrong, a node fails, the rotor falls, or a target trips; the rotor is landed, the bag
             closed.
+        ClientError
+            If settings are given with several experiments.
         """
         if isinstance(kind, str):
             return carry_out(self, [Experiment(kind, excitation_from_request(kind, settings))], bag, progress)
@@ -282,7 +349,7 @@ class AmbClient(IdentifierCalls):
             The controller, as for `identify`; by default the recorded one.
         progress : callable, optional
             As for `experiment`.
-        **settings
+        **settings : object
             As in `amb_core.robustness.SweepSettings`: sweep_amplitude (m), which must be given, and sweep_duration (s),
             sweep_start and sweep_end (Hz).
 
@@ -295,6 +362,8 @@ class AmbClient(IdentifierCalls):
         ------
         AmbError
             As for `experiment`; and if the data do not determine the sensitivity.
+        ClientError
+            If no controller is named and none was recorded.
         """
         from amb_bringup.swept_sensitivity import measure_swept  # loads compilers, which other calls do not need
         from amb_core.robustness import SweepSettings, measured_sensitivity
@@ -305,101 +374,47 @@ class AmbClient(IdentifierCalls):
             raise ClientError(f"bag {bag}: lacks the parameters of the controller; name it in `controller`")
         return measured_sensitivity(loop.data, loop.controller, modes_of(loop.data, loop.controller))
 
-    # -- regions
-
-    def region_state(self) -> RegionState:
-        """The region in which the bearing runs, with its features; waits for the first message of the monitor."""
-        self._listen_to_regions()
-        self.wait_until(lambda: self._region is not None, complaint="no region received; is region_monitor running?")
-        return region_state_from_message(self._region)
-
-    def wait_for_region(self, region: Region, timeout: float | None = None) -> RegionState:
-        """Wait until the rotor is in a region in the present run."""
-        self._listen_to_regions()
-
-        def reached() -> bool:
-            return self._region is not None and (self._region.run, self._region.region) == (self._run, region)
-
-        self.wait_until(reached, timeout, f"the rotor did not enter region {region.name}")
-        return region_state_from_message(self._region)
-
-    def build_map(
-        self,
-        parameter_file: str | Path = "",
-        path: str | Path = "",
-        progress: Callable[[MapProgress], None] | None = None,
-        cancelled: Callable[[], bool] | None = None,
-        **settings: Any,
-    ) -> RegionMap:
-        """Build a region map, by default that of the running loop.
-
-        Parameters
-        ----------
-        parameter_file : str or Path, optional
-            ROS parameter file with another plant and controller.
-        path : str or Path, optional
-            File for the map.
-        progress : callable, optional
-            Called with a `MapProgress` whenever a sweep has finished.
-        cancelled : callable, optional
-            Called while waiting; when it returns true the goal is cancelled. Finished sweeps stay in the cache.
-        **settings
-            As in `amb_core.regions.region_map.MapSettings`, SI units; missing ones take their defaults.
-
-        Returns
-        -------
-        RegionMap
-            After a cancellation the map of the finished sweeps, which is not `complete`.
-        """
-        from amb_core.regions.region_map import MapProgress
-
-        def on_feedback(message: Any) -> None:
-            told = message.feedback
-            if progress is not None:
-                region_map = region_map_from_message(told.map) if told.map.amplitude else None
-                progress(MapProgress(told.done, told.total, told.reused, region_map))
-
-        goal = BuildMap.Goal(
-            **known_settings(BuildMap.Goal, settings),
-            parameter_file=absolute(parameter_file),
-            path=absolute(path),
-        )
-        result = self.act(BuildMap, "region_monitor/build_map", goal, on_feedback, cancelled or (lambda: False))
-        if not result.map.amplitude:
-            raise ClientError(result.message)
-        return region_map_from_message(result.map)
-
     # -- recording
 
     def start_recording(self, uri: str | Path = "") -> str:
-        """Start a bag in a new folder, relative to the working directory of the caller. Returns its path.
+        """Start a bag.
 
         First waits for all nodes of the graph, so that no message is missing from the bag.
+
+        Parameters
+        ----------
+        uri : str or Path, optional
+            New folder, relative to the working directory of the caller; empty for one named by date, in the recorder's
+            directory.
+
+        Returns
+        -------
+        str
+            Path of the bag.
         """
         self.wait_for_nodes()
         return self.call(StartRecording, "recorder/start", uri=absolute(uri)).uri
 
     def stop_recording(self, run: int = 0, step: int = 0) -> str:
-        """Close the bag once the telemetry of this run before this step has arrived. Returns its path."""
+        """Close the bag once its telemetry has arrived.
+
+        Parameters
+        ----------
+        run : int, optional
+            Run of the awaited step; 0 for the current one.
+        step : int, optional
+            First step that need not be in the bag; 0 for that at which the simulator stands.
+
+        Returns
+        -------
+        str
+            Path of the bag.
+        """
         return self.call(
             StopRecording, "recorder/stop", wait_for_run=run, wait_for_step=step, timeout=0.5 * self.timeout
         ).uri
 
     # -- messages
-
-    def heard_region(self) -> RegionStateMessage | None:
-        """The last region state of the present run, without waiting; None before the first one."""
-        self._listen_to_regions()
-        return self._region if self._region is not None and self._region.run == self._run else None
-
-    def _listen_to_regions(self) -> None:
-        if self._region_subscription is None:
-            self._region_subscription = create_subscription(
-                self.node, RegionStateMessage, topics.REGION, self._on_region, HISTORY
-            )
-
-    def _on_region(self, message: RegionStateMessage) -> None:
-        self._region = message
 
     def _on_state(self, message: SimulatorState) -> None:
         self._state = message

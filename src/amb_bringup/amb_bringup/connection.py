@@ -97,7 +97,13 @@ class GraphConnection:
         self._leave()
 
     def wait_for_nodes(self, check: Callable[[], None] = lambda: None) -> None:
-        """Wait until all nodes of the graph are available; `check` is called while waiting, and may raise an error."""
+        """Wait until all nodes of the graph are available.
+
+        Parameters
+        ----------
+        check : callable, optional
+            Called while waiting; may raise an error, which ends the wait.
+        """
         for name in self._nodes:
             client = self.node.create_client(GetParameters, f"{name}/get_parameters")
 
@@ -111,7 +117,22 @@ class GraphConnection:
     def wait_until(
         self, condition: Callable[[], bool], timeout: float | None = None, complaint: str = "timed out"
     ) -> None:
-        """Process messages until a condition holds; after the timeout (s) raise an error with the text `complaint`."""
+        """Process messages until a condition holds.
+
+        Parameters
+        ----------
+        condition : callable
+            Returns whether it holds.
+        timeout : float, optional
+            Longest wait (s); that of the connection by default.
+        complaint : str, optional
+            Text of the error after it.
+
+        Raises
+        ------
+        ClientError
+            If the condition does not hold in time.
+        """
         deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
         while not condition():
             if time.monotonic() > deadline:
@@ -119,7 +140,13 @@ class GraphConnection:
             self.spin_once(0.05)
 
     def spin_once(self, timeout: float = 0.1) -> None:
-        """Process the next message; wait for it at most `timeout` (s)."""
+        """Process the next message.
+
+        Parameters
+        ----------
+        timeout : float, optional
+            Longest wait for it (s).
+        """
         with interruptions.held_back():
             self._executor.spin_once(timeout_sec=timeout)
 
@@ -137,19 +164,29 @@ class GraphConnection:
 
         Parameters
         ----------
-        service, name
-            Type and name, relative to the namespace.
+        service : type
+            Type of the service.
+        name : str
+            Its name, relative to the namespace.
         timeout : float, optional
-            Longest wait for the answer (s).
+            Longest wait for the answer (s); that of the connection by default.
         repeat_after : float, optional
             Time without an answer after which the request is sent again, because it is idempotent (s); twice as long
             every time. Others are sent once: the node may have carried out what it has not answered.
-        **fields
+        **fields : object
             Fields of the request.
 
         Returns
         -------
-        response of the service
+        service response
+            The answer, of the type of the service.
+
+        Raises
+        ------
+        NoAnswerError
+            If the answer does not come in time.
+        ClientError
+            If the node is missing or refuses the request.
         """
         if name not in self._clients:
             self._clients[name] = self.node.create_client(service, name)
@@ -178,12 +215,26 @@ class GraphConnection:
 
         Parameters
         ----------
-        action, name, goal
-            Type and name, relative to the namespace, of the action; the goal.
+        action : type
+            Type of the action.
+        name : str
+            Its name, relative to the namespace.
+        goal : action goal
+            The goal, of that type.
         on_feedback : callable
             Called with every feedback message.
         cancelled : callable
             Called while waiting; when it returns true the goal is cancelled. The result may then be without `success`.
+
+        Returns
+        -------
+        action result
+            The result, of the type of the action.
+
+        Raises
+        ------
+        ClientError
+            If the action is missing, refuses the goal or fails, or its node ends.
         """
         if name not in self._clients:
             self._clients[name] = ActionClient(self.node, action, name)

@@ -35,7 +35,15 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Experiment:
-    """An excitation, and the name of its stage."""
+    """An excitation of an experiment.
+
+    Attributes
+    ----------
+    name : str
+        Name of its stage.
+    excitation : Excitation
+        The excitation.
+    """
 
     name: str
     excitation: Excitation

@@ -66,9 +66,10 @@ class IdentifierCalls(GraphConnection):
         first_step, steps : int, optional
             Steps used; by default those of the last excitation.
         progress : callable, optional
-            Called with an `IdentificationProgress` at every stage and iteration.
+            Called with an `IdentificationProgress` at every stage and iteration. None for no calls.
         cancelled : callable, optional
-            Called while waiting; when it returns true the identification is cancelled, which raises an error.
+            Called while waiting; when it returns true the identification is cancelled, which raises an error. None if
+            it cannot be cancelled.
         controller : str or Path, optional
             Controller of the experiment: `paper`, `pd:K_P,K_D`, a ROS parameter file (.yaml), the file of a linear
             controller, `none`, or the name of a running node; by default the running one, or the one recorded in the
@@ -80,6 +81,11 @@ class IdentifierCalls(GraphConnection):
         -------
         IdentifiedModel
             The model, with the verdict on it: look at `verdict`, or `validate` on other data, before you use it.
+
+        Raises
+        ------
+        ClientError
+            If the identifier is missing, refuses, or finds no model.
         """
 
         def on_feedback(message: Any) -> None:
@@ -191,7 +197,7 @@ class IdentifierCalls(GraphConnection):
             Controller of the experiments, as for `identify`.
         description : DataDescription or str or Path, optional
             How to read files of others, as for `identify`.
-        **settings
+        **settings : object
             Further fields of `amb_msgs/srv/Certify`: sizes of the perturbations, confidence, limits of the zones;
             machine, serial_number, speed, load, author and validity for the page.
 
@@ -218,5 +224,11 @@ class IdentifierCalls(GraphConnection):
         )
 
     def get_model(self) -> StateSpaceModel:
-        """The last identified model."""
+        """The last identified model.
+
+        Returns
+        -------
+        StateSpaceModel
+            The model.
+        """
         return model_from_message(self.call(GetModel, "identifier/get_model", repeat_after=QUICKLY).model)

@@ -10,8 +10,8 @@ from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.linear import LinearSystem
 from amb_core.model import StateSpaceModel
 from amb_core.robustness import Feedback, RobustnessSettings, feedback_of, peak_gain
-from amb_core.robustness.assessment import WorstCases
 from amb_core.robustness.ellipsoid import PlantSet, gap_objective
+from amb_core.robustness.worst_cases import WorstCases
 from tests.benchmarks.ident import plant
 from tests.benchmarks.ident.linear_loop import multisine
 from tests.benchmarks.ident.rotors import rotor4

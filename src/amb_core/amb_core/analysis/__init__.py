@@ -2,7 +2,7 @@
 
 from amb_core.analysis.reading import read, read_recording, recorded_controller
 from amb_core.analysis.recorded_data import recorded_data
-from amb_core.analysis.recorded_distortion import evidence_of_data, evidence_of_run
+from amb_core.analysis.recorded_distortion import evidence_of_run
 from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
 from amb_core.identification.data import RecordedLoop
 
@@ -10,7 +10,6 @@ __all__ = [
     "RecordedLoop",
     "RecordedRegions",
     "classify_run",
-    "evidence_of_data",
     "evidence_of_run",
     "read",
     "read_recording",

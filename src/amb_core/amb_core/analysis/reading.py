@@ -46,15 +46,20 @@ def read(
 
     Parameters
     ----------
-    path : path
+    path : str or Path
         A bag; or a text, MAT, NPZ, NPY or Parquet file.
     description : DataDescription or path, optional
-        What is known of it, or the file of a saved description.
+        What is known of it, or the file of a saved description. None if nothing is.
     run, first_step, steps : int, optional
         Steps of a bag of this workbench, as for `recorded_data`. Where first_step and steps are given, only this
-        stretch of an MCAP bag is read, by its index.
-    **values
+        stretch of an MCAP bag is read, by its index. By default the last run.
+    **values : object
         Fields of the description, such as inputs=["u"], which change it.
+
+    Returns
+    -------
+    RecordedLoop
+        The data, controller and plant where they are known, and what was understood of a file.
 
     Raises
     ------
@@ -75,7 +80,27 @@ def read(
 def read_recording(
     path: str | Path, description: DataDescription | str | Path | None = None, **values: Any
 ) -> tuple[Recording, DescribedData | None]:
-    """A bag with telemetry as it is, or another file as a recording of one run; arguments and errors as for `read`."""
+    """A bag with telemetry as it is, or another file as a recording of one run.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag; or a text, MAT, NPZ, NPY or Parquet file.
+    description : DataDescription or str or Path, optional
+        What is known of it, or the file of a saved description; None if nothing is.
+    **values : object
+        Fields of the description, which change it.
+
+    Returns
+    -------
+    (Recording, DescribedData or None)
+        The recording, and how the columns were understood; None for a bag.
+
+    Raises
+    ------
+    AmbError
+        As for `read`.
+    """
     path, known = Path(path), _description(description, values)
     recording = _bag_at(path)
     if recording is not None and _as_it_is(recording, known):
@@ -133,6 +158,20 @@ def _loop(data: IdentificationData, known: DataDescription, recording: Recording
 
 def recorded_controller(recording: Recording, sample_rate: float, named: str = "") -> KnownController | None:
     """The controller that a user names, with the recorded limit of its currents; or the recorded one.
+
+    Parameters
+    ----------
+    recording : Recording
+        A bag, or a file as a recording of one run.
+    sample_rate : float
+        Sample rate of the loop (Hz).
+    named : str, optional
+        Name or file of a controller; empty for the recorded one.
+
+    Returns
+    -------
+    KnownController or None
+        The controller; None if none was recorded.
 
     Raises
     ------

@@ -46,7 +46,12 @@ def recorded_data(
         excitation.
     position_topic, current_topic : str, optional
         Topics of RotorPosition and CurrentReference, if there are several of them or telemetry is to be ignored. They
-        do not contain the reference.
+        do not contain the reference. By default telemetry, or else the only topics of these types.
+
+    Returns
+    -------
+    IdentificationData
+        One experiment; several with gaps between them where samples are missing.
 
     Raises
     ------

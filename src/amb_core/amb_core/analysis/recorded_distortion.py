@@ -28,6 +28,11 @@ def evidence_of_run(recording: Recording, run: int | None = None, first_step: in
     run, first_step, steps : int, optional
         Samples of a bag that are used; by default the whole of its last run, and its last experiment for coherence.
 
+    Returns
+    -------
+    Evidence
+        Both measures, or the reason why one is missing.
+
     Raises
     ------
     BagError, IdentificationError

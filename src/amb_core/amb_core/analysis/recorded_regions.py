@@ -61,6 +61,18 @@ class RecordedRegions:
 def classify_run(recording: Recording, run: int | None = None) -> RecordedRegions:
     """Classify the telemetry of a run, by default the last one of a recording.
 
+    Parameters
+    ----------
+    recording : Recording
+        A bag, or a file as a recording of one run.
+    run : int, optional
+        Number of the run; by default the last one.
+
+    Returns
+    -------
+    RecordedRegions
+        Regions over time, with the samples.
+
     Raises
     ------
     BagError

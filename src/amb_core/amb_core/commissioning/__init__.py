@@ -7,7 +7,7 @@ from amb_core.commissioning.experiments import multisine, order_for, order_of_ri
 from amb_core.commissioning.finding import Finding
 from amb_core.commissioning.first_lift import levitated
 from amb_core.commissioning.levitation import levitation_checks, rest_checks, runaway
-from amb_core.commissioning.protocol import Check, Protocol, Step, at_least, at_most, between, measured
+from amb_core.commissioning.protocol import Check, Protocol, Step, at_most, between, measured
 from amb_core.commissioning.response import ClosedLoop, StaticResponse, closed_loop, fit_second_order, static_response
 from amb_core.commissioning.sensors_at_rest import PUSHES
 from amb_core.commissioning.settings import CommissioningSettings
@@ -25,7 +25,6 @@ __all__ = [
     "Protocol",
     "StaticResponse",
     "Step",
-    "at_least",
     "at_most",
     "before_lift",
     "between",

@@ -85,11 +85,29 @@ class Bench:
         return self.machine.sample_rate
 
     def status(self) -> TargetStatus:
-        """The state of the target now."""
+        """The state of the target now.
+
+        Returns
+        -------
+        TargetStatus
+            State, trips and counts of the target.
+        """
         return self._link.status()
 
     def record(self, seconds: float, first: int | None = None) -> LoopRecord:
         """Samples from now on, or from a step on.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration (s).
+        first : int, optional
+            First step of the target; by default the present one.
+
+        Returns
+        -------
+        LoopRecord
+            These samples.
 
         Raises
         ------
@@ -103,6 +121,18 @@ class Bench:
 
     def past(self, first: int, steps: int) -> LoopRecord:
         """Samples that have come already.
+
+        Parameters
+        ----------
+        first : int
+            First step of the target.
+        steps : int
+            Number of samples.
+
+        Returns
+        -------
+        LoopRecord
+            These samples.
 
         Raises
         ------
@@ -127,6 +157,22 @@ class Bench:
 
         The currents are bounded by the target itself: by SMALL, whatever the tones are.
 
+        Parameters
+        ----------
+        tones : ToneSet
+            Frequencies, amplitudes and phases.
+        axis : int
+            Index of the axis.
+        settle : float
+            Time that is left out at the beginning (s).
+        window : float
+            Duration of the record after it (s).
+
+        Returns
+        -------
+        LoopRecord
+            The samples of the window.
+
         Raises
         ------
         TargetError
@@ -144,7 +190,15 @@ class Bench:
             self._link.land(0.0)
 
     def configure(self, controller: KnownController, current: float) -> None:
-        """Use this controller, with this limit on its currents (A)."""
+        """Use this controller, with this limit on its currents (A).
+
+        Parameters
+        ----------
+        controller : KnownController
+            Controller of the target.
+        current : float
+            Limit of the control currents (A); that of the settings if it is lower.
+        """
         limits = replace(self._settings.limits, control_current=min(current, self._settings.limits.control_current))
         self._link.configure(replace(self._settings, controller=controller, limits=limits))
 
@@ -157,6 +211,11 @@ class Bench:
             Duration of the ramp (s).
         rest : float
             So long it rests afterwards (s).
+
+        Returns
+        -------
+        LoopRecord
+            The loop from the command to the end of the rest, or to a trip.
         """
         self.configure(self._settings.controller, self._settings.limits.control_current)
         first = self._link.status().step
@@ -165,6 +224,16 @@ class Bench:
 
     def excite(self, samples: NDArray[np.float64]) -> LoopRecord:
         """Play an excitation (m), shape (steps, axes); its samples.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (steps, axes)
+            Excitation (m).
+
+        Returns
+        -------
+        LoopRecord
+            The loop while it played.
 
         Raises
         ------
@@ -187,6 +256,12 @@ class Bench:
         self._link.land(0.0)
 
     def land(self, seconds: float) -> None:
-        """Land, and wait for it."""
+        """Land, and wait for it.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration of the landing (s).
+        """
         self._link.land(seconds)
         self._wait(self._link.status().step + round((seconds + 0.1) * self.rate))

@@ -58,10 +58,20 @@ def diagnose(bench: Bench, expected: Expected | None, hand: Hand | None = None, 
 
     Parameters
     ----------
-    bench, expected, hand
-        As in `before_lift`.
-    ramp : float
+    bench : Bench
+        The target, off.
+    expected : Expected or None
+        Of the model of the machine; without it no gain, angle or delay is compared.
+    hand : Hand, optional
+        Has the rotor moved by hand, as for `before_lift`; returns the measured positions (m), shape (steps, axes), by
+        bearing and push. Without it, sensors and coils that are both reversed are not noticed.
+    ramp : float, optional
         Duration of the ramp of the first levitation (s).
+
+    Returns
+    -------
+    Diagnosis
+        The faults found, and what was not checked.
     """
     result = before_lift(bench, expected, hand)
     if not result.findings:
@@ -79,8 +89,14 @@ def before_lift(bench: Bench, expected: Expected | None, hand: Hand | None = Non
         The target, off.
     expected : Expected, optional
         Of the model of the machine; without it no gain, angle or delay is compared.
-    hand : callable, optional
-        Moves the rotor by hand; without it, sensors and coils that are both reversed are not noticed.
+    hand : Hand, optional
+        Has the rotor moved by hand; returns the measured positions (m), shape (steps, axes), by bearing and push.
+        Without it, sensors and coils that are both reversed are not noticed.
+
+    Returns
+    -------
+    Diagnosis
+        The faults found, and what was not checked.
     """
     result = Diagnosis()
     rest = at_rest(bench, hand, result)

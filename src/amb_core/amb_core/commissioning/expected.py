@@ -21,7 +21,7 @@ class Expected:
     Attributes
     ----------
     gain : ndarray, shape (axes, axes)
-        Change of the position at rest (row) over that of the reference (column).
+        Change of the position at rest (row) over that of the reference (column) (-).
     current : ndarray, shape (axes,)
         Control currents at rest (A).
     unstable_poles : int
@@ -31,7 +31,7 @@ class Expected:
     plant : LinearSystem
         From control currents (A) to positions (m), as sampled.
     resting : ndarray, shape (axes,)
-        Force per control current where the rotor lies on its backup bearing, over that in the centre.
+        Force per control current where the rotor lies on its backup bearing, over that in the centre (-).
     """
 
     gain: NDArray[np.float64]
@@ -48,12 +48,37 @@ class Expected:
         return float(np.log(max(poles.max(), 1.0)) / self.plant.sample_time)
 
     def response(self, frequency: NDArray[np.float64], axis: int) -> NDArray[np.complex128]:
-        """From reference to position of an axis at some frequencies (Hz), shape (frequencies,)."""
+        """From reference to position of an axis at some frequencies (Hz), shape (frequencies,).
+
+        Parameters
+        ----------
+        frequency : ndarray, shape (frequencies,)
+            Frequencies (Hz).
+        axis : int
+            Index of the axis.
+
+        Returns
+        -------
+        ndarray of complex, shape (frequencies,)
+            Position over reference (-).
+        """
         return self.loop.response(frequency)[:, axis, axis]
 
 
 def expected_of(plant: PlantParameters, controller: ControllerParameters) -> Expected:
     """What to expect of a machine with a PD controller.
+
+    Parameters
+    ----------
+    plant : PlantParameters
+        Parameters of the machine.
+    controller : ControllerParameters
+        Parameters of its controller, of any sample rate.
+
+    Returns
+    -------
+    Expected
+        Gains, currents and responses of the linearised loop.
 
     Raises
     ------

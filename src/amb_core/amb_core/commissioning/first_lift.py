@@ -29,12 +29,19 @@ def levitated(bench: Bench, expected: Expected | None, ramp: float, moved: bool)
 
     Parameters
     ----------
-    bench, expected
-        As in `before_lift`, which has found nothing.
+    bench : Bench
+        The target, in which `before_lift` has found nothing; off.
+    expected : Expected or None
+        Of the model of the machine; None if there is none.
     ramp : float
         Duration of the ramps (s).
     moved : bool
         Whether the sensors were checked by hand.
+
+    Returns
+    -------
+    list of Finding
+        The faults found.
     """
     try:
         rest = bench.record(REST)

@@ -27,6 +27,11 @@ def rest_checks(positions: NDArray[np.float64], machine: Machine, settings: Comm
         Axes and clearances.
     settings : CommissioningSettings
         Limits.
+
+    Returns
+    -------
+    list of Check
+        Position and noise of each axis, and the resting place in each bearing.
     """
     checks = []
     for axis, name in enumerate(machine.axis_names):
@@ -68,6 +73,11 @@ def levitation_checks(
         Limit of the control current of each axis (A).
     settings : CommissioningSettings
         Limits.
+
+    Returns
+    -------
+    list of Check
+        Time until the rotor is at rest; its orbit, place and currents there.
     """
     last = record.window(record.first_step + record.steps - _settled_steps(record), _settled_steps(record))
     place = last.position.mean(axis=0)
@@ -104,6 +114,11 @@ def runaway(record: LoopRecord, machine: Machine) -> str:
         From where the currents were switched on up to the trip.
     machine : Machine
         Directions of the axes.
+
+    Returns
+    -------
+    str
+        One line of text.
     """
     moved = record.position[-1] - record.position[0]
     if not np.isfinite(moved).all():

@@ -18,7 +18,7 @@ class Check:
     what : str
         What it is.
     value : float or str
-        The number, in `unit`, or a text.
+        The number, in the unit of the check, or a text.
     unit : str
         Its unit; `-` for none.
     limit : str
@@ -45,12 +45,46 @@ class Check:
 
 
 def measured(what: str, value: float | str, unit: str = "-") -> Check:
-    """A value without a limit."""
+    """A value without a limit.
+
+    Parameters
+    ----------
+    what : str
+        What was measured.
+    value : float or str
+        The number, in the unit of the check, or a text.
+    unit : str, optional
+        Unit of the number; - for none.
+
+    Returns
+    -------
+    Check
+        A check that compares nothing.
+    """
     return Check(what, value, unit)
 
 
 def at_most(what: str, value: float, limit: float, unit: str = "-", advice: str = "") -> Check:
-    """A value that passes up to a limit; NaN never does."""
+    """A value that passes up to a limit; NaN never does.
+
+    Parameters
+    ----------
+    what : str
+        What is checked.
+    value : float
+        The number, in the unit of the check.
+    limit : float
+        Largest value allowed, in the unit of the check.
+    unit : str, optional
+        Unit of the number; - for none.
+    advice : str, optional
+        What to do if it fails.
+
+    Returns
+    -------
+    Check
+        The check, passed or failed.
+    """
     return Check(what, value, unit, f"at most {_number(limit, unit)}", bool(value <= limit), advice)
 
 
@@ -60,7 +94,26 @@ def at_least(what: str, value: float, limit: float, unit: str = "-", advice: str
 
 
 def between(what: str, value: float, low: float, high: float, unit: str = "-", advice: str = "") -> Check:
-    """A value that passes between two limits; NaN never does."""
+    """A value that passes between two limits; NaN never does.
+
+    Parameters
+    ----------
+    what : str
+        What is checked.
+    value : float
+        The number, in the unit of the check.
+    low, high : float
+        Smallest and largest value allowed, in the unit of the check.
+    unit : str, optional
+        Unit of the number; - for none.
+    advice : str, optional
+        What to do if it fails.
+
+    Returns
+    -------
+    Check
+        The check, passed or failed.
+    """
     return Check(what, value, unit, f"{low:.4g} to {_number(high, unit)}", bool(low <= value <= high), advice)
 
 
@@ -134,7 +187,13 @@ class Protocol:
         return [step for step in self.steps if step.result == "failed"]
 
     def to_json(self) -> dict[str, Any]:
-        """For a file: numbers in the unit of each check, null for a number that could not be determined."""
+        """For a file: numbers in the unit of each check, null for a number that could not be determined.
+
+        Returns
+        -------
+        dict of str to object
+            JSON values by name.
+        """
         return {
             "about": self.about,
             "result": "failed" if self.failed else "passed",

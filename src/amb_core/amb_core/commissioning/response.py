@@ -35,7 +35,7 @@ class StaticResponse:
     Attributes
     ----------
     gain : ndarray, shape (axes, axes)
-        Change of the position (row) over that of the reference of an axis (column).
+        Change of the position (row) over that of the reference of an axis (column) (-).
     current : ndarray, shape (axes, axes)
         Change of the control current (A/m).
     """
@@ -51,6 +51,11 @@ def static_response(records: list[LoopRecord]) -> StaticResponse:
     ----------
     records : list of LoopRecord
         One for each axis, in their order: while its reference goes up and down, for at least two half periods.
+
+    Returns
+    -------
+    StaticResponse
+        Gains and currents per metre.
 
     Raises
     ------
@@ -117,6 +122,11 @@ def closed_loop(record: LoopRecord, axis: int, band: tuple[float, float]) -> Clo
     band : tuple of float
         Frequencies of the sweep (Hz); a margin at its ends is left out.
 
+    Returns
+    -------
+    ClosedLoop
+        The response within the band, with its natural frequency and damping.
+
     Raises
     ------
     IdentificationError
@@ -140,6 +150,11 @@ def fit_second_order(frequency: NDArray[np.float64], response: NDArray[np.comple
         Frequencies (Hz).
     response : ndarray of complex, shape (f,)
         Position over reference (-).
+
+    Returns
+    -------
+    SecondOrder
+        Natural frequency and damping ratio.
 
     Raises
     ------

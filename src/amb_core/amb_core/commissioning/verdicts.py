@@ -39,7 +39,12 @@ def calibration_checks(
     settings : CommissioningSettings
         Limits.
     expected : Expected, optional
-        Of the model of the machine.
+        Of the model of the machine. None without a model: then nothing is compared with it.
+
+    Returns
+    -------
+    list of Check
+        The checks of each axis.
     """
     checks = []
     for axis, name in enumerate(machine.axis_names):
@@ -82,6 +87,20 @@ def resonance_checks(
 ) -> list[Check]:
     """Natural frequency and damping ratio of each axis, against those that the same fit finds in the model.
 
+    Parameters
+    ----------
+    loops : sequence of ClosedLoop
+        Measured response of each axis, in their order.
+    settings : CommissioningSettings
+        Limits.
+    expected : Expected or None
+        Of the model of the machine; None to compare nothing.
+
+    Returns
+    -------
+    list of Check
+        Two checks for each axis.
+
     Raises
     ------
     IdentificationError
@@ -123,7 +142,12 @@ def model_checks(
     settings : CommissioningSettings
         Limits.
     expected : Expected, optional
-        Of the model of the machine.
+        Of the model of the machine. None without a model of the machine.
+
+    Returns
+    -------
+    list of Check
+        Checks of the explained motion of each axis, and of the unstable poles.
     """
     checks = []
     motion, noise = excited.position.std(axis=0), rest.position.std(axis=0)
@@ -158,6 +182,11 @@ def fade_checks(
         Of the rows (s).
     settings : CommissioningSettings
         Limits.
+
+    Returns
+    -------
+    list of Check
+        One check, of the time.
     """
     moving = np.flatnonzero(np.any(reference != reference[-1], axis=1))
     seconds = (int(moving[-1]) + 1 - stopped) * sample_time if len(moving) else 0.0

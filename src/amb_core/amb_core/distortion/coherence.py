@@ -51,7 +51,7 @@ class Coherence(Result):
     frequency : ndarray, shape (bands,)
         Centres of the bands (Hz).
     coherence : ndarray, shape (bands, axes)
-        Multiple coherence of the positions with the references, corrected for the number of lines, 0 to 1.
+        Multiple coherence of the positions with the references, corrected for the number of lines, 0 to 1 (-).
     explained, rest : ndarray, shape (axes,)
         Root mean square of the motion that the references explain in these bands, and of the rest (m); NaN for an axis
         whose reference does not move.
@@ -96,7 +96,13 @@ class Coherence(Result):
         return f"coherence of the position with the reference: {values} ({self.brief} of the explained motion)"
 
     def as_dict(self) -> dict[str, dict[str, float | None]]:
-        """Numbers of each axis, as plain values for strict JSON; None where there is none."""
+        """Numbers of each axis, as plain values for strict JSON; None where there is none.
+
+        Returns
+        -------
+        dict of str to dict of str to float or None
+            Values by axis and name.
+        """
         return {
             name: {
                 "coherence": plain(self.overall[axis]),
@@ -114,6 +120,11 @@ def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
     ----------
     records : sequence of LoopRecord
         Consecutive samples each; the longest one is used.
+
+    Returns
+    -------
+    Coherence
+        Coherence over frequency, and explained motion.
 
     Raises
     ------

@@ -63,7 +63,9 @@ class Evidence:
 
     @property
     def best_fit(self) -> NDArray[np.float64]:
-        """Largest NRMSE fit of a linear loop to each axis (percent); NaN where not known, one NaN without a measure.
+        """Largest NRMSE fit of a linear loop to each axis (percent), shape (axes,); NaN where not known.
+
+        One NaN without a measure.
 
         A simulation in which the controller limits the current is no linear loop, and can fit better.
         """
@@ -76,7 +78,13 @@ class Evidence:
         )  # ratio / sqrt(1 + ratio^2), also where it is infinite
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for strict JSON."""
+        """Plain values for strict JSON.
+
+        Returns
+        -------
+        dict of str to object
+            Values by name.
+        """
         return {
             "distortion": self.distortion and self.distortion.as_dict(),
             "method": self.distortion and self.distortion.method,
@@ -95,6 +103,11 @@ def find_evidence(records: Sequence[LoopRecord], window: Sequence[LoopRecord] | 
         Consecutive samples each, in which realisations of a multisine are searched for.
     window : sequence of LoopRecord, optional
         The samples for the coherence, by default the same.
+
+    Returns
+    -------
+    Evidence
+        Both measures, or the reason why one is missing.
     """
     distortion, coherence, problem, coherence_problem = None, None, "", ""
     try:

@@ -68,6 +68,11 @@ def measure_distortion(responses: Sequence[Sequence[PeriodicResponse]], lines: L
     sample_time : float
         Sample time (s).
 
+    Returns
+    -------
+    Distortion
+        Linear response, distortions and noise by the robust method.
+
     Raises
     ------
     SpectrumError

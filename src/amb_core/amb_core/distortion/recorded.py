@@ -39,6 +39,11 @@ def measure_recorded(records: Sequence[LoopRecord]) -> Distortion:
     records : sequence of LoopRecord
         Consecutive samples each, of one loop under signals of one amplitude and band.
 
+    Returns
+    -------
+    Distortion
+        Linear response, distortions and noise.
+
     Raises
     ------
     SpectrumError

@@ -22,13 +22,13 @@ class Distortion(Result):
     ----------
     axes : tuple of str
         Names of the axes, in the order of the arrays below.
-    frequency, odd_frequency, even_frequency : ndarray
+    frequency, odd_frequency, even_frequency : ndarray, shapes (excited,), (odd,), (even,)
         Frequencies of the excited lines, of the odd lines that are not, and of the even lines that are not (Hz).
     closed_loop : ndarray, shape (excited, axes, axes)
         T: from the references to the positions (-); NaN for a reference that does not move, and for all where the
         references move only together.
     deviation : ndarray, shape (excited, axes, axes)
-        Standard deviation of T from noise and distortions together.
+        Standard deviation of T from noise and distortions together (-).
     plant : ndarray, shape (excited, axes, axes)
         G: from the control currents to the positions (m/A); NaN unless all references move, independently.
     linear : ndarray, shape (excited, axes)
@@ -40,16 +40,16 @@ class Distortion(Result):
     noise : ndarray, shape (excited, axes)
         Noise at the excited lines, of the mean over the periods (m).
     ratio : ndarray, shape (axes,)
-        Root mean square of all distortions over that of the linear response (-); NaN for an axis whose
-        reference does not move.
+        Root mean square of all distortions over that of the linear response (-); NaN for an axis whose reference does
+        not move.
     upper_ratio : ndarray, shape (axes,)
         Upper 95 % confidence bound of `ratio` for the class of references of which the experiments are drawn, from its
         spread between them (-); NaN with fewer than two independent ones.
     odd_ratio, even_ratio : ndarray, shape (axes,)
-        The parts of odd and even order, likewise; NaN if even lines are excited, as the orders then share lines, and
-        for the odd order if it is hidden.
+        The parts of odd and even order, likewise (-); NaN if even lines are excited, as the orders then share lines,
+        and for the odd order if it is hidden.
     noise_ratio : ndarray, shape (axes,)
-        The noise of one period, likewise.
+        The noise of one period, likewise (-).
     method : {"robust", "fast"}
         Whether distortions at excited lines were measured, or taken from the lines beside them.
     complete : bool
@@ -128,7 +128,13 @@ class Distortion(Result):
         return "distortion" if self.complete else "distortion of even order, with that of odd order hidden,"
 
     def as_dict(self) -> dict[str, dict[str, float | None]]:
-        """Numbers of each axis, as plain values for strict JSON; None where there is none."""
+        """Numbers of each axis, as plain values for strict JSON; None where there is none.
+
+        Returns
+        -------
+        dict of str to dict of str to float or None
+            Values by axis and name.
+        """
         return {
             name: {
                 "distortion_percent": plain(100.0 * self.ratio[axis]),

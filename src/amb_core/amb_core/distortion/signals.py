@@ -31,7 +31,7 @@ class Lines:
     ----------
     steps : int
         Samples of a period.
-    excited, odd, even : ndarray of int
+    excited, odd, even : ndarray of int, shapes (excited,), (odd,), (even,)
         Excited lines; odd lines that are not excited; even lines. Those below the band belong to it, as slow motion is
         a distortion too.
     """
@@ -44,6 +44,18 @@ class Lines:
 
 def lines_of(settings: DistortionSettings, sample_rate: float) -> Lines:
     """Lines of a measurement at a sample rate (Hz).
+
+    Parameters
+    ----------
+    settings : DistortionSettings
+        Period and band.
+    sample_rate : float
+        Sample rate (Hz).
+
+    Returns
+    -------
+    Lines
+        Excited lines, and odd and even lines that are not.
 
     Raises
     ------
@@ -71,7 +83,24 @@ def lines_of(settings: DistortionSettings, sample_rate: float) -> Lines:
 
 
 def reference_of(settings: DistortionSettings, lines: Lines, realisation: int, experiment: int) -> NDArray[np.float64]:
-    """One period of the reference (m), shape (steps, 2), of an experiment (0 or 1) of a realisation (from 0 on)."""
+    """One period of the reference (m), shape (steps, 2), of an experiment (0 or 1) of a realisation (from 0 on).
+
+    Parameters
+    ----------
+    settings : DistortionSettings
+        Amplitude, axes and seed.
+    lines : Lines
+        Which lines are excited.
+    realisation : int
+        Number of the realisation, from 0.
+    experiment : int
+        Number of the experiment in it, 0 or 1.
+
+    Returns
+    -------
+    ndarray, shape (steps, 2)
+        Reference (m).
+    """
     random = np.random.default_rng([settings.seed, 1 + realisation])
     spectrum = np.zeros((lines.steps // 2 + 1, 2), dtype=complex)
     spectrum[lines.excited] = np.exp(2j * np.pi * random.random((len(lines.excited), 2)))

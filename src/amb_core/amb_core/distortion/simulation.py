@@ -32,9 +32,14 @@ def simulate_distortion(
     settings : DistortionSettings
         The multisines.
     progress : callable, optional
-        Called as progress(done, total) before the first and after every experiment.
+        Called as progress(done, total) before the first and after every experiment. None for no calls.
     realisations : sequence of int, optional
         Numbers of the realisations; by default the first ones, as many as the settings say.
+
+    Returns
+    -------
+    Distortion
+        Linear response, distortions and noise by the robust method.
 
     Raises
     ------

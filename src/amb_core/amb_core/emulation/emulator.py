@@ -30,7 +30,16 @@ _OFFSET_OF_TYPE = 5  # in a frame
 
 @dataclass(frozen=True)
 class Address:
-    """Where the emulator listens: IPv4 address, port (0: any that is free), and the key of its hosts.
+    """Where the emulator listens.
+
+    Attributes
+    ----------
+    host : str, optional
+        IPv4 address.
+    port : int, optional
+        UDP port; 0 for any that is free.
+    key : bytes, optional
+        Secret of its hosts; empty for commands from this machine only.
 
     Raises
     ------
@@ -75,12 +84,12 @@ class TargetEmulator:
         The C code, from `reference_library`.
     address : Address
         Where it listens.
-    plant_waits : bool
-        Whether the plant stands still in steps that are missed; otherwise it moves with the currents held, as a
-        rotor does.
-    host_patience : float
+    host_patience : float, optional
         Where the host closes the loop: longest wait of wall-clock time for its current after each step (s), in which
         the emulated time stands still; 0 for none. After a wait in vain the steps go on until it is back.
+    plant_waits : bool, optional
+        Whether the plant stands still in steps that are missed; otherwise it moves with the currents held, as a rotor
+        does.
 
     Attributes
     ----------
@@ -157,7 +166,13 @@ class TargetEmulator:
         self.port: int = self._socket.getsockname()[1]
 
     def fileno(self) -> int:
-        """File descriptor of the socket, to wait for datagrams with `select`."""
+        """File descriptor of the socket, to wait for datagrams with `select`.
+
+        Returns
+        -------
+        int
+            The descriptor.
+        """
         return self._socket.fileno()
 
     def close(self) -> None:
@@ -166,6 +181,11 @@ class TargetEmulator:
 
     def configure(self, faults: FaultParameters) -> None:
         """Use other faults from now on.
+
+        Parameters
+        ----------
+        faults : FaultParameters
+            The new faults.
 
         Raises
         ------
@@ -195,7 +215,13 @@ class TargetEmulator:
         self.boots += 1
 
     def shift(self, seconds: float) -> None:
-        """Let the clock of the target run ahead of its steps: by so much (s) the next step is late."""
+        """Let the clock of the target run ahead of its steps: by so much (s) the next step is late.
+
+        Parameters
+        ----------
+        seconds : float
+            How far the clock moves (s).
+        """
         before = self.time
         self._shift += 1e9 * seconds
         if self._plant_waits or not self._target.enabled:
@@ -214,7 +240,13 @@ class TargetEmulator:
         return self._target.enabled
 
     def run(self, steps: int) -> None:
-        """Take what hosts have sent, make control steps, and send what the target has to send."""
+        """Take what hosts have sent, make control steps, and send what the target has to send.
+
+        Parameters
+        ----------
+        steps : int
+            Number of control steps.
+        """
         self._receive()
         for _ in range(steps):
             self.step()
@@ -249,7 +281,13 @@ class TargetEmulator:
         self.waited += now - began
 
     def status(self) -> TargetStatus | None:
-        """The status that the target has sent last since its boot: in a reply, or while telemetry is on."""
+        """The status that the target has sent last since its boot: in a reply, or while telemetry is on.
+
+        Returns
+        -------
+        TargetStatus or None
+            State, trips and counts of the target; None if it has sent none.
+        """
         answer = decode(self._last_status, self._session) if self._last_status else None
         if isinstance(answer, Reply):
             return answer.status

@@ -19,7 +19,17 @@ _ROWS = HEADER.size + 4  # where a telemetry frame has its number of samples
 
 
 class Gap(NamedTuple):
-    """Samples of telemetry that were not delivered: session of the target, first step, step after the last one."""
+    """Samples of telemetry that were not delivered.
+
+    Attributes
+    ----------
+    session : int
+        Session of the target.
+    first : int
+        First step.
+    stop : int
+        Step after the last one.
+    """
 
     session: int
     first: int
@@ -77,15 +87,37 @@ class FaultyLink:
         self.configure(faults)
 
     def configure(self, faults: LinkFaults) -> None:
-        """Use other faults from now on."""
+        """Use other faults from now on.
+
+        Parameters
+        ----------
+        faults : LinkFaults
+            The new faults.
+        """
         self._faults, self._none = faults, faults.none
 
     def restart(self, seed: tuple[int, ...]) -> None:
-        """Begin the random decisions anew."""
+        """Begin the random decisions anew.
+
+        Parameters
+        ----------
+        seed : tuple of int
+            Of the random decisions.
+        """
         self._generator = np.random.default_rng(seed)
 
     def send(self, frame: bytes, peer: Peer, now: float) -> None:
-        """Put a frame into the network."""
+        """Put a frame into the network.
+
+        Parameters
+        ----------
+        frame : bytes
+            The frame.
+        peer : Peer
+            Its receiver, or its sender on the way to the target.
+        now : float
+            Time of the caller's clock (s).
+        """
         self.count.frames += 1
         if self._none:
             self._pass_on(frame, peer, now)
@@ -110,7 +142,18 @@ class FaultyLink:
             self._pass_on(frame, peer, due)
 
     def received(self, now: float) -> list[tuple[bytes, Peer]]:
-        """Frames that come out of the network up to now, in their order."""
+        """Frames that come out of the network up to now, in their order.
+
+        Parameters
+        ----------
+        now : float
+            Time of the caller's clock (s).
+
+        Returns
+        -------
+        list of (bytes, Peer)
+            The frames with their receivers.
+        """
         for release, frame, peer in self._held:
             if release <= now:
                 self._wait(frame, peer, release)
@@ -122,7 +165,13 @@ class FaultyLink:
         return out
 
     def flush(self) -> list[tuple[bytes, Peer]]:
-        """All frames that are still in the network."""
+        """All frames that are still in the network.
+
+        Returns
+        -------
+        list of (bytes, Peer)
+            The frames with their receivers, in their order.
+        """
         return self.received(math.inf)
 
     def _pass_on(self, frame: bytes, peer: Peer, due: float) -> None:
@@ -138,7 +187,13 @@ class FaultyLink:
         heapq.heappush(self._waiting, (due, self._order, frame, peer))
 
     def not_delivered(self, frame: bytes) -> None:
-        """Count the samples of a frame as not delivered, if it is one of telemetry."""
+        """Count the samples of a frame as not delivered, if it is one of telemetry.
+
+        Parameters
+        ----------
+        frame : bytes
+            Any frame of the target.
+        """
         if len(frame) < _ROWS + 2:
             return
         _, _, kind, _, session, _, first = HEADER.unpack_from(frame)

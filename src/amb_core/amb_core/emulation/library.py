@@ -19,6 +19,11 @@ _NAME = "libamb_target.so"
 def reference_library() -> Path:
     """The library, built now if it is missing or older than its sources.
 
+    Returns
+    -------
+    Path
+        File of the shared library.
+
     Raises
     ------
     TargetError

@@ -28,9 +28,10 @@ class Load:
     Attributes
     ----------
     share : float
-        Processor time of a control step over the wall-clock time in which it is due.
+        Processor time of a control step over the wall-clock time in which it is due (-).
     remedy : tuple of (str, float)
-        Parameters with other values, and the share with each of them and those before it; empty if there is no need.
+        Parameters with other values, and the share (-) with each of them and those before it; empty if there is no
+        need.
     still : tuple of str
         Axes whose sensors show the same position bit for bit in every step.
     """
@@ -59,7 +60,12 @@ def measure_load(plant: PlantParameters, controller: ControllerParameters, facto
     plant, controller : PlantParameters, ControllerParameters
         What is emulated.
     factor : float
-        Simulation time over wall-clock time; 0 for no pace.
+        Simulation time over wall-clock time (-); 0 for no pace.
+
+    Returns
+    -------
+    Load
+        The measured share, and what would lower it.
     """
     period = 1.0 / (plant.integration.sample_rate * factor) if factor > 0.0 else np.inf
     time_taken, still = _measure(plant, controller)

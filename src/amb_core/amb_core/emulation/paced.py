@@ -25,7 +25,7 @@ class PacedEmulator:
     block_steps : int
         Control steps in a block.
     factor : float
-        Simulation time over wall-clock time; 0 for as fast as it can.
+        Simulation time over wall-clock time (-); 0 for as fast as it can.
     faults : FaultParameters
         For the drift of the clock.
 
@@ -40,7 +40,13 @@ class PacedEmulator:
         self.pace = Pace(self._period(faults)) if factor > 0.0 else None
 
     def configure(self, faults: FaultParameters) -> None:
-        """Use other faults from now on, the drift of the clock among them."""
+        """Use other faults from now on, the drift of the clock among them.
+
+        Parameters
+        ----------
+        faults : FaultParameters
+            The new faults.
+        """
         self._emulator.configure(faults)
         if self.pace is not None:
             self.pace.period = self._period(faults)

@@ -75,7 +75,18 @@ class LimitParameters(Parameters):
     )
 
     def with_current(self, control_current: float) -> Limits:
-        """The limits of a target with a limit on its control current references (A); 0 of a time is no limit."""
+        """The limits of a target with a limit on its control current references (A); 0 of a time is no limit.
+
+        Parameters
+        ----------
+        control_current : float
+            Limit on the control current references (A).
+
+        Returns
+        -------
+        Limits
+            All limits of the target.
+        """
         values = self.model_dump()
         for name in ("stuck_time", "land_time"):
             values[name] = values[name] or math.inf

@@ -33,6 +33,29 @@ _PATIENCE = 20.0  # s, for an answer of a running process
 class EmulatorSettings:
     """Everything that an emulator process needs; see `TargetEmulator` and `PacedEmulator`.
 
+    Attributes
+    ----------
+    plant : PlantParameters
+        The machine.
+    controller : ControllerParameters
+        Gains and current limit of the target at boot.
+    limits : LimitParameters
+        Its other limits.
+    faults : FaultParameters
+        Faults at the start.
+    address : Address
+        Where it listens.
+    block_steps : int
+        Control steps in a block.
+    real_time_factor : float
+        Simulation time over wall-clock time (-); 0 for as fast as it can.
+    real_time : RealTimeParameters
+        Priority, memory and processors of its thread.
+    host_patience : float, optional
+        Longest wait of wall-clock time for the current of a host that closes the loop (s); 0 for none.
+    plant_waits : bool, optional
+        Whether the plant stands still in steps that are missed.
+
     Raises
     ------
     ParameterError
@@ -87,7 +110,27 @@ class Started:
 
 @dataclass(frozen=True)
 class EmulatorReport:
-    """The present state of an emulator; attributes as those of `TargetEmulator` and `PacedEmulator`."""
+    """The present state of an emulator.
+
+    Attributes
+    ----------
+    steps : int
+        Control steps since the start.
+    boots : int
+        How often the target has booted.
+    enabled : bool
+        Whether the amplifiers are on.
+    trouble : str
+        Why the amplifiers last reported a fault because of the plant; empty if they never did.
+    status : TargetStatus or None
+        What the target has sent last of its state; None before that.
+    to_host, from_host : LinkCount
+        What became of the frames of each direction of the network.
+    unsent : int
+        Frames that the operating system did not take.
+    pace : Pace or None
+        Deadlines of the blocks; None without pace.
+    """
 
     steps: int
     boots: int
@@ -158,6 +201,11 @@ class EmulatorProcess:
     def configure(self, faults: FaultParameters) -> None:
         """Use other faults from now on; they must name axes of the machine.
 
+        Parameters
+        ----------
+        faults : FaultParameters
+            The new faults.
+
         Raises
         ------
         TargetError
@@ -167,6 +215,11 @@ class EmulatorProcess:
 
     def reboot(self) -> EmulatorReport:
         """Boot the target, and wait for it.
+
+        Returns
+        -------
+        EmulatorReport
+            The state after the boot.
 
         Raises
         ------

@@ -16,6 +16,16 @@ def as_on_a_rig(plant: PlantParameters) -> PlantParameters:
 
     Noise and resolution that are given stay.
 
+    Parameters
+    ----------
+    plant : PlantParameters
+        Parameters of a machine.
+
+    Returns
+    -------
+    PlantParameters
+        The changed parameters.
+
     Raises
     ------
     ParameterError

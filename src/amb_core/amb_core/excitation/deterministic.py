@@ -45,7 +45,24 @@ class Sweep(Excitation):
         return max(self.frequency_start, self.frequency_end)
 
     def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
-        """The sweep over `steps` samples."""
+        """The sweep over `steps` samples.
+
+        Parameters
+        ----------
+        steps : int
+            Number of samples of the signal on this axis.
+        sample_rate : float
+            Controller sample rate (Hz).
+        axis : int
+            Index of the axis.
+        axes : int, optional
+            Number of axes of the machine.
+
+        Returns
+        -------
+        Sampler
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
+        """
         span = steps / sample_rate
         start, end = self.frequency_start, self.frequency_end
 
@@ -61,7 +78,20 @@ class Sweep(Excitation):
         return samples
 
     def instantaneous_frequency(self, steps: int, sample_rate: float) -> NDArray[np.float64]:
-        """Instantaneous frequency (Hz), shape (steps,)."""
+        """Instantaneous frequency (Hz), shape (steps,).
+
+        Parameters
+        ----------
+        steps : int
+            Number of samples.
+        sample_rate : float
+            Controller sample rate (Hz).
+
+        Returns
+        -------
+        ndarray, shape (steps,)
+            Frequencies (Hz).
+        """
         fraction = np.arange(steps) / steps
         start, end = self.frequency_start, self.frequency_end
         if self.spacing == "linear":
@@ -83,7 +113,24 @@ class Square(Excitation):
         return self.frequency
 
     def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
-        """The square wave."""
+        """The square wave.
+
+        Parameters
+        ----------
+        steps : int
+            Number of samples of the signal on this axis.
+        sample_rate : float
+            Controller sample rate (Hz).
+        axis : int
+            Index of the axis.
+        axes : int, optional
+            Number of axes of the machine.
+
+        Returns
+        -------
+        Sampler
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
+        """
 
         def samples(first: int, stop: int) -> NDArray[np.float64]:
             half_periods = np.floor(2.0 * self.frequency * np.arange(first, stop) / sample_rate + EDGE_TOLERANCE)
@@ -142,7 +189,24 @@ class Tones(Excitation):
         return len(self.frequencies) <= FEW_TONES
 
     def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
-        """The sum."""
+        """The sum.
+
+        Parameters
+        ----------
+        steps : int
+            Number of samples of the signal on this axis.
+        sample_rate : float
+            Controller sample rate (Hz).
+        axis : int
+            Index of the axis.
+        axes : int, optional
+            Number of axes of the machine.
+
+        Returns
+        -------
+        Sampler
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
+        """
         phases = self.phases or (0.0,) * len(self.frequencies)
 
         def samples(first: int, stop: int) -> NDArray[np.float64]:
@@ -155,5 +219,18 @@ class Tones(Excitation):
         return samples
 
     def instantaneous_frequency(self, steps: int, sample_rate: float) -> NDArray[np.float64] | None:
-        """Frequency of a single tone (Hz), shape (steps,); a sum of several has none."""
+        """Frequency of a single tone (Hz), shape (steps,); a sum of several has none.
+
+        Parameters
+        ----------
+        steps : int
+            Number of samples.
+        sample_rate : float
+            Controller sample rate (Hz).
+
+        Returns
+        -------
+        ndarray or None, shape (steps,)
+            Frequencies (Hz).
+        """
         return np.full(steps, self.frequencies[0]) if len(self.frequencies) == 1 else None

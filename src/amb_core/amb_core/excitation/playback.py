@@ -71,7 +71,18 @@ class Playback:
         self.checksum = checksum.value
 
     def window(self, index: int) -> tuple[int, NDArray[np.float64]]:
-        """The window with the sample of an index: index of its first sample, and its samples (m), shape (n, axes)."""
+        """The window with the sample of an index: index of its first sample, and its samples (m), shape (n, axes).
+
+        Parameters
+        ----------
+        index : int
+            Index of a sample.
+
+        Returns
+        -------
+        (int, ndarray), shape (n, axes)
+            Index of the first sample, and the samples (m).
+        """
         return self._parts.window(index)
 
 
@@ -89,6 +100,11 @@ def generate(excitation: Excitation, sample_rate: float, machine: Machine | None
         Controller sample rate f_s (Hz).
     machine : Machine, optional
         Its axes are excited; by default one bearing with axes x and y.
+
+    Returns
+    -------
+    ExcitationSignal
+        The samples of every axis.
 
     Raises
     ------
@@ -112,6 +128,20 @@ def instantaneous_frequency(
     excitation: Excitation, sample_rate: float, machine: Machine | None = None
 ) -> NDArray[np.float64] | None:
     """Instantaneous frequency of each sample (Hz), shape (steps,); None for a signal that has none.
+
+    Parameters
+    ----------
+    excitation : Excitation
+        Parameters of one kind.
+    sample_rate : float
+        Controller sample rate (Hz).
+    machine : Machine, optional
+        By default one bearing with axes x and y.
+
+    Returns
+    -------
+    ndarray or None, shape (steps,)
+        Frequencies (Hz).
 
     Raises
     ------

@@ -27,6 +27,11 @@ def excitation_from_request(kind: str, values: Mapping[str, Any]) -> Excitation:
         Values by field name, in SI units. 0, an empty text and an empty list mean `not given`: the kind's default
         applies. Fields that only other kinds use must not be given.
 
+    Returns
+    -------
+    Excitation
+        The excitation.
+
     Raises
     ------
     ExcitationError
@@ -56,7 +61,18 @@ def excitation_from_request(kind: str, values: Mapping[str, Any]) -> Excitation:
 
 
 def definition_of(excitation: Excitation) -> str:
-    """The settings of an excitation as JSON, as messages and bags carry them."""
+    """The settings of an excitation as JSON, as messages and bags carry them.
+
+    Parameters
+    ----------
+    excitation : Excitation
+        The excitation, of any kind.
+
+    Returns
+    -------
+    str
+        A JSON object by field name, in SI units.
+    """
     return json.dumps(excitation.model_dump())
 
 
@@ -69,6 +85,11 @@ def excitation_from_definition(kind: str, definition: str) -> Excitation:
         One of `KINDS`.
     definition : str
         JSON object of settings by field name, in SI units. Missing settings take the kind's default.
+
+    Returns
+    -------
+    Excitation
+        The excitation.
 
     Raises
     ------

@@ -62,11 +62,34 @@ class _Band(_Seeded):
         return False
 
     def random(self, axis: int) -> np.random.Generator:
-        """Random numbers of one axis, the same ones every time."""
+        """Random numbers of one axis, the same ones every time.
+
+        Parameters
+        ----------
+        axis : int
+            Index of the axis.
+
+        Returns
+        -------
+        Generator
+            Seeded by `seed` and the axis.
+        """
         return np.random.default_rng([self.seed, axis])
 
     def lines(self, steps: int, sample_rate: float) -> slice:
         """Lines of the discrete spectrum that lie in the band; without mean value and Nyquist frequency.
+
+        Parameters
+        ----------
+        steps : int
+            Number of samples of the signal.
+        sample_rate : float
+            Sample rate (Hz).
+
+        Returns
+        -------
+        slice
+            First line, and line after the last.
 
         Raises
         ------
@@ -122,7 +145,31 @@ class Multisine(_Band):
         return self
 
     def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2, turn: float = 0.0) -> Sampler:
-        """All samples, made at once; `turn` is added to the phases of all lines (over 2 pi)."""
+        """All samples, made at once.
+
+        Parameters
+        ----------
+        steps : int
+            Number of samples of the signal on this axis.
+        sample_rate : float
+            Controller sample rate (Hz).
+        axis : int
+            Index of the axis.
+        axes : int, optional
+            Number of axes of the machine.
+        turn : float, optional
+            Added to the phases of all lines, over 2 pi (-).
+
+        Returns
+        -------
+        Sampler
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
+
+        Raises
+        ------
+        ExcitationError
+            If the samples cannot hold the periods, or no line lies in the band.
+        """
         if steps % self.periods:
             raise ExcitationError(
                 f"{self.kind}: {steps} samples on an axis cannot hold {self.periods} equal periods; "
@@ -216,7 +263,24 @@ class Prbs(_Seeded):
         return self.frequency
 
     def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
-        """The sequence; its bits are kept, eight to a byte."""
+        """The sequence; its bits are kept, eight to a byte.
+
+        Parameters
+        ----------
+        steps : int
+            Number of samples of the signal on this axis.
+        sample_rate : float
+            Controller sample rate (Hz).
+        axis : int
+            Index of the axis.
+        axes : int, optional
+            Number of axes of the machine.
+
+        Returns
+        -------
+        Sampler
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
+        """
         from scipy.signal import max_len_seq  # takes a second to import, and not needed by other kinds
 
         def clock(first: int, stop: int) -> NDArray[np.int64]:
@@ -247,7 +311,24 @@ class WhiteNoise(_Band):
     amplitude: float = required("m", "rms amplitude", 1e-9, HIGHEST_AMPLITUDE)
 
     def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
-        """All samples, made at once."""
+        """All samples, made at once.
+
+        Parameters
+        ----------
+        steps : int
+            Number of samples of the signal on this axis.
+        sample_rate : float
+            Controller sample rate (Hz).
+        axis : int
+            Index of the axis.
+        axes : int, optional
+            Number of axes of the machine.
+
+        Returns
+        -------
+        Sampler
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
+        """
         lines = self.lines(steps, sample_rate)
         parts = self.random(axis).standard_normal((2, lines.stop - lines.start))
         spectrum = np.zeros(steps // 2 + 1, dtype=complex)

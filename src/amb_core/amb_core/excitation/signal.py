@@ -41,13 +41,40 @@ class Excitation(Parameters):
 
     @abstractmethod
     def sampler(self, steps: int, sample_rate: float, axis: int, axes: int = 2) -> Sampler:
-        """Make the signal on one axis, of `steps` samples.
+        """Make the signal on one axis; kinds with a random part draw another realisation on each axis.
 
-        `axis` is its number of `axes`: kinds with a random part draw another realisation on each axis.
+        Parameters
+        ----------
+        steps : int
+            Number of samples of the signal on this axis.
+        sample_rate : float
+            Controller sample rate (Hz).
+        axis : int
+            Index of the axis.
+        axes : int, optional
+            Number of axes of the machine.
+
+        Returns
+        -------
+        Sampler
+            Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
         """
 
     def instantaneous_frequency(self, steps: int, sample_rate: float) -> NDArray[np.float64] | None:
-        """Instantaneous frequency of each sample of `waveform` (Hz), shape (steps,), or None for kinds without one."""
+        """Instantaneous frequency of each sample of `waveform` (Hz), shape (steps,), or None for kinds without one.
+
+        Parameters
+        ----------
+        steps : int
+            Number of samples.
+        sample_rate : float
+            Controller sample rate (Hz).
+
+        Returns
+        -------
+        ndarray or None, shape (steps,)
+            Frequencies (Hz).
+        """
         return None
 
 
@@ -96,6 +123,11 @@ def steps_of(excitation: Excitation, sample_rate: float, machine: Machine | None
     machine : Machine, optional
         By default one bearing with axes x and y.
 
+    Returns
+    -------
+    int
+        Number of controller steps.
+
     Raises
     ------
     ExcitationError
@@ -134,6 +166,25 @@ def experiments_of(excitation: Excitation, sample_rate: float, machine: Machine 
     """First and stop step of each experiment of a signal, in order; parameters and errors as of `steps_of`.
 
     Signals `in_turn` and `orthogonal` have one for each axis of the machine, all others one.
+
+    Parameters
+    ----------
+    excitation : Excitation
+        Parameters of one kind.
+    sample_rate : float
+        Controller sample rate (Hz).
+    machine : Machine, optional
+        By default one bearing with axes x and y.
+
+    Returns
+    -------
+    list of (int, int)
+        First step, and step after the last.
+
+    Raises
+    ------
+    ExcitationError
+        As for `steps_of`.
     """
     parts = excitation_parts(excitation, sample_rate, machine)
     return list(dict.fromkeys((part.first, part.stop) for part in parts))

@@ -2,7 +2,7 @@
 
 from amb_core.excitation_design.certificate import Certificate
 from amb_core.excitation_design.check import check_excitation
-from amb_core.excitation_design.design import DESIGNED_KINDS, DesignedExcitation, design_excitation
+from amb_core.excitation_design.design import DesignedExcitation, design_excitation
 from amb_core.excitation_design.excited_order import ExcitedOrder, excited_order
 from amb_core.excitation_design.limits import Limits, use_of_trial
 from amb_core.excitation_design.load import Load
@@ -12,7 +12,6 @@ from amb_core.excitation_design.saved import designed_excitation
 from amb_core.excitation_design.trial import Trial, TrialBench
 
 __all__ = [
-    "DESIGNED_KINDS",
     "AxisCheck",
     "AxisMeasure",
     "Certificate",

@@ -42,11 +42,16 @@ def check_excitation(
         Of that bearing; by default those the map was made with. Other parameters of the controller are reported in
         `notes`.
 
+    Returns
+    -------
+    ExcitationCheck
+        Points on the map, loads and margins of each excited axis, and a verdict.
+
     Raises
     ------
     ExcitationError
-        If the signal is made for more than one bearing, or is zero throughout on an excited axis, the map is of
-        another machine, or the loop is unstable.
+        If the signal is made for more than one bearing, or is zero throughout on an excited axis, the map is of another
+        machine, or the loop is unstable.
     RegionError
         If neither the map nor the caller gives the parameters of the loop.
     PlantError

@@ -140,21 +140,26 @@ def design_excitation(
         Its fields except the amplitude, as in `excitation_from_request`. By default a multisine has optimised phases
         and, with axes `all`, interleaved lines. Other seeds follow the one given.
     region_map : RegionMap, optional
-        Map of the bearing.
+        Map of the bearing. None if there is none.
     controller, plant : ControllerParameters, PlantParameters, optional
         The loop to simulate; by default those the map was made with.
     regions : RegionParameters, optional
-        Thresholds of the classifier.
+        Thresholds of the classifier. The defaults if None.
     limits : Limits, optional
-        Limits of distortion, fit and saturation, and the number of seeds.
+        Limits of distortion, fit and saturation, and the number of seeds. The defaults if None.
     model_order : int, optional
         Number of states of a model that the signal must determine; by default that is reported only.
     margin : float, optional
-        Amplitude of the result over the largest within the limits, above 0 and at most 1.
+        Amplitude of the result over the largest within the limits, above 0 and at most 1 (-).
     tolerance : float, optional
-        Relative error of the largest amplitude, above 0.
+        Relative error of the largest amplitude, above 0 (-).
     progress : callable, optional
-        Called with what is simulated, and the numbers of finished and of all steps.
+        Called with what is simulated, and the numbers of finished and of all steps. None for no calls.
+
+    Returns
+    -------
+    DesignedExcitation
+        The signal with its amplitude, the trials, and what limits it.
 
     Raises
     ------

@@ -52,7 +52,12 @@ def excited_order(
     sample_time : float
         Sample time (s).
     model_order : int, optional
-        An order that is to be tried too.
+        An order that is to be tried too. None for no such order.
+
+    Returns
+    -------
+    ExcitedOrder
+        The order, and the highest one that was tried.
     """
     tried = max(HIGHEST_ORDER, model_order or 0)
     data = IdentificationData.from_arrays(current, position, sample_time)

@@ -55,7 +55,22 @@ class Use:
 
 
 def use_of_trial(trial: Trial, limits: Limits, drift_threshold: float) -> Use:
-    """The limit of which a trial uses most."""
+    """The limit of which a trial uses most.
+
+    Parameters
+    ----------
+    trial : Trial
+        A simulated trial.
+    limits : Limits
+        Limits of distortion, fit and saturation.
+    drift_threshold : float
+        Drift of the bias that counts as one (m).
+
+    Returns
+    -------
+    Use
+        The limit, and how much of it is used.
+    """
     return max(_uses_of_trial(trial, limits, drift_threshold), key=lambda use: use.share)
 
 

@@ -39,15 +39,15 @@ class Load:
     Attributes
     ----------
     towards : dict of Region to float
-        Load towards B, C and D, or a higher region.
+        Load towards B, C and D, or a higher region (-).
     linear : float
-        Load towards B where the map shows it, with a bound elsewhere: below 1 region A is certain.
+        Load towards B where the map shows it, with a bound elsewhere (-): below 1 region A is certain.
     bounded : float
-        Contribution of that bound at frequencies at which the map shows only region A: lines count as if B began at
+        Contribution of that bound at frequencies at which the map shows only region A (-): lines count as if B began at
         the largest amplitude of the map.
     continued : float
-        Share of the squared `linear` from lines for which the map was extrapolated at constant control current: below
-        its smallest amplitude or above its highest frequency.
+        Share (-) of the squared `linear` from lines for which the map was extrapolated at constant control current:
+        below its smallest amplitude or above its highest frequency.
     """
 
     towards: dict[Region, float]

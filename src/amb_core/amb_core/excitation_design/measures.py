@@ -31,15 +31,15 @@ class AxisMeasure:
     axis : {"x", "y"}
         The axis.
     deviation : float
-        Rms of the position less the linear response, both without mean values, over that of the linear response. The
-        power of the noise at rest is taken out.
+        Rms of the position less the linear response, both without mean values, over that of the linear response (-).
+        The power of the noise at rest is taken out.
     fit : float
-        100 (1 - rms error / standard deviation of the position) percent, with the linear response as the model. Here a
-        shift of the mean position counts as an error.
+        100 (1 - rms error / standard deviation of the position), with the linear response as the model (percent). Here
+        a shift of the mean position counts as an error.
     clipped : float
-        Share of the samples with a control current at or beyond its limit.
+        Share of the samples with a control current at or beyond its limit (-).
     slewed : float
-        Share of the samples after which the current changes further than the voltage can drive it within a sample.
+        Share (-) of the samples after which the current changes further than the voltage can drive it within a sample.
     """
 
     axis: str

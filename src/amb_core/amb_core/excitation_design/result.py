@@ -26,14 +26,14 @@ class AxisCheck:
     frequency, amplitude : ndarray, shape (n,)
         Points to draw on the map: frequency (Hz) and peak amplitude of the sine of the same power (m).
     share : ndarray, shape (n,)
-        Share of each point in the power; the sum is 1.
+        Share of each point in the power (-); the sum is 1.
     region : ndarray of int, shape (n,)
         Region of the map in which each point lies, as values of `Region`.
     covered : ndarray of bool, shape (n,)
         Whether the map shows it: false outside its frequencies, above its amplitudes, and below them if the smallest
         one is not in A.
     shares : dict of Region to float
-        Share of the power in A, B, C and D; the sum is 1.
+        Share of the power in A, B, C and D (-); the sum is 1.
     load : Load
         Load towards B, C and D.
     predicted : Region
@@ -46,13 +46,13 @@ class AxisCheck:
     slew_rms, slew_peak : float
         Of its rate of change (A/s).
     limited : float
-        Share of the samples in which it is above the limit of the control current, static current included.
+        Share (-) of the samples in which it is above the limit of the control current, static current included.
     static_current : float
         Control current that holds the rotor at rest (A).
-    slewed : float
-        Share of the samples in which it changes faster than the voltage can drive it.
+    slewed : float, optional
+        Share (-) of the samples in which it changes faster than the voltage can drive it.
     current_margin, slew_margin : float
-        Factor on the amplitude at which `limited`, or `slewed`, reaches the share that a verdict of A allows.
+        Factor (-) on the amplitude at which `limited`, or `slewed`, reaches the share that a verdict of A allows.
     """
 
     axis: str
@@ -94,14 +94,14 @@ class ExcitationCheck:
     axes : tuple of AxisCheck
         The excited axes, x before y.
     shares : dict of Region to float
-        Share of the power of both axes in A, B, C and D; the sum is 1.
+        Share of the power of both axes in A, B, C and D (-); the sum is 1.
     predicted : Region
         Region of the rotor: the higher one of the axes.
     certain : bool
         Whether the map determines it; false if lines outside the map could lead to B or higher.
     margin : float
-        Factor by which the amplitude may be raised (above 1) or must be lowered (below 1): the smallest of `map_margin`
-        and of the axes' margins of current and slew.
+        Factor (-) by which the amplitude may be raised (above 1) or must be lowered (below 1): the smallest of
+        `map_margin` and of the axes' margins of current and slew.
     verdict : str
         One line: where it would run, and what to do.
     notes : tuple of str
@@ -113,7 +113,7 @@ class ExcitationCheck:
     slew_rate : float or None
         Fastest change of a coil current (A/s); None where the amplifiers have no limits.
     map_margin : float
-        Factor on the amplitude up to which the map shows region A for certain.
+        Factor on the amplitude up to which the map shows region A for certain (-).
     """
 
     kind: str

@@ -24,7 +24,12 @@ def designed_excitation(folder: str | Path, changes: Mapping[str, Any] | None = 
     folder : str or Path
         Where the design's summary.json is.
     changes : mapping, optional
-        Settings instead of the design's, by field name (SI units).
+        Settings instead of the design's, by field name (SI units). None for no changes.
+
+    Returns
+    -------
+    Excitation
+        The excitation.
 
     Raises
     ------

@@ -109,7 +109,12 @@ class TrialBench:
         signal : ExcitationSignal
             The excitation.
         progress : callable, optional
-            Called with the number of finished steps and that of all steps.
+            Called with the number of finished steps and that of all steps. None for no calls.
+
+        Returns
+        -------
+        Trial
+            Measures of the excited axes, regions and samples.
 
         Raises
         ------

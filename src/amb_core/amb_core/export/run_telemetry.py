@@ -42,14 +42,14 @@ class RunTelemetry:
 
     Parameters
     ----------
-    path : path
+    path : str or Path
         Folder or file of the bag; also one that was not closed.
     run : int, optional
         The run; by default the last one with telemetry.
     start, end : float, optional
         Times of the run (s): samples from `start` up to, not including, `end`; by default all.
     progress : callable, optional
-        See `Progress`.
+        See `Progress`. None for no calls.
 
     Attributes
     ----------
@@ -109,6 +109,11 @@ class RunTelemetry:
         steps : int, optional
             Most steps of a batch.
 
+        Yields
+        ------
+        LoopRecord
+            Consecutive samples.
+
         Raises
         ------
         BagError
@@ -130,6 +135,16 @@ class RunTelemetry:
 
     def stored_messages(self, types: Collection[str]) -> Iterator[tuple[StoredTopic, bytes, Any]]:
         """Messages of some types in the order in which they were recorded: topic, data as stored, and decoded.
+
+        Parameters
+        ----------
+        types : collection of str
+            Types of the messages, as `package/msg/Name`.
+
+        Returns
+        -------
+        iterator of (StoredTopic, bytes, object)
+            Topic, data as stored, and decoded message.
 
         Raises
         ------

@@ -47,12 +47,17 @@ def bode_chart(
     ----------
     responses : sequence of FrequencyResponse
         Responses of the same signals; each needs a label of its own. Zero frequency is left out.
-    title : str
+    title : str, optional
         Title of the figure.
-    level : float
-        Confidence of the bands, drawn where deviations are known.
+    level : float, optional
+        Confidence of the bands, drawn where deviations are known (-).
     entries : sequence of tuple of str, optional
         Names of input and output of the entries that are drawn, a column each, up to four; by default all.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
 
     Raises
     ------

@@ -37,8 +37,13 @@ def campbell_chart(
         Computed modes.
     identified : iterable of (float, Modes), optional
         Running speeds (Hz) with the modes of the loop of an identified model, drawn as points.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     critical = diagram.critical_speeds
     items: list[Item] = [

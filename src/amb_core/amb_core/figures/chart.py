@@ -23,7 +23,13 @@ class Chart(Drawing):
     """
 
     def figure(self) -> Figure:
-        """The chart as a matplotlib figure, made without pyplot: it needs no display and leaves no state behind."""
+        """The chart as a matplotlib figure, made without pyplot: it needs no display and leaves no state behind.
+
+        Returns
+        -------
+        Figure
+            The figure, of `size`.
+        """
         return draw_figure(self)
 
     def _repr_png_(self) -> bytes:
@@ -33,7 +39,13 @@ class Chart(Drawing):
         return image.getvalue()
 
     def page(self) -> go.Figure:
-        """The chart as a plotly figure: to zoom in, and to read values by pointing at them."""
+        """The chart as a plotly figure: to zoom in, and to read values by pointing at them.
+
+        Returns
+        -------
+        plotly Figure
+            The page, with alt text and table in its metadata.
+        """
         return draw_page(self)
 
     def save(self, folder: str | Path, name: str) -> tuple[Path, Path]:

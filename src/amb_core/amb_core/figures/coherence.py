@@ -20,8 +20,13 @@ def coherence_chart(coherence: Coherence, title: str = "Coherence of position an
     ----------
     coherence : Coherence
         The measurement.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     frequency = coherence.frequency
     across = Axis("frequency (Hz)", log=True, limits=(0.8 * frequency[0], 1.2 * frequency[-1]))

@@ -40,12 +40,17 @@ def comparison_chart(
         Record of the loop.
     simulated : mapping of str to LoopRecord
         Records of models in the loop under the same reference, by name.
-    title : str
+    title : str, optional
         Title of the figure.
-    strokes : sequence of Stroke
+    strokes : sequence of Stroke, optional
         Look of the models' curves, in turn.
-    without_error : collection of str
+    without_error : collection of str, optional
         Models whose error is not drawn: an offset would hide that of the others.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     panels, sentences = [], []
     fits = {name: nrmse_fit(measured.position, record.position) for name, record in simulated.items()}

@@ -20,8 +20,13 @@ def distortion_chart(distortion: Distortion, title: str = "Linear response and n
     ----------
     distortion : Distortion
         The measurement.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     panels, rows = [], []
     first = min(part[0] for part in (distortion.odd_frequency, distortion.frequency) if len(part))

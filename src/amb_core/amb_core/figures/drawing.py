@@ -171,7 +171,7 @@ class Drawing:
     size : tuple of float
         Width and height of the figure (inch); the page keeps the height and fits the width to the window.
     table : Table, optional
-        Its main numbers.
+        Its main numbers. None for no table.
     """
 
     title: str

@@ -23,8 +23,13 @@ def force_chart(trajectories: Mapping[Region, ForceTrajectory], title: str = "Fo
     ----------
     trajectories : mapping
         By the region in which the bearing runs.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     panels, rows = [], []
     for region, one in trajectories.items():
@@ -53,8 +58,13 @@ def force_speed_chart(
     ----------
     trajectories : mapping
         By the region in which the bearing runs.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     items: list[Curve | Points] = []
     rows = []

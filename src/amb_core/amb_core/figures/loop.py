@@ -32,11 +32,16 @@ def orbit_chart(
     measured : LoopRecord
         Record of the plant.
     modelled : LoopRecord, optional
-        Record of the model under the same reference.
+        Record of the model under the same reference. None to show the plant alone.
     backup_bearing_radius : float, optional
-        Radial displacement at which the rotor touches the backup bearing (m), drawn as a circle.
-    title : str
+        Radial displacement at which the rotor touches the backup bearing (m), drawn as a circle. None for no circle.
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     planes = radial_bearings(measured)
     models = [None] * len(planes) if modelled is None else radial_bearings(modelled)
@@ -81,9 +86,14 @@ def response_chart(
     measured : LoopRecord
         Record of the plant.
     modelled : LoopRecord, optional
-        Record of the model under the same reference.
-    title : str
+        Record of the model under the same reference. None to show the plant alone.
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     fit = None if modelled is None else nrmse_fit(measured.position, modelled.position)
     panels = []
@@ -109,10 +119,12 @@ def save_loop_figures(folder: str | Path, measured: LoopRecord, modelled: LoopRe
 
     Parameters
     ----------
-    folder : path
+    folder : str or Path
         Made if it does not exist.
-    measured, modelled : LoopRecord
-        As for `response_chart`.
+    measured : LoopRecord
+        Record of the plant.
+    modelled : LoopRecord, optional
+        Record of the model under the same reference; None to show the plant alone.
 
     Raises
     ------

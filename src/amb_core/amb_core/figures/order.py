@@ -19,8 +19,13 @@ def order_chart(selection: OrderSelection, title: str = "Order of the model") ->
     ----------
     selection : OrderSelection
         From `select_order`.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     values = selection.singular_values[: selection.orders[-1]]
     values = values[values > 0.0]

@@ -34,6 +34,11 @@ def overlay_chart(check: ExcitationCheck, region_map: RegionMap, title: str = ""
         The map on which it was checked.
     title : str, optional
         Title of the figure; by default the kind of the excitation.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     panels = [_panel(axis, region_map) for axis in check.axes]
     rows = [

@@ -41,6 +41,11 @@ Coherence, SubharmonicSpectrum, SubharmonicSurface or Campbell
         Drawn are the response, the poles, the residuals, the Bode diagram, the criterion over the order, the map, the
         lines, the coherence, the spectrum, the surface and the Campbell diagram.
 
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
+
     Raises
     ------
     AmbError

@@ -27,8 +27,13 @@ def poles_chart(result: Identification, title: str = "Poles of plant and closed 
     ----------
     result : Identification
         From `identify`.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     model = result.model
     plant = model.poles()

@@ -27,10 +27,15 @@ def prediction_chart(
         Predictions of the same data by models, by name.
     sample_time : float
         Sample time (s).
-    output_names : sequence of str
+    output_names : sequence of str, optional
         Names of the outputs.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     panels = []
     for column, name in enumerate(output_names):

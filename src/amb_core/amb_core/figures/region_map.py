@@ -40,6 +40,11 @@ def map_chart(region_map: RegionMap, lines: Sequence[AnalyticLine] = (), title: 
         From `amb_core.regions.region_map.analytic_lines`; shown within the map's amplitudes and frequencies.
     title : str, optional
         Title of the figure; by default what the map shows.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     title = title or ("Region map by sweeps and by fixed sines" if region_map.confirmation else "Region map")
     drawn = [
@@ -58,8 +63,13 @@ def map_grid_chart(cells: Sequence[GridCell], title: str = "Region maps over par
     ----------
     cells : sequence of GridCell
         From `amb_core.regions.region_map.build_grid`, at least one with a map.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     last = list(cells[0].values)[-1]
     columns = min(len(dict.fromkeys(str(cell.values[last]) for cell in cells)), 4)

@@ -27,10 +27,15 @@ def residuals_chart(
     ----------
     tests : ResidualTests
         From `check_residuals`, or the `residuals` of a `Validation`.
-    input_names, output_names : sequence of str
+    input_names, output_names : sequence of str, optional
         Names of the signals.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     past = np.arange(1, tests.lags + 1)
     around = np.arange(-tests.lags, tests.lags + 1)

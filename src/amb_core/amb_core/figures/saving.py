@@ -98,6 +98,16 @@ def page_fragment(page: go.Figure) -> str:
     """A page's chart, alt text and numbers as HTML, to put into a document with plotly's script, `STYLE` and `DRAWING`.
 
     The title is left to the document, whose headings wrap on narrow screens.
+
+    Parameters
+    ----------
+    page : plotly Figure
+        From `Chart.page`.
+
+    Returns
+    -------
+    str
+        HTML elements without head and body.
     """
     alt, table, columns = (page.layout.meta[name] for name in ("alt", "table", "columns"))
     width = f"min-width: {COLUMN_WIDTH * columns}rem" if columns > 1 else ""

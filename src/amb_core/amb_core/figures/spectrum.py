@@ -35,8 +35,13 @@ def spectrum_chart(
     ----------
     spectra : mapping of str to SubharmonicSpectrum
         Tests by name, such as the tones as asked and shifted.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     panels, sentences = [], []
     rows: list[tuple[str, ...]] = []

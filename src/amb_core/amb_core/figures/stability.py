@@ -31,6 +31,11 @@ def stability_figure(chart: StabilityChart, title: str = "Gains that hold the ro
         The chart.
     title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     k_p, k_d = 1e-3 * chart.proportional, chart.derivative
     stable = np.isfinite(chart.peak)

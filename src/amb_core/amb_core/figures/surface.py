@@ -25,8 +25,13 @@ def surface_chart(surface: SubharmonicSurface, title: str = "Components that the
     ----------
     surface : SubharmonicSurface
         The surface.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     frequency, amplitude = surface.inducing_frequency, UM * surface.inducing_amplitude
     parts = {"product f2 - f1": surface.difference, "slow component": surface.slow_amplitude}

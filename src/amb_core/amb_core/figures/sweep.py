@@ -59,16 +59,21 @@ def sweep_chart(
     classification : Classification
         Of these samples.
     frequency : ndarray, shape (steps,), optional
-        Frequency of the input at each sample (Hz), NaN where there is none; needed over frequency. Where it is
-        known the mean of the position is drawn too: without periods slower than its window it shows the drift.
-    over : {"time", "frequency"}
+        Frequency of the input at each sample (Hz), NaN where there is none; needed over frequency. Where it is known
+        the mean of the position is drawn too: without periods slower than its window it shows the drift.
+    over : {"time", "frequency"}, optional
         What the horizontal axis is; samples without a frequency are left out over frequency.
     model : LoopRecord, optional
-        Response of a model to the same reference from the same step on, drawn over it.
+        Response of a model to the same reference from the same step on, drawn over it. None for no model.
     axes : sequence of str, optional
         Names of the axes to show; by default those that are excited.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
 
     Raises
     ------

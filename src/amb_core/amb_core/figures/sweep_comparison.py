@@ -53,10 +53,15 @@ def sweep_comparison_chart(cases: Sequence[SweepCase], axis: str = "y", title: s
     ----------
     cases : sequence of SweepCase
         At least one, from top to bottom.
-    axis : str
+    axis : str, optional
         Its name.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
 
     Raises
     ------

@@ -18,8 +18,13 @@ def sweep_error_chart(errors: SweepError, title: str = "Error of the model over 
     ----------
     errors : SweepError
         What `amb_core.identification.focus.sweep_error` found.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     x = errors.middles
     relative = [Curve(x, 100.0 * errors.relative[:, axis], name, LOOKS[axis]) for axis, name in enumerate("xy")]

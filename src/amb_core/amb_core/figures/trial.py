@@ -29,10 +29,15 @@ def trial_chart(trials: Mapping[str, Trial], axis: str = "y", title: str = "Exci
     ----------
     trials : mapping of str to Trial
         From `amb_core.excitation_design.TrialBench`, by name.
-    axis : {"x", "y"}
+    axis : {"x", "y"}, optional
         Axis to show.
-    title : str
+    title : str, optional
         Title of the figure.
+
+    Returns
+    -------
+    Chart
+        The chart, ready to save.
     """
     shown = {name: _settled(trial) for name, trial in trials.items()}
     position = np.concatenate([UM * record.position[:, "xy".index(axis)] for record in shown.values()])

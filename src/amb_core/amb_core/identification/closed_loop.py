@@ -46,11 +46,16 @@ def simulate_closed_loop(
         The PD controller or a linear one.
     reference : ndarray, shape (steps, axes)
         Reference position (m).
-    first_step : int
+    first_step : int, optional
         Controller step of the first sample.
     start : Start or ndarray, shape (axes,), optional
         The controller's past, for data that start within a run (see `start_of`), or no more of it than its control
         current references at the first sample (A). By default the controller starts with the first sample.
+
+    Returns
+    -------
+    LoopRecord
+        References (m), simulated positions (m) and currents (A) of every step.
 
     Raises
     ------
@@ -82,7 +87,17 @@ def simulate_closed_loop(
 def closed_loop_poles(model: StateSpaceModel, controller: KnownController) -> NDArray[np.complex128]:
     """Poles in the z plane of the model under the control law without its limit, largest first.
 
-    Shape (n + c,): the states are those of the model and of the controller; the PD law has one per axis.
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Model without direct feedthrough.
+    controller : KnownController
+        The PD law, which has one state per axis, or a linear one.
+
+    Returns
+    -------
+    ndarray of complex, shape (n + c,)
+        Poles (-): the states are those of the model and of the controller.
 
     Raises
     ------

@@ -31,6 +31,16 @@ def to_predictor(model: StateSpaceModel) -> control.StateSpace:
         x[k+1] = (A - K C) x[k] + (B - K D) u[k] + K y[k],   yhat[k] = C x[k] + D u[k],
 
     which is stable even if the model is not. Predictions are named `x_predicted` for an output `x`.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Discrete-time model.
+
+    Returns
+    -------
+    control.StateSpace
+        The predictor, of m + p inputs and p outputs.
     """
     outputs = model.output_names
     return LinearSystem(
@@ -45,7 +55,18 @@ def to_predictor(model: StateSpaceModel) -> control.StateSpace:
 
 
 def to_scipy(model: StateSpaceModel) -> Any:
-    """The deterministic part, from u - input_offset to y - output_offset, as a `scipy.signal.dlti`."""
+    """The deterministic part, from u - input_offset to y - output_offset, as a `scipy.signal.dlti`.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Discrete-time model.
+
+    Returns
+    -------
+    scipy.signal.dlti
+        The system with the sample time of the model.
+    """
     from scipy import signal  # takes most of a second to import
 
     return signal.dlti(model.a, model.b, model.c, model.d, dt=model.sample_time)
@@ -56,6 +77,16 @@ def to_continuous(model: StateSpaceModel) -> control.StateSpace:
 
     From the principal logarithm of [[A, B], [0, I]], which is sample_time [[A_c, B_c], [0, 0]]; C and D stay. The
     states are those of the model.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Discrete-time model.
+
+    Returns
+    -------
+    control.StateSpace
+        The system in continuous time, with the names of the model's signals.
 
     Raises
     ------

@@ -29,15 +29,15 @@ class FrequencyResponse:
     frequency : ndarray, shape (f,)
         Frequencies (Hz), ascending, not negative.
     response : ndarray of complex, shape (f, p, m)
-        Output over input (m/A for the magnetic bearing).
+        Output over input (units of the signals; m/A for the magnetic bearing).
     label : str
         Name for legends.
     magnitude_deviation : ndarray, shape (f, p, m), or None
-        Standard deviation of the magnitude, in the unit of the response.
+        Standard deviation of the magnitude, in the unit of the response. None if not known.
     phase_deviation : ndarray, shape (f, p, m), or None
-        Standard deviation of the phase (rad).
+        Standard deviation of the phase (rad). None if not known.
     coherence : ndarray, shape (f, p), or None
-        Squared multiple coherence of each output with the excitation of the loop, 0 to 1.
+        Squared multiple coherence of each output with the excitation of the loop, 0 to 1 (-). None if not known.
     input_names, output_names, input_units, output_units : tuple of str
         Names and units of the signals.
 
@@ -86,6 +86,16 @@ class FrequencyResponse:
         """Lower and upper end of the magnitude at a confidence, shape (f, p, m); None where the deviation is unknown.
 
         The logarithm of the magnitude is taken as normally distributed, so the lower end is positive.
+
+        Parameters
+        ----------
+        level : float, optional
+            Confidence of the band (-), between 0 and 1.
+
+        Returns
+        -------
+        tuple of ndarray, shapes (f, p, m), or None
+            Lower and upper end, in the unit of the response.
         """
         if self.magnitude_deviation is None:
             return None
@@ -98,6 +108,16 @@ class FrequencyResponse:
         """Lower and upper end of the phase (rad) at a confidence, shape (f, p, m); None where the deviation is unknown.
 
         It is at most the whole circle, half of it to either side.
+
+        Parameters
+        ----------
+        level : float, optional
+            Confidence of the band (-), between 0 and 1.
+
+        Returns
+        -------
+        tuple of ndarray, shapes (f, p, m), or None
+            Lower and upper end (rad).
         """
         if self.phase_deviation is None:
             return None
@@ -123,8 +143,13 @@ def response_of(model: StateSpaceModel, frequencies: ArrayLike, label: str = "")
         The model.
     frequencies : array_like, shape (f,)
         Frequencies (Hz), ascending, from 0 to half the sample rate.
-    label : str
+    label : str, optional
         For legends; by default the method and the order.
+
+    Returns
+    -------
+    FrequencyResponse
+        The response at these frequencies, without deviations.
 
     Raises
     ------

@@ -59,9 +59,9 @@ class Identification(Result):
     simulations : tuple of (LoopRecord or None)
         The model in closed loop with the known controller, for each experiment; None where the reference is not known
         or the simulation diverges.
-    closed_loop_poles : ndarray or None
-        Poles in the z plane of model and controller, largest magnitude first; None for data that do not come
-        from the bearing's loop.
+    closed_loop_poles : ndarray of complex, shape (n + c,), or None
+        Poles in the z plane (-) of model and controller, largest magnitude first; None for data that do not come from
+        the bearing's loop.
     search : SearchEnd or None
         How the search of `pem` ended, and whether it converged; None for other methods.
     drift : DriftCure or None
@@ -105,7 +105,12 @@ class Identification(Result):
         Parameters
         ----------
         plant : PlantParameters, optional
-            The plant, if it is known, such as that of the simulator.
+            The plant, if it is known, such as that of the simulator. None if it is not known.
+
+        Returns
+        -------
+        Validation
+            The validation of the model.
 
         Raises
         ------
@@ -181,29 +186,35 @@ def identify(
     ----------
     data : LoopRecord or IdentificationData
         Data of the closed loop, or of any other plant, of any number of inputs and outputs.
-    order : int or "auto"
+    order : int or "auto", optional
         Number of states; "auto" for the choice of `select_order`.
-    method : str
+    method : str, optional
         One of `METHODS`; `pem` starts from `ssarx`.
     controller : KnownController, optional
-        The controller of the experiment, of the PD law or any other linear one; the paper's by default,
-        for data that are not `foreign`.
-    source : str
+        The controller of the experiment, of the PD law or any other linear one; the paper's by default, for data that
+        are not `foreign`.
+    source : str, optional
         Where the data come from, kept in the model; by default the sources of the experiments.
     orders : sequence of int, optional
-        The orders that "auto" tests; see `select_order`.
-    focus : str
+        The orders that "auto" tests; see `select_order`. None for its own choice.
+    focus : str, optional
         `prediction`, or `simulation` to reduce the errors of the closed-loop simulation in a last step.
-    drift : str
+    drift : str, optional
         Whether slow drift and steps of the outputs are removed before the estimate (see `cure_drift`): `auto` where the
         checks find drift, `none`, or `prefilter` for any data. Data without drift are not changed by `auto`.
-    feedthrough : bool
+    feedthrough : bool, optional
         Whether outputs respond within the sample: D is then estimated, otherwise it is zero. Not for a controller that
         responds within the sample, as a bearing's does: data of such a loop cannot distinguish the two.
     progress : callable, optional
-        Called with an `IdentificationProgress` at every stage and iteration.
+        Called with an `IdentificationProgress` at every stage and iteration. None for no calls.
     cancelled : callable, optional
-        Called at every stage and iteration; returns whether the identification has been cancelled.
+        Called at every stage and iteration; returns whether the identification has been cancelled. None if it cannot be
+        cancelled.
+
+    Returns
+    -------
+    Identification
+        The model, how it was found, and its validation in closed loop.
 
     Raises
     ------

@@ -19,8 +19,8 @@ class IdentificationProgress:
     done, total : int
         Steps of the stage. An iteration may end before `total` is reached.
     cost : float, optional
-        What an iteration reduces: for `pem`, half the logarithm of the determinant of the covariance of the prediction
-        errors, scaled by the data's variances.
+        What an iteration reduces (-): for `pem`, half the logarithm of the determinant of the covariance of the
+        prediction errors, scaled by the data's variances; None for a stage without iterations.
     """
 
     stage: str

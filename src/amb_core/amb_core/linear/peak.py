@@ -47,6 +47,16 @@ class Peak:
 def peak_gain(system: LinearSystem) -> Peak:
     """Largest singular value of a system over all frequencies.
 
+    Parameters
+    ----------
+    system : LinearSystem
+        Stable system in discrete time.
+
+    Returns
+    -------
+    Peak
+        The value, in the unit of the response, and its frequency (Hz).
+
     Raises
     ------
     RobustnessError

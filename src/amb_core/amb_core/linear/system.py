@@ -16,7 +16,20 @@ if TYPE_CHECKING:
 
 
 def rates_of(poles: Complexes, sample_time: float) -> Complexes:
-    """Poles z of a discrete system as rates s = ln(z) / T (1/s), with -inf for z = 0."""
+    """Poles z of a discrete system as rates s = ln(z) / T (1/s), with -inf for z = 0.
+
+    Parameters
+    ----------
+    poles : ndarray of complex, shape (n,)
+        Poles z (-).
+    sample_time : float
+        Sample time (s).
+
+    Returns
+    -------
+    ndarray of complex, shape (n,)
+        Rates (1/s).
+    """
     with np.errstate(divide="ignore"):
         return np.log(np.abs(poles)) / sample_time + 1j * np.angle(poles) / sample_time
 
@@ -30,12 +43,12 @@ class LinearSystem:
     Parameters
     ----------
     a, b, c, d : ndarray, shapes (n, n), (n, m), (p, n), (p, m)
-        Matrices.
+        Matrices, in the units of the signals.
     sample_time : float
         Sample time (s); 0 in continuous time.
-    input_names, output_names, state_names : tuple of str
+    input_names, output_names, state_names : tuple of str, optional
         Names of the signals and states; empty where they have none.
-    input_units, output_units : tuple of str
+    input_units, output_units : tuple of str, optional
         Units of the signals; empty where they are not given.
     """
 
@@ -85,7 +98,13 @@ class LinearSystem:
         return int(self.d.shape[0])
 
     def poles(self) -> Complexes:
-        """Poles, in the z plane or for continuous time in the s plane, largest magnitude first, shape (n,)."""
+        """Poles, in the z plane or for continuous time in the s plane, largest magnitude first, shape (n,).
+
+        Returns
+        -------
+        ndarray of complex, shape (n,)
+            Eigenvalues of A: z (-), or s (rad/s).
+        """
         poles = np.linalg.eigvals(self.a).astype(np.complex128)
         return np.asarray(poles[np.argsort(-np.abs(poles), kind="stable")])
 
@@ -95,25 +114,75 @@ class LinearSystem:
         return float(np.abs(self.poles()).max(initial=0.0))
 
     def at(self, points: ArrayLike) -> Complexes:
-        """C (z I - A)^-1 B + D at points z (s in continuous time), shape (points, p, m); infinite at a pole."""
+        """C (z I - A)^-1 B + D at points z (s in continuous time), shape (points, p, m); infinite at a pole.
+
+        Parameters
+        ----------
+        points : array_like of complex, shape (points,)
+            Points z (-), or s (rad/s).
+
+        Returns
+        -------
+        ndarray of complex, shape (points, p, m)
+            Response at each point.
+        """
         return response(self.a, self.b, self.c, self.d, np.atleast_1d(np.asarray(points, dtype=np.complex128)))
 
     def response(self, frequency: ArrayLike) -> Complexes:
-        """Frequency response at frequencies in Hz, shape (f, p, m); infinite at a pole."""
+        """Frequency response at frequencies in Hz, shape (f, p, m); infinite at a pole.
+
+        Parameters
+        ----------
+        frequency : array_like, shape (f,)
+            Frequencies (Hz).
+
+        Returns
+        -------
+        ndarray of complex, shape (f, p, m)
+            Response at each frequency.
+        """
         rates = 2j * np.pi * np.asarray(frequency, dtype=np.float64)
         return self.at(np.exp(rates * self.sample_time) if self.sample_time else rates)
 
     def slope_at(self, point: complex) -> tuple[Complexes, Complexes]:
-        """The response at a point z and its derivative by z, both of shape (p, m); LinAlgError at a pole."""
+        """The response at a point z and its derivative by z, both of shape (p, m); LinAlgError at a pole.
+
+        Parameters
+        ----------
+        point : complex
+            A point z (-).
+
+        Returns
+        -------
+        tuple of ndarray of complex, shape (p, m)
+            Response, and its derivative by z.
+        """
         value, slope = response_and_slope(self.a, self.b, self.c, self.d, np.array([point]))
         return value[0], slope[0]
 
     def gain(self, frequency: float) -> float:
-        """Largest singular value at a frequency (Hz)."""
+        """Largest singular value at a frequency (Hz).
+
+        Parameters
+        ----------
+        frequency : float
+            Frequency (Hz).
+
+        Returns
+        -------
+        float
+            Largest singular value of the response there, in its unit.
+        """
         return float(np.linalg.norm(self.response([frequency])[0], 2))
 
     def balanced(self) -> LinearSystem:
-        """The same system with states of similar size: the columns and rows of [A B; C 0] have similar norms."""
+        """The same system with states of similar size: the columns and rows of [A B; C 0] have similar norms.
+
+        Returns
+        -------
+        LinearSystem
+            The system in scaled states.
+        """
         from scipy.linalg import matrix_balance  # a fifth of a second to import, for those who need it
 
         n = self.order
@@ -132,7 +201,18 @@ class LinearSystem:
         )
 
     def with_matrices(self, a: Arrays, b: Arrays, c: Arrays, d: Arrays) -> LinearSystem:
-        """Other matrices between the same signals."""
+        """Other matrices between the same signals.
+
+        Parameters
+        ----------
+        a, b, c, d : ndarray, shapes (n, n), (n, m), (p, n), (p, m)
+            New matrices (units of the signals); the number of states may differ.
+
+        Returns
+        -------
+        LinearSystem
+            The system with these matrices.
+        """
         names = self.state_names if len(a) == self.order else ()
         return LinearSystem(
             a, b, c, d, self.sample_time,
@@ -142,14 +222,36 @@ class LinearSystem:
     def named(
         self, inputs: Sequence[str] = (), outputs: Sequence[str] = (), states: Sequence[str] = ()
     ) -> LinearSystem:
-        """The system with other names; what is not given keeps its own."""
+        """The system with other names; what is not given keeps its own.
+
+        Parameters
+        ----------
+        inputs, outputs, states : sequence of str, optional
+            New names; an empty sequence keeps the names.
+
+        Returns
+        -------
+        LinearSystem
+            The same system under the new names.
+        """
         return LinearSystem(
             self.a, self.b, self.c, self.d, self.sample_time, inputs or self.input_names, outputs or self.output_names,
             self.input_units, self.output_units, states or self.state_names,
         )  # fmt: skip
 
     def part(self, outputs: list[int] | slice, inputs: list[int] | slice) -> LinearSystem:
-        """The system with some of its outputs and inputs."""
+        """The system with some of its outputs and inputs.
+
+        Parameters
+        ----------
+        outputs, inputs : list of int or slice
+            Indices of the signals to keep.
+
+        Returns
+        -------
+        LinearSystem
+            The system between these signals, with all its states.
+        """
         return LinearSystem(
             self.a, self.b[:, inputs], self.c[outputs], self.d[outputs][:, inputs], self.sample_time,
             _chosen(self.input_names, inputs), _chosen(self.output_names, outputs),
@@ -157,16 +259,44 @@ class LinearSystem:
         )  # fmt: skip
 
     def plus(self, matrix: Arrays) -> LinearSystem:
-        """The system with a constant matrix added."""
+        """The system with a constant matrix added.
+
+        Parameters
+        ----------
+        matrix : ndarray, shape (p, m)
+            Added to D, in the unit of the response.
+
+        Returns
+        -------
+        LinearSystem
+            The sum.
+        """
         return self.with_matrices(self.a, self.b, self.c, self.d + matrix)
 
     def scaled(self, outputs: Arrays | float, inputs: Arrays | float) -> LinearSystem:
-        """The system with factors on its outputs and inputs, one for all or one each."""
+        """The system with factors on its outputs and inputs, one for all or one each.
+
+        Parameters
+        ----------
+        outputs, inputs : float or ndarray, shapes (p,), (m,)
+            Factors of the signals (-).
+
+        Returns
+        -------
+        LinearSystem
+            The scaled system.
+        """
         rows, columns = np.broadcast_to(outputs, self.outputs)[:, np.newaxis], np.broadcast_to(inputs, self.inputs)
         return self.with_matrices(self.a, self.b * columns, rows * self.c, rows * self.d * columns)
 
     def delayed(self) -> LinearSystem:
-        """The system with its outputs one step later: they are states."""
+        """The system with its outputs one step later: they are states.
+
+        Returns
+        -------
+        LinearSystem
+            The delayed system, of n + p states.
+        """
         (n, m), p = self.b.shape, len(self.c)
         a = np.block([[self.a, np.zeros((n, p))], [self.c, np.zeros((p, p))]])
         c = np.hstack([np.zeros((p, n)), np.eye(p)])
@@ -179,6 +309,11 @@ class LinearSystem:
         ----------
         **names : Any
             Further keywords of `control.StateSpace`, such as `name`.
+
+        Returns
+        -------
+        control.StateSpace
+            The same matrices, sample time and names of signals.
         """
         with extra("control"):
             import control  # the import takes a second; programs that do not need it should not wait for it
@@ -189,7 +324,18 @@ class LinearSystem:
 
     @classmethod
     def from_control(cls, system: control.StateSpace) -> LinearSystem:
-        """The system that python-control has."""
+        """The system that python-control has.
+
+        Parameters
+        ----------
+        system : StateSpace
+            System of python-control, in discrete or continuous time.
+
+        Returns
+        -------
+        LinearSystem
+            The same matrices, sample time and names of signals.
+        """
         a, b, c, d = (np.array(getattr(system, name), dtype=np.float64) for name in "ABCD")
         return cls(
             a, b, c, d, float(system.dt or 0.0),

@@ -57,7 +57,13 @@ class ColumnPyramid:
         self._levels = [_Level(signals, factor, kept) for factor in factors]
 
     def add(self, samples: NDArray[np.float64]) -> None:
-        """Take in consecutive samples, shape (steps, signals)."""
+        """Take in consecutive samples, shape (steps, signals).
+
+        Parameters
+        ----------
+        samples : ndarray, shape (steps, signals)
+            Samples, in the unit of each signal; NaN where one is missing.
+        """
         low = high = samples
         for level in self._levels:
             low, high = level.add(low, high)
@@ -65,17 +71,47 @@ class ColumnPyramid:
                 return
 
     def skip(self, steps: int) -> None:
-        """Leave a gap of so many missing samples; one longer than all that is kept costs no more than that."""
+        """Leave a gap of so many missing samples; one longer than all that is kept costs no more than that.
+
+        Parameters
+        ----------
+        steps : int
+            Number of missing samples.
+        """
         longest = self.widths[-1] * self._levels[-1].kept
         if steps > 0:
             self.add(np.full((min(steps, longest), self._levels[0].signals), np.nan))
 
     def end(self, level: int) -> int:
-        """Number of the next column of a level."""
+        """Number of the next column of a level.
+
+        Parameters
+        ----------
+        level : int
+            Index of the level, from the finest.
+
+        Returns
+        -------
+        int
+            Number of columns so far.
+        """
         return self._levels[level].count
 
     def since(self, level: int, first: int) -> Columns:
-        """The kept columns of a level from a number onwards."""
+        """The kept columns of a level from a number onwards.
+
+        Parameters
+        ----------
+        level : int
+            Index of the level, from the finest.
+        first : int
+            Number of the first column wanted.
+
+        Returns
+        -------
+        Columns
+            Smallest and largest values of each column.
+        """
         return self._levels[level].since(first)
 
 

@@ -19,7 +19,7 @@ class Plane:
     bearing : str
         Name of the bearing.
     weights : ndarray, shape (axes, 2)
-        Position of the rotor, horizontal and vertical, per position of each axis of the machine.
+        Position of the rotor, horizontal and vertical, per position of each axis of the machine (-).
     clearance : float
         Radial position at which the rotor touches the backup bearing (m); infinite if not known.
     """
@@ -30,7 +30,18 @@ class Plane:
 
 
 def planes_of(machine: Machine) -> tuple[Plane, ...]:
-    """The planes of the radial bearings of a machine: those with axes that span a plane across the shaft."""
+    """The planes of the radial bearings of a machine: those with axes that span a plane across the shaft.
+
+    Parameters
+    ----------
+    machine : Machine
+        The machine.
+
+    Returns
+    -------
+    tuple of Plane
+        One for each such bearing, in the order of the machine.
+    """
     planes = []
     for bearing in machine.bearings:
         across = np.array([axis.direction[:2] if axis.bearing == bearing.name else (0.0, 0.0) for axis in machine.axes])
@@ -63,7 +74,13 @@ class OrbitPath:
         self._rest = np.empty((0, len(planes), 2))
 
     def add(self, position: NDArray[np.float64]) -> None:
-        """Take in consecutive positions, shape (steps, axes) (m)."""
+        """Take in consecutive positions, shape (steps, axes) (m).
+
+        Parameters
+        ----------
+        position : ndarray, shape (steps, axes)
+            Positions (m).
+        """
         if not self.planes:
             return
         path = np.concatenate([self._rest, (position @ self._weights).reshape(len(position), len(self.planes), 2)])
@@ -80,6 +97,17 @@ class OrbitPath:
         self._points[np.arange(self.count - len(points), self.count) % self._kept] = points
 
     def since(self, first: int) -> tuple[int, NDArray[np.float64]]:
-        """Number of the first kept point from `first` onwards, and the points, shape (points, planes, 2) (m)."""
+        """Number of the first kept point from `first` onwards, and the points, shape (points, planes, 2) (m).
+
+        Parameters
+        ----------
+        first : int
+            Number of the first point wanted.
+
+        Returns
+        -------
+        (int, ndarray), shape (points, planes, 2)
+            Number of the first point, and the points (m).
+        """
         first = max(first, self.count - self._kept, 0)
         return first, self._points[np.arange(first, max(first, self.count)) % self._kept]

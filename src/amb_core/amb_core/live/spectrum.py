@@ -20,9 +20,9 @@ class RunningSpectrum:
         Number of signals.
     sample_time : float
         Sample time (s).
-    length : int
+    length : int, optional
         Samples of one spectrum; resolution is 1 / (length x sample_time).
-    points : int
+    points : int, optional
         Most points per spectrum, equally spaced in the logarithm of frequency. Each holds the largest bin in its range.
 
     Attributes
@@ -41,7 +41,13 @@ class RunningSpectrum:
         self.frequency = (starts[1:] - 1.0) / (length * sample_time)
 
     def add(self, samples: NDArray[np.float64]) -> None:
-        """Take in consecutive samples, shape (steps, signals)."""
+        """Take in consecutive samples, shape (steps, signals).
+
+        Parameters
+        ----------
+        samples : ndarray, shape (steps, signals)
+            Samples, in the unit of each signal.
+        """
         length = len(self._samples)
         count = min(len(samples), length)
         self._samples[: length - count] = self._samples[count:]
@@ -58,7 +64,13 @@ class RunningSpectrum:
         return self._filled == len(self._samples)
 
     def amplitude(self) -> NDArray[np.float64]:
-        """Peak amplitude of the lines at each point, shape (points, signals), in the unit of the samples."""
+        """Peak amplitude of the lines at each point, shape (points, signals), in the unit of the samples.
+
+        Returns
+        -------
+        ndarray, shape (points, signals)
+            Peak amplitudes.
+        """
         samples = self._samples - self._samples.mean(axis=0)
         lines = np.abs(np.fft.rfft(samples * self._window, axis=0)) * (2.0 / self._window.sum())
         return np.maximum.reduceat(lines[: len(samples) // 2], self._starts, axis=0)

@@ -52,9 +52,9 @@ def pd_update(
     Parameters
     ----------
     state : ndarray, shape (2 * axes + 1,)
-        State of the law, changed in place, see `initial_state`.
+        State of the law (m, apart from its last entry), changed in place, see `initial_state`.
     gains : ndarray, shape (axes, 6)
-        From `pack_gains`.
+        From `pack_gains`, in the units of their parameters.
     position, reference : ndarray, shape (axes,)
         Measured position and reference position (m).
     current : ndarray, shape (axes,)
@@ -78,12 +78,29 @@ def initial_state(axes: int) -> NDArray[np.float64]:
     """State of `pd_update` before the first sample, shape (2 * axes + 1,).
 
     It holds the filtered derivative of each axis, the previous differentiated signal of each, and 1 once there is one.
+
+    Parameters
+    ----------
+    axes : int
+        Number of axes.
+
+    Returns
+    -------
+    ndarray, shape (2 * axes + 1,)
+        Zeros.
     """
     return np.zeros(2 * axes + 1)
 
 
 class PdController:
     """The control law of a number of axes with its state: one call of `update` per controller sample.
+
+    Parameters
+    ----------
+    parameters : ControllerParameters
+        Gains, limit, sample rate and nominal reference.
+    axes : int, optional
+        Number of axes.
 
     Raises
     ------
@@ -109,6 +126,11 @@ class PdController:
     def configure(self, parameters: ControllerParameters) -> None:
         """Use new parameters from the next sample onwards; the state is kept.
 
+        Parameters
+        ----------
+        parameters : ControllerParameters
+            The new parameters.
+
         Raises
         ------
         ParameterError
@@ -122,7 +144,20 @@ class PdController:
         self._state[:] = 0.0
 
     def update(self, position: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
-        """Control current references (A), shape (axes,), for a measured and a reference position (m) of each axis."""
+        """Control current references (A), shape (axes,), for a measured and a reference position (m) of each axis.
+
+        Parameters
+        ----------
+        position : array_like, shape (axes,)
+            Measured position (m).
+        reference : array_like, shape (axes,)
+            Reference position (m).
+
+        Returns
+        -------
+        ndarray, shape (axes,)
+            Control current references (A), limited.
+        """
         self._position[:] = position
         self._reference[:] = reference
         pd_update(self._state, self._gains, self._position, self._reference, self._current)

@@ -54,9 +54,9 @@ def linear_update(
     Parameters
     ----------
     state, after : ndarray, shape (n,)
-        State, changed in place; the second is a place to work in.
+        State (-), changed in place; the second is a place to work in.
     matrices : tuple of ndarray, shapes (n, n), (n, m), (axes, n), (axes, m), (n, axes)
-        A, B, C, D and K.
+        A, B, C, D and K, in the units of the signals.
     inputs : ndarray, shape (m,)
         u (m).
     offset : ndarray, shape (axes,)
@@ -98,9 +98,9 @@ def linear_start(state: NDArray[np.float64], at_rest: NDArray[np.float64], input
     Parameters
     ----------
     state : ndarray, shape (n,)
-        Receives the state.
+        Receives the state (-).
     at_rest : ndarray, shape (n, m)
-        From `state_at_rest`.
+        From `state_at_rest` (1/m).
     inputs : ndarray, shape (m,)
         u (m).
     """
@@ -161,6 +161,11 @@ class LinearController:
     def configure(self, parameters: LinearControllerParameters) -> None:
         """Use another limit and nominal reference from the next sample onwards; the state is kept.
 
+        Parameters
+        ----------
+        parameters : LinearControllerParameters
+            The new limit and nominal reference.
+
         Raises
         ------
         ParameterError
@@ -174,7 +179,20 @@ class LinearController:
         self._begun = False
 
     def update(self, position: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
-        """Control current references (A), shape (axes,), for a measured and a reference position (m) of each axis."""
+        """Control current references (A), shape (axes,), for a measured and a reference position (m) of each axis.
+
+        Parameters
+        ----------
+        position : array_like, shape (axes,)
+            Measured position (m).
+        reference : array_like, shape (axes,)
+            Reference position (m).
+
+        Returns
+        -------
+        ndarray, shape (axes,)
+            Control current references (A), limited.
+        """
         if self._with_errors:
             np.subtract(reference, position, out=self._inputs)
         else:
@@ -194,6 +212,18 @@ class LinearController:
 def linear_law(controller: KnownController, axes: int) -> LinearSystem:
     """A controller without limits and offsets as a linear system, from references and positions (m) to currents (A).
 
+    Parameters
+    ----------
+    controller : KnownController
+        PD or linear controller.
+    axes : int
+        Number of axes.
+
+    Returns
+    -------
+    LinearSystem
+        The law, of 2 * axes inputs, or of `axes` inputs if it is one of errors.
+
     Raises
     ------
     ParameterError
@@ -212,6 +242,18 @@ def pd_as_linear(parameters: ControllerParameters, axes: int = 2) -> StateSpaceM
 
     With u = r - y, or u = -y for the derivative on measurement, filter pole a and weight w: s[k+1] = a s[k] + u[k],
     d[k] = w (a - 1) s[k] + w u[k], i = K_P (r - y) + K_D d.
+
+    Parameters
+    ----------
+    parameters : ControllerParameters
+        Gains and sample rate of the PD controller.
+    axes : int, optional
+        Number of axes.
+
+    Returns
+    -------
+    StateSpaceModel
+        The controller, with the references first among its inputs and the positions after them.
     """
     gains = pack_gains(parameters, axes)
     proportional, derivative, pole, weight, on_error = (np.diag(column) for column in gains[:, :5].T)

@@ -23,7 +23,18 @@ class LinearControllerParameters(Parameters):
     nominal_reference: tuple[float, ...] = nominal_reference()
 
     def require_axes(self, axes: int) -> None:
-        """Raise ParameterError if a list is given for another number of axes."""
+        """Check that no list is given for another number of axes.
+
+        Parameters
+        ----------
+        axes : int
+            Number of axes of the machine.
+
+        Raises
+        ------
+        ParameterError
+            If one is.
+        """
         one_each("nominal_reference", self.nominal_reference, 0.0, axes)
 
 
@@ -32,6 +43,16 @@ def state_at_rest(model: StateSpaceModel) -> NDArray[np.float64]:
 
     A law whose inputs do not reach its state, such as a generator of tones, begins with the initial state of its model
     for each metre of its first input, which an input offset of -1 m makes one.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The controller.
+
+    Returns
+    -------
+    ndarray, shape (n, m)
+        State for an input of 1 m (1/m).
     """
     if model.order and not model.b.any():
         return np.outer(model.initial_state, np.eye(1, model.inputs)[0])
@@ -43,6 +64,16 @@ def with_anti_windup(model: StateSpaceModel) -> StateSpaceModel:
 
     A controller whose poles all lie well inside the unit circle keeps K = 0. For an integrating or unstable one K is
     the stationary Kalman gain for white noise of equal variance on its inputs and outputs: A - K C is stable.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The controller.
+
+    Returns
+    -------
+    StateSpaceModel
+        The controller with K; the same if it needs none.
 
     Raises
     ------
@@ -63,7 +94,22 @@ def with_anti_windup(model: StateSpaceModel) -> StateSpaceModel:
 
 
 def require_fit(model: StateSpaceModel, axes: int, sample_rate: float) -> None:
-    """Raise ParameterError if a controller is for another number of axes, other signals or another sample rate."""
+    """Check that a controller is for a number of axes, their signals and a sample rate.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The controller.
+    axes : int
+        Number of axes of the machine.
+    sample_rate : float
+        Sample rate of the machine (Hz).
+
+    Raises
+    ------
+    ParameterError
+        If it is for others.
+    """
     inputs, outputs = len(model.input_names), len(model.output_names)
     if outputs != axes or inputs not in (axes, 2 * axes):
         raise ParameterError(

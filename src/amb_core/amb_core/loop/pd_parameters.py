@@ -21,14 +21,26 @@ from amb_core.parameters import (
 
 
 def current_limit() -> Any:
-    """Declaration of the limit that every controller has."""
+    """Declaration of the limit that every controller has.
+
+    Returns
+    -------
+    FieldInfo
+        The declaration, for a field of a parameter set.
+    """
     return quantity(
         3.0, "A", "limit on the magnitude of the control current references", 0.0, 100.0, runtime=True, source="assumed"
     )
 
 
 def nominal_reference() -> Any:
-    """Declaration of the nominal reference that every controller has."""
+    """Declaration of the nominal reference that every controller has.
+
+    Returns
+    -------
+    FieldInfo
+        The declaration, for a field of a parameter set.
+    """
     return quantities(
         "m",
         "nominal reference position of each axis, in their order; empty: 0 on all",
@@ -77,6 +89,16 @@ class ControllerParameters(Parameters):
     def at_rate(self, sample_rate: float) -> Self:
         """The same controller at the sample rate of a machine (Hz).
 
+        Parameters
+        ----------
+        sample_rate : float
+            Sample rate of the machine (Hz).
+
+        Returns
+        -------
+        ControllerParameters
+            The parameters at that rate.
+
         Raises
         ------
         ParameterError
@@ -89,6 +111,16 @@ class ControllerParameters(Parameters):
     def references(self, axes: int) -> NDArray[np.float64]:
         """Nominal reference position of each axis (m), shape (axes,).
 
+        Parameters
+        ----------
+        axes : int
+            Number of axes.
+
+        Returns
+        -------
+        ndarray, shape (axes,)
+            Positions (m).
+
         Raises
         ------
         ParameterError
@@ -97,13 +129,35 @@ class ControllerParameters(Parameters):
         return one_each("nominal_reference", self.nominal_reference, 0.0, axes)
 
     def require_axes(self, axes: int) -> None:
-        """Raise ParameterError if a list is given for another number of axes."""
+        """Check that no list is given for another number of axes.
+
+        Parameters
+        ----------
+        axes : int
+            Number of axes of the machine.
+
+        Raises
+        ------
+        ParameterError
+            If one is.
+        """
         pack_gains(self, axes)
         self.references(axes)
 
 
 def with_present_names(values: Mapping[str, object]) -> dict[str, object]:
-    """Parameters as version 0.1 recorded them, where the nominal reference of x and y had a name each."""
+    """Parameters as version 0.1 recorded them, where the nominal reference of x and y had a name each.
+
+    Parameters
+    ----------
+    values : mapping of str to object
+        Parameters by name, of any version.
+
+    Returns
+    -------
+    dict of str to object
+        The same values under today's names.
+    """
     found = dict(values)
     former = [found.pop(f"nominal_reference_{axis}", None) for axis in "xy"]
     if any(former):
@@ -112,7 +166,18 @@ def with_present_names(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def require_one_rate(controller_rate: float, sample_rate: float) -> None:
-    """Raise ParameterError unless the controller runs at the sample rate of the plant (both Hz)."""
+    """Check that the controller runs at the sample rate of the plant.
+
+    Parameters
+    ----------
+    controller_rate, sample_rate : float
+        Rates of the two (Hz).
+
+    Raises
+    ------
+    ParameterError
+        If they differ.
+    """
     if abs(controller_rate - sample_rate) > 1e-9 * sample_rate:
         raise ParameterError(
             f"the controller runs at {controller_rate:g} Hz, the plant is sampled at {sample_rate:g} Hz; "
@@ -124,6 +189,18 @@ def pack_gains(parameters: ControllerParameters, axes: int) -> NDArray[np.float6
     """Coefficients of `pd_update`, shape (axes, 6).
 
     They are K_P, K_D, filter pole, difference weight, 1 for derivative on error, limit.
+
+    Parameters
+    ----------
+    parameters : ControllerParameters
+        Gains and limit.
+    axes : int
+        Number of axes.
+
+    Returns
+    -------
+    ndarray, shape (axes, 6)
+        A row for each axis.
 
     Raises
     ------
@@ -144,6 +221,22 @@ def pack_gains(parameters: ControllerParameters, axes: int) -> NDArray[np.float6
 
 def one_each(name: str, values: tuple[float, ...], default: float, axes: int) -> NDArray[np.float64]:
     """One value per axis, shape (axes,); the default on all where no values are given.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, for messages.
+    values : tuple of float
+        One value for each axis, in the unit of the parameter, or none.
+    default : float
+        Value on all axes where none are given (unit of the parameter).
+    axes : int
+        Number of axes.
+
+    Returns
+    -------
+    ndarray, shape (axes,)
+        The values.
 
     Raises
     ------

@@ -45,7 +45,7 @@ class StateSpaceModel(LinearSystem):
     Attributes
     ----------
     a, b, c, d : ndarray, shapes (n, n), (n, m), (p, n), (p, m)
-        System matrices; outputs in m, inputs in A.
+        System matrices, in the units of the signals: outputs in m, inputs in A.
     k : ndarray, shape (n, p)
         Kalman gain (1/m).
     innovation_covariance : ndarray, shape (p, p)
@@ -53,7 +53,7 @@ class StateSpaceModel(LinearSystem):
     input_offset, output_offset : ndarray, shapes (m,), (p,)
         Operating point: means of the data (A, m).
     initial_state : ndarray, shape (n,)
-        State at the first sample of the data.
+        State at the first sample of the data (-).
     sample_time : float
         Sample time (s).
     input_names, output_names : tuple of str
@@ -68,7 +68,7 @@ class StateSpaceModel(LinearSystem):
     input_units, output_units : tuple of str
         Units of inputs and outputs; empty for all inputs in A, all outputs in m.
     fingerprint : ndarray, shape (f,)
-        Hashes of samples that it was identified from, by which they are recognised; empty where not known.
+        Hashes of samples that it was identified from (-), by which they are recognised; empty where not known.
 
     Raises
     ------
@@ -108,17 +108,45 @@ class StateSpaceModel(LinearSystem):
         self._check()
 
     def unstable_poles(self) -> NDArray[np.complex128]:
-        """Poles outside the unit circle, largest magnitude first."""
+        """Poles outside the unit circle, largest magnitude first.
+
+        Returns
+        -------
+        ndarray of complex, shape (unstable,)
+            Poles in the z plane (-).
+        """
         poles = self.poles()
         return poles[np.abs(poles) > 1.0]
 
     def to_json(self) -> dict[str, Any]:
-        """The fields of the model as JSON values, without loss."""
+        """The fields of the model as JSON values, without loss.
+
+        Returns
+        -------
+        dict of str to object
+            JSON values by field name.
+        """
         return {item.name: _to_json(getattr(self, item.name)) for item in fields(self)}
 
     @classmethod
     def from_json(cls, content: Any) -> StateSpaceModel:
-        """The model that `to_json` wrote; IdentificationError for anything else."""
+        """The model that `to_json` wrote; IdentificationError for anything else.
+
+        Parameters
+        ----------
+        content : object
+            JSON values as `to_json` gives them.
+
+        Returns
+        -------
+        StateSpaceModel
+            The model.
+
+        Raises
+        ------
+        IdentificationError
+            If the content is not that of a model.
+        """
         names = {item.name for item in fields(cls)}
         if not isinstance(content, dict) or set(content) | set(_LATER) != names:
             found = ", ".join(sorted(content)) if isinstance(content, dict) else type(content).__name__
@@ -130,6 +158,11 @@ class StateSpaceModel(LinearSystem):
 
     def save(self, path: str | Path) -> None:
         """Write the model as `.json` (readable), `.npz` (NumPy) or `.mat` (MATLAB, Octave); none loses a bit.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write; its extension gives the format.
 
         Raises
         ------
@@ -153,6 +186,16 @@ class StateSpaceModel(LinearSystem):
     @classmethod
     def load(cls, path: str | Path) -> StateSpaceModel:
         """Read a model that `save` has written.
+
+        Parameters
+        ----------
+        path : str or Path
+            File of a format that `save` writes.
+
+        Returns
+        -------
+        StateSpaceModel
+            The model, bit for bit as it was saved.
 
         Raises
         ------

@@ -80,6 +80,11 @@ class PlantDescription:
     given along x, for a bearing with 1 DOF along y, and for two bearings of bearing A; those of a thrust bearing end in
     `_z`. None where there is no such number: the rigid mode of a loop in which rotor and amplifiers swing together, the
     sensitivity of an unstable one, z without a thrust bearing.
+
+    Attributes
+    ----------
+    effects : PlantEffects, optional
+        Which effects the model of the plant has.
     """
 
     current_gain: float = _entry("k_i: force per control current", "N/A")
@@ -119,6 +124,11 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
         The plant.
     controller : ControllerParameters, optional
         The controller of its loop, by default the paper's gains at the plant's sample rate.
+
+    Returns
+    -------
+    PlantDescription
+        The constants of bearing and loop.
 
     Raises
     ------

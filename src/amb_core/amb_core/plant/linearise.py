@@ -72,7 +72,7 @@ class Linearization:
 
     @cached_property
     def closed_loop_rates(self) -> NDArray[np.complex128]:
-        """Poles of the closed loop as rates s = ln(z) / T (1/s), slowest first; a pole at z = 0 has the rate -inf."""
+        """Poles of the closed loop as rates s = ln(z) / T (1/s), slowest first, shape (n,); z = 0 has the rate -inf."""
         rates = rates_of(self.closed_loop.poles(), self.closed_loop.sample_time)
         return rates[np.argsort(np.abs(rates), kind="stable")]
 
@@ -91,6 +91,16 @@ class Linearization:
 
         From its pair of poles: two complex ones, or two real ones of a loop with a damping ratio of one or more. None
         if the rotor has no such pair, because one of its poles has met one of the amplifiers or is unstable.
+
+        Parameters
+        ----------
+        axis : str
+            Name of the axis.
+
+        Returns
+        -------
+        SecondOrder or None
+            Natural frequency and damping ratio.
         """
         from amb_core.step_response import SecondOrder
 
@@ -119,6 +129,11 @@ def linearize(
     position : ndarray, shape (2,), optional
         Radial rotor position about which to linearise (m). By default the position at which the controller holds the
         rotor, sag included; along its axis it is always that one.
+
+    Returns
+    -------
+    Linearization
+        Operating point, plant and closed loop.
 
     Raises
     ------

@@ -97,12 +97,28 @@ class ModalData:
         return len(self.natural_frequencies)
 
     def static_loads(self, gravity: float) -> NDArray[np.float64]:
-        """Forces that carry the rotor's weight at A x, A y, B x, B y (N), shape (4,), by a gravity along -y (m/s^2)."""
+        """Forces that carry the rotor's weight at A x, A y, B x, B y (N), shape (4,), by a gravity along -y (m/s^2).
+
+        Parameters
+        ----------
+        gravity : float
+            Gravity along -y (m/s^2).
+
+        Returns
+        -------
+        ndarray, shape (4,)
+            Forces (N).
+        """
         rigid = self.natural_frequencies == 0.0
         return np.linalg.lstsq(self.bearings[:, rigid].T, -gravity * self.weight[rigid], rcond=None)[0]
 
     def save(self, path: str | Path) -> None:
         """Write the file.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write, .npz.
 
         Raises
         ------
@@ -121,6 +137,16 @@ class ModalData:
     @classmethod
     def load(cls, path: str | Path) -> ModalData:
         """Read a file, named by a path or, in the shared folder of a package, by `package://PACKAGE/PATH`.
+
+        Parameters
+        ----------
+        path : str or Path
+            Path of the file, or `package://PACKAGE/PATH`.
+
+        Returns
+        -------
+        ModalData
+            Modes, weights and places of the rotor.
 
         Raises
         ------

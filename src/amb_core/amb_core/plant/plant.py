@@ -44,7 +44,7 @@ class PlantSnapshot:
     contact : ndarray of bool, shape (bearings,)
         Whether the backup bearing pushed the journal or the journal has reached it.
     axial : AxialSnapshot or None
-        The same of the thrust bearing.
+        The same of the thrust bearing. None without one.
     """
 
     coil_current: NDArray[np.float64]
@@ -62,6 +62,11 @@ class Plant:
     Inputs are the control current references of all axes (A); the amplifiers add the bias current. Outputs are the
     measured rotor positions of all axes (m). `advance` integrates exactly one controller sample. The axes are x and y,
     with a rotor in two bearings those of bearing A and then of B; z follows with a thrust bearing.
+
+    Parameters
+    ----------
+    parameters : PlantParameters, optional
+        Parameters of the plant; the defaults if None.
 
     Attributes
     ----------
@@ -187,7 +192,13 @@ class Plant:
         return radial or (self.axial is not None and self.axial.contact)
 
     def bias_currents(self) -> NDArray[np.float64]:
-        """Bias current of every coil of a radial bearing (A), shape (4,); zero for coils without amplifier."""
+        """Bias current of every coil of a radial bearing (A), shape (4,); zero for coils without amplifier.
+
+        Returns
+        -------
+        ndarray, shape (4,)
+            Currents (A).
+        """
         currents = np.zeros(COILS)
         currents[list(active_coils(self.parameters.magnetic_circuit))] = self.parameters.amplifier.bias_current
         return currents
@@ -206,6 +217,16 @@ class Plant:
         Once the rotor has touched the backup bearing, `delevitated` is true and further calls are refused, unless
         contact is part of the model.
 
+        Parameters
+        ----------
+        currents : sequence of float or ndarray, shape (axes,)
+            Control current references (A).
+
+        Returns
+        -------
+        tuple of float
+            Measured positions of all axes (m).
+
         Raises
         ------
         PlantError
@@ -215,7 +236,20 @@ class Plant:
         return self.position
 
     def trace(self, currents: Sequence[float] | NDArray[np.float64], samples: int = 1) -> Trace:
-        """Like `samples` calls of `advance` with the same references, returning every internal step."""
+        """Like `samples` calls of `advance` with the same references, returning every internal step.
+
+        Parameters
+        ----------
+        currents : sequence of float or ndarray, shape (axes,)
+            Control current references (A).
+        samples : int, optional
+            Number of controller samples.
+
+        Returns
+        -------
+        Trace
+            Variables at the start of every internal step.
+        """
         rows = np.empty((samples * self._steps, self._no_trace.shape[1]))
         axial_rows = np.empty((0 if self.axial is None else len(rows), ROW_SIZE))
         for sample in range(samples):
@@ -225,7 +259,13 @@ class Plant:
         return trace if self.axial is None else replace(trace, axial=unpack_axial(axial_rows))
 
     def snapshot(self) -> PlantSnapshot:
-        """Currents, flux densities and forces at the end of the last internal step."""
+        """Currents, flux densities and forces at the end of the last internal step.
+
+        Returns
+        -------
+        PlantSnapshot
+            Copies of these variables for every bearing.
+        """
         bearings = self._arrays.bearings
         position, contact_force = bearings["position"].copy(), bearings["contact_force"].copy()
         currents = bearings["current"] if self._state["started"] else [self.bias_currents()]
@@ -242,7 +282,13 @@ class Plant:
         )
 
     def journals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Position (m) and velocity (m/s), shape (bearings, 2), and whether its backup bearing pushes each journal."""
+        """Position (m) and velocity (m/s), shape (bearings, 2), and whether its backup bearing pushes each journal.
+
+        Returns
+        -------
+        tuple of ndarray, shapes (bearings, 2), (bearings, 2), (bearings,)
+            Position (m), velocity (m/s), and whether it is pushed.
+        """
         bearings = self._arrays.bearings
         pushed: NDArray[np.bool_] = np.any(bearings["contact_force"], axis=1)
         return bearings["position"].copy(), bearings["velocity"].copy(), pushed
@@ -252,12 +298,29 @@ class Plant:
 
         Elements are the 8 poles, then the segments of the back iron, then those of the journal; no bearings for linear
         iron.
+
+        Returns
+        -------
+        tuple of ndarray, shape (bearings, 24)
+            Flux density (T) and field (A/m).
         """
         bearings = self._arrays.bearings if self.parameters.iron.saturation else self._arrays.bearings[:0]
         return bearings["iron"]["flux_density"].copy(), bearings["iron"]["field"].copy()
 
     def static_flux(self, coil_currents: NDArray[np.float64], x: float, y: float) -> NDArray[np.float64]:
         """Pole fluxes (Wb), shape (8,), of constant coil currents (A), shape (4,), at a rotor position (m).
+
+        Parameters
+        ----------
+        coil_currents : ndarray, shape (4,)
+            Coil currents (A).
+        x, y : float
+            Rotor position (m).
+
+        Returns
+        -------
+        ndarray, shape (8,)
+            Pole fluxes (Wb).
 
         Raises
         ------

@@ -60,10 +60,15 @@ def modal_data_from_ross(
         Nodes at the sensors of A and B; by default those in the bearings.
     unbalance_node : int, optional
         Node of the unbalance; by default the one nearest to the centre of mass.
-    bending_modes : int
+    bending_modes : int, optional
         Number of bending modes in each plane.
-    damping_ratio : float
+    damping_ratio : float, optional
         Damping ratio of the bending modes (-).
+
+    Returns
+    -------
+    ModalData
+        Modes, weights and places of the rotor.
 
     Raises
     ------

@@ -30,11 +30,12 @@ class Trace:
         Energy that nonlinear iron and the diffusion into laminations and solid journals took up since the reset, all
         bearings (J).
     coordinates, rates : ndarray, shape (n, m)
-        Generalised coordinates of a rotor in two bearings, and their rates; m = 0 for a point mass.
+        Generalised coordinates of a rotor in two bearings (units of the modes), and their rates; m = 0 for a point
+        mass.
     bearing_b : Trace or None
-        The same for bearing B.
+        The same for bearing B. None for a plant of one bearing.
     axial : AxialTrace or None
-        Of the thrust bearing.
+        Of the thrust bearing. None without one.
     """
 
     time: NDArray[np.float64]

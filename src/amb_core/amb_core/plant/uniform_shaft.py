@@ -51,12 +51,17 @@ def uniform_shaft(
         Axial positions of bearings A and B from the middle of the shaft, A at smaller z (m).
     sensors : sequence of two float, optional
         Those of their sensors (m); by default in the bearings.
-    bending_modes : int
+    bending_modes : int, optional
         Number of bending modes in each plane, 0 to 8.
-    damping_ratio : float
+    damping_ratio : float, optional
         Damping ratio of the bending modes (-).
-    density, elastic_modulus : float
+    density, elastic_modulus : float, optional
         Of the material (kg/m^3, Pa); by default those of steel.
+
+    Returns
+    -------
+    ModalData
+        Modes, weights and places of the rotor.
 
     Raises
     ------

@@ -55,6 +55,11 @@ def read_overview(path: Path) -> BagOverview:
     path : Path
         Folder of a bag, an `.mcap` or a `.db3` file.
 
+    Returns
+    -------
+    BagOverview
+        Topics with their counts, start, duration and damage.
+
     Raises
     ------
     BagError

@@ -46,6 +46,11 @@ class Recording:
 
     They are converted on request, so a wrong message affects only the data to which it belongs.
 
+    Parameters
+    ----------
+    content : BagContent
+        What was read of the bag.
+
     Attributes
     ----------
     path : Path
@@ -72,6 +77,16 @@ class Recording:
     def read(cls, path: str | Path) -> Recording:
         """Read a bag: a folder, an `.mcap` or a `.db3` file, also an incomplete one whose recording was interrupted.
 
+        Parameters
+        ----------
+        path : str or Path
+            Folder or file of the bag.
+
+        Returns
+        -------
+        Recording
+            The recording.
+
         Raises
         ------
         BagError
@@ -85,6 +100,22 @@ class Recording:
 
         The rest of the bag is not read. Without an index, or where the steps are not found by it, the whole bag is
         read; errors as for `read`.
+
+        Parameters
+        ----------
+        path : str or Path
+            Folder or file of the bag.
+        run : int or None
+            Number of the run; None for the last one.
+        first_step : int
+            First step that is needed.
+        stop : int
+            Step after the last one that is needed.
+
+        Returns
+        -------
+        Recording
+            A recording with at least these steps, if the bag has them.
         """
         found = cls(BagContent(Path(path), (run, first_step, stop)))
         covered = any(start <= first_step and stop <= end for start, end in found.spans(run))
@@ -115,6 +146,11 @@ class Recording:
         first_step, stop : int, optional
             The steps wanted, `stop` not included; by default all.
 
+        Returns
+        -------
+        LoopRecord
+            References (m), positions (m) and currents (A) of these steps.
+
         Raises
         ------
         BagError
@@ -133,7 +169,18 @@ class Recording:
             raise BagError(f"bag {self.path}, run {run}: {problem}") from None
 
     def spans(self, run: int | None = None) -> list[tuple[int, int]]:
-        """Spans (first step, step after the last) for which there is telemetry of a run, by default the last one."""
+        """Spans (first step, step after the last) for which there is telemetry of a run, by default the last one.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one.
+
+        Returns
+        -------
+        list of (int, int)
+            The spans, ascending.
+        """
         coverage = StepCoverage()
         blocks = self._content.blocks
         for block in blocks.get(next(reversed(blocks), 0) if run is None else run, []):
@@ -142,6 +189,16 @@ class Recording:
 
     def plant_states(self, run: int | None = None) -> PlantRecord:
         """Internal states of the plant during a run (by default the last recorded), at the published steps.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one with such states.
+
+        Returns
+        -------
+        PlantRecord
+            Currents, flux densities and forces over time.
 
         Raises
         ------
@@ -162,6 +219,18 @@ class Recording:
     def experiment(self, first_step: int = -1, steps: int = 0) -> LoopRecord:
         """The samples of the last experiment of the last run, or of other steps of it, as `select_window` chooses them.
 
+        Parameters
+        ----------
+        first_step : int, optional
+            First step; -1 for that of the last experiment.
+        steps : int, optional
+            Number of steps; 0 for all up to the end of the experiment.
+
+        Returns
+        -------
+        LoopRecord
+            The samples.
+
         Raises
         ------
         BagError, IdentificationError
@@ -179,7 +248,18 @@ class Recording:
         return self.telemetry(run, *window)
 
     def excitations(self, run: int | None = None) -> list[AppliedExcitation]:
-        """The excitations of a run (by default the last with telemetry) as the controller answered them, in order."""
+        """The excitations of a run (by default the last with telemetry) as the controller answered them, in order.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one with telemetry.
+
+        Returns
+        -------
+        list of AppliedExcitation
+            The answers to all requests, refused ones too.
+        """
         if run is None and not self.runs:
             return []
         run = self.runs[-1] if run is None else run
@@ -193,7 +273,7 @@ class Recording:
         first_step, stop : int
             The steps wanted, `stop` not included.
         run : int, optional
-            The run.
+            The run; None for the last one with telemetry.
 
         Returns
         -------
@@ -217,6 +297,16 @@ class Recording:
         """Step before which the simulator ended a run (by default the last one) due to delevitation, or None.
 
         A simulation that continues after contact, and a real bearing, have none.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one.
+
+        Returns
+        -------
+        int or None
+            The step.
         """
         if run is None and not self.runs:
             return None
@@ -224,18 +314,41 @@ class Recording:
         return self._content.delevitations.get(run)
 
     def parameters(self) -> dict[str, dict[str, ParameterValue]]:
-        """The last known parameters of each node, by full node name and parameter name."""
+        """The last known parameters of each node, by full node name and parameter name.
+
+        Returns
+        -------
+        dict of str to dict of str to ParameterValue
+            Values by node and parameter; a copy.
+        """
         return {node: dict(values) for node, values in self._content.parameters.items()}
 
     def parameters_of(self, name: str) -> dict[str, ParameterValue] | None:
-        """The last known parameters of the node of this name in any namespace, None when they were not recorded."""
+        """The last known parameters of the node of this name in any namespace, None when they were not recorded.
+
+        Parameters
+        ----------
+        name : str
+            Name of the node without its namespace.
+
+        Returns
+        -------
+        dict of str to ParameterValue or None
+            Values by parameter; a copy.
+        """
         for node, values in self._content.parameters.items():
             if node.rsplit("/", 1)[-1] == name:
                 return dict(values)
         return None
 
     def machine(self) -> Machine | None:
-        """The machine as it was last published, None when it was not recorded (as by version 0.1)."""
+        """The machine as it was last published, None when it was not recorded (as by version 0.1).
+
+        Returns
+        -------
+        Machine or None
+            Axes, bearings and sample rate.
+        """
         return self._content.machines[-1] if self._content.machines else None
 
     @property
@@ -254,6 +367,11 @@ class Recording:
     def controller_parameters(self) -> ControllerParameters | None:
         """Parameters of the recorded controller (a node named pd_controller), None when they were not recorded.
 
+        Returns
+        -------
+        ControllerParameters or None
+            Gains, limit and sample rate.
+
         Raises
         ------
         ParameterError
@@ -267,6 +385,11 @@ class Recording:
 
         That of a rig is the one that its bridge sent to the target. None if no controller was recorded, or more than
         one, so that which of them ran is not known.
+
+        Returns
+        -------
+        KnownController or None
+            The controller that ran, if it is known.
 
         Raises
         ------
@@ -286,7 +409,13 @@ class Recording:
         return linear_controller_of(values, self.published_controller())
 
     def current_limit(self) -> float | None:
-        """Limit of the currents of the recorded controller (A), None if it was not recorded or there were two."""
+        """Limit of the currents of the recorded controller (A), None if it was not recorded or there were two.
+
+        Returns
+        -------
+        float or None
+            The limit (A).
+        """
         recorded = self._controllers().values()
         known = [float(str(values["current_limit"])) for values in recorded if "current_limit" in values]
         return known[0] if len(known) == 1 else None
@@ -297,11 +426,22 @@ class Recording:
         return {name: values for name, values in nodes.items() if values is not None}
 
     def published_controller(self) -> StateSpaceModel | None:
-        """The last linear controller on the topic `controller`, None when there is none."""
+        """The last linear controller on the topic `controller`, None when there is none.
+
+        Returns
+        -------
+        StateSpaceModel or None
+            The controller as a state-space model.
+        """
         return model_from_message(self._content.controllers[-1]) if self._content.controllers else None
 
     def plant_parameters(self) -> PlantParameters | None:
         """Parameters of the simulated plant (a node named simulator), None if there are none, as for a real bearing.
+
+        Returns
+        -------
+        PlantParameters or None
+            Parameters of the plant.
 
         Raises
         ------
@@ -316,18 +456,41 @@ class Recording:
         return part_of(PlantParameters, values)
 
     def model(self) -> StateSpaceModel | None:
-        """The last model that was identified while recording, None when there is none."""
+        """The last model that was identified while recording, None when there is none.
+
+        Returns
+        -------
+        StateSpaceModel or None
+            The model.
+        """
         return model_from_message(self._content.models[-1]) if self._content.models else None
 
     def regions(self, run: int | None = None) -> list[RegionState]:
-        """The states that the region monitor published in a run, by default the last with telemetry, in order."""
+        """The states that the region monitor published in a run, by default the last with telemetry, in order.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one with telemetry.
+
+        Returns
+        -------
+        list of RegionState
+            The states.
+        """
         if run is None and not self.runs:
             return []
         run = self.runs[-1] if run is None else run
         return [state for number, state in self._content.regions if number == run]
 
     def region_map(self) -> RegionMap | None:
-        """The last region map that was built while recording, None when there is none."""
+        """The last region map that was built while recording, None when there is none.
+
+        Returns
+        -------
+        RegionMap or None
+            The map.
+        """
         if not self._content.region_maps:
             return None
         from amb_core.recording.messages.region_map import region_map_from_message  # loads a compiler
@@ -337,6 +500,16 @@ class Recording:
     def messages_of(self, topic: str) -> Iterator[Any]:
         """The messages of a topic, decoded, as they were recorded; reads the files again.
 
+        Parameters
+        ----------
+        topic : str
+            Full name of the topic.
+
+        Returns
+        -------
+        iterator of object
+            The messages.
+
         Raises
         ------
         BagError
@@ -345,5 +518,16 @@ class Recording:
         return self._content.messages_of(topic)
 
     def timed_messages_of(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """As `messages_of`, each with the time at which it was recorded (ns since 1970)."""
+        """As `messages_of`, each with the time at which it was recorded (ns since 1970).
+
+        Parameters
+        ----------
+        topic : str
+            Full name of the topic.
+
+        Returns
+        -------
+        iterator of (int, object)
+            Times and messages.
+        """
         return self._content.timed_messages_of(topic)

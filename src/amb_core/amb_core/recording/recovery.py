@@ -71,7 +71,12 @@ def inspect_bag(path: str | Path, progress: Progress | None = None) -> BagState:
     path : str or Path
         A folder or an `.mcap` file.
     progress : callable, optional
-        Called now and then with the bytes read so far and in all.
+        Called now and then with the bytes read so far and in all. None for no calls.
+
+    Returns
+    -------
+    BagState
+        Topics, counts and damage.
 
     Raises
     ------
@@ -112,7 +117,7 @@ def recover_bag(state: BagState, out: str | Path, progress: Progress | None = No
     out : str or Path
         Folder of the new bag; must not exist. It is removed again if the copy does not come to its end.
     progress : callable, optional
-        Called now and then with the bytes read so far and in all.
+        Called now and then with the bytes read so far and in all. None for no calls.
 
     Returns
     -------

@@ -31,7 +31,15 @@ class StepAudit:
         self._coverage = StepCoverage()
 
     def add(self, first_step: int, steps: int) -> None:
-        """Add a block of `steps` samples from `first_step` onwards."""
+        """Add a block of `steps` samples from `first_step` onwards.
+
+        Parameters
+        ----------
+        first_step : int
+            Step of the first sample.
+        steps : int
+            Number of samples.
+        """
         stop = first_step + steps
         earlier = max(min(stop, self._coverage.stop) - first_step, 0)
         if earlier:
@@ -52,15 +60,54 @@ class StepAudit:
         return self._coverage.stop
 
     def gaps(self, first: int | None = None, stop: int | None = None) -> list[tuple[int, int]]:
-        """Spans (first step, step after the last) that are missing from a range, by default within the recording."""
+        """Spans (first step, step after the last) that are missing from a range, by default within the recording.
+
+        Parameters
+        ----------
+        first : int, optional
+            First step of the range; by default that of the recording.
+        stop : int, optional
+            Step after the range; by default the end of the recording.
+
+        Returns
+        -------
+        list of (int, int)
+            The spans, ascending.
+        """
         return self._coverage.missing(self.first if first is None else first, self.stop if stop is None else stop)
 
     def lost(self, first: int | None = None, stop: int | None = None) -> int:
-        """Number of missing samples."""
+        """Number of missing samples.
+
+        Parameters
+        ----------
+        first : int, optional
+            First step of the range; by default that of the recording.
+        stop : int, optional
+            Step after the range; by default the end of the recording.
+
+        Returns
+        -------
+        int
+            Samples missing from the range.
+        """
         return sum(end - start for start, end in self.gaps(first, stop))
 
     def describe(self, first: int | None = None, stop: int | None = None) -> str:
-        """All of it in one line, such as `steps 0 to 999, none missing`."""
+        """All of it in one line, such as `steps 0 to 999, none missing`.
+
+        Parameters
+        ----------
+        first : int, optional
+            First step of the range; by default that of the recording.
+        stop : int, optional
+            Step after the range; by default the end of the recording.
+
+        Returns
+        -------
+        str
+            One line of text.
+        """
         first, stop = self.first if first is None else first, self.stop if stop is None else stop
         gaps = self.gaps(first, stop)
         texts = [f"steps {first} to {stop - 1}"]

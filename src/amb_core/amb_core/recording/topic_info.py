@@ -7,7 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A topic of a bag and the number of its messages."""
+    """A topic of a bag and the number of its messages.
+
+    Attributes
+    ----------
+    name : str
+        Full name.
+    type : str
+        Type of its messages, as `package/msg/Name`.
+    messages : int
+        Number of its messages.
+    """
 
     name: str
     type: str

@@ -36,7 +36,7 @@ class BagWriter:
         Longest time that a message waits in memory while messages arrive (s). If they may stop arriving, call `flush`
         from a timer.
     split_size : float, optional
-        Size at which a file is closed and the next one begins (B); 0: none.
+        Size at which a file is closed and the next one begins (B) (bytes); 0: none.
     split_period : float, optional
         Time between the first messages of two files (s); 0: none.
 
@@ -95,6 +95,11 @@ class BagWriter:
         offered_qos : sequence of mapping, optional
             Quality of service that its publishers offer, in the format of rosbag2's metadata; a player of the bag
             offers the same. Reliable and volatile by default.
+
+        Raises
+        ------
+        BagError
+            If the definition is wrong.
         """
         if message_type not in self._definitions:
             try:
@@ -118,6 +123,17 @@ class BagWriter:
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int | None = None) -> None:
         """Append a message as received (CDR with its encapsulation header); times in ns since 1970.
 
+        Parameters
+        ----------
+        topic : str
+            Full name of a topic that was added.
+        data : bytes
+            The message.
+        log_time : int
+            When it was received.
+        publish_time : int, optional
+            When it was sent; by default `log_time`.
+
         Raises
         ------
         BagError
@@ -133,11 +149,38 @@ class BagWriter:
             self.flush()
 
     def parameter_event(self, node: str, values: Mapping[str, ParameterValue], log_time: int) -> bytes:
-        """The parameters of a node as a message of type rcl_interfaces/msg/ParameterEvent, which a topic must have."""
+        """The parameters of a node as a message of type rcl_interfaces/msg/ParameterEvent, which a topic must have.
+
+        Parameters
+        ----------
+        node : str
+            Full name of the node.
+        values : mapping of str to ParameterValue
+            Its parameters by name, in the units of their declarations.
+        log_time : int
+            Time of the message (ns since 1970).
+
+        Returns
+        -------
+        bytes
+            The message in CDR.
+        """
         return encode_parameters(self._types, node, values, log_time)
 
     def write_parameters(self, topic: str, node: str, values: Mapping[str, ParameterValue], log_time: int) -> None:
-        """Append the parameters of a node to a topic of type rcl_interfaces/msg/ParameterEvent."""
+        """Append the parameters of a node to a topic of type rcl_interfaces/msg/ParameterEvent.
+
+        Parameters
+        ----------
+        topic : str
+            Full name of a topic that was added.
+        node : str
+            Full name of the node.
+        values : mapping of str to ParameterValue
+            Its parameters by name, in the units of their declarations.
+        log_time : int
+            Time of the message (ns since 1970).
+        """
         self.write(topic, self.parameter_event(node, values, log_time), log_time)
 
     def flush(self) -> None:

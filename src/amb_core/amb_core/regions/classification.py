@@ -50,20 +50,25 @@ def classify(
     record : LoopRecord
         Samples of a loop.
     parameters : RegionParameters, optional
-        Thresholds and times.
+        Thresholds and times. The defaults if None.
     machine : Machine, optional
-        The machine, if it is known: its bearings and their clearances. Otherwise see `layout_without_machine`.
+        The machine, if it is known: its bearings and their clearances. None otherwise: see `layout_without_machine`.
     delevitated : bool, optional
         Whether the record ends because the rotor delevitated in its last step (its position there is not recorded).
     frequency : ndarray, shape (steps,), optional
         Frequency of the input at each sample (Hz), if it is known. Otherwise it is estimated from the reference, which
         works for a sweep from about 25 Hz onwards.
 
+    Returns
+    -------
+    Classification
+        Region of every update, with the onsets.
+
     Raises
     ------
     RegionError
-        If `frequency` has another length, a sample is not finite, the axes are not those of the machine, or the
-        sample time is too long for the update interval.
+        If `frequency` has another length, a sample is not finite, the axes are not those of the machine, or the sample
+        time is too long for the update interval.
     """
     if frequency is not None and frequency.shape != (record.steps,):
         raise RegionError(f"frequency has shape {frequency.shape}; the record has {record.steps} samples")

@@ -80,6 +80,16 @@ class RegionClassifier:
 
         A block that does not continue the last one restarts the classification at its first step.
 
+        Parameters
+        ----------
+        block : LoopRecord
+            Consecutive samples.
+
+        Returns
+        -------
+        list of RegionState
+            One state for each completed update.
+
         Raises
         ------
         RegionError
@@ -117,6 +127,11 @@ class RegionClassifier:
         """Register that the rotor delevitated at the next step, for which there is no sample.
 
         Of several bearings it is the one in which the last position was closest to its clearance.
+
+        Returns
+        -------
+        RegionState
+            The state at that step.
         """
         if not self._touching:
             self._begin_delevitation(0 if self._next is None else self._next, [self._closest_contact()])

@@ -12,7 +12,17 @@ from amb_core.loop.machine import Machine
 
 @dataclass(frozen=True)
 class MonitoredBearing:
-    """One bearing: its name, its axes, and the displacement at which the rotor touches it (m), infinite if unknown."""
+    """One bearing.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    axes : tuple of str
+        Names of its axes.
+    clearance : float
+        Displacement at which the rotor touches it (m), infinite if unknown.
+    """
 
     name: str
     axes: tuple[str, ...]
@@ -26,7 +36,14 @@ class MonitoredBearing:
 
 @dataclass(frozen=True)
 class Layout:
-    """Axes, in the order of all arrays of samples, and the bearings to which they belong.
+    """Axes and the bearings to which they belong.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Names of the axes, in the order of all arrays of samples.
+    bearings : tuple of MonitoredBearing
+        The bearings.
 
     Raises
     ------
@@ -46,13 +63,29 @@ class Layout:
             )
 
     def columns(self, bearing: MonitoredBearing) -> list[int]:
-        """Columns of a bearing in arrays of samples."""
+        """Columns of a bearing in arrays of samples.
+
+        Parameters
+        ----------
+        bearing : MonitoredBearing
+            A bearing of the layout.
+
+        Returns
+        -------
+        list of int
+            Indices of its axes.
+        """
         return [self.axes.index(axis) for axis in bearing.axes]
 
     def neighbours(self) -> list[list[int]]:
         """For each axis the columns of the others, in the order in which their inputs are taken for its own.
 
         First its bearing, then the same place in the other bearings: the same plane through the shaft.
+
+        Returns
+        -------
+        list of list of int
+            Indices of axes, one list for each axis.
         """
         columns = range(len(self.axes))
         return [
@@ -70,7 +103,18 @@ class Layout:
 
 
 def layout_of(machine: Machine) -> Layout:
-    """The layout of a machine; a clearance that is no positive number is unknown."""
+    """The layout of a machine; a clearance that is no positive number is unknown.
+
+    Parameters
+    ----------
+    machine : Machine
+        The machine.
+
+    Returns
+    -------
+    Layout
+        Its axes, and the bearings that have any.
+    """
     bearings = []
     for bearing in machine.bearings:
         axes = tuple(axis.name for axis in machine.axes if axis.bearing == bearing.name)
@@ -86,6 +130,16 @@ def layout_without_machine(axes: tuple[str, ...]) -> Layout:
 
     The clearance of radial bearings is then the default radius of the backup bearing; any other axis is a bearing by
     itself, with an unknown clearance.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        Names of the axes.
+
+    Returns
+    -------
+    Layout
+        The axes, and the bearings that they are taken for.
     """
     if len(axes) == 2:
         return Layout(axes, (MonitoredBearing("a", axes, BACKUP_BEARING_RADIUS),))

@@ -60,7 +60,7 @@ class AxisState:
     trend : float
         Slope of the bias over the span of the most significant trend test (m/s).
     trend_significance : float
-        Its t statistic divided by the critical value of the test: significant if 1 or more.
+        Its t statistic divided by the critical value of the test (-): significant if 1 or more.
     oscillation_amplitude, oscillation_frequency : float
         Largest line of the slow band that is not a beat (m, Hz).
     input_frequency : float
@@ -73,6 +73,7 @@ class AxisState:
         Whether a harmonic of the input, folded at the sample rate, explains a slow oscillation.
     drift, oscillation : Onset or None
         Where a drift of the bias and a slow oscillation begin, if there is evidence: the two do not hide each other.
+        None without evidence.
     steady_frequency, steady_amplitude : float
         Largest line that was there before the excitation, such as that of the turning rotor (Hz, m); 0 without one. It
         counts neither as drift nor as oscillation.
@@ -158,6 +159,16 @@ class RegionState:
 
     def axis(self, name: str) -> AxisState:
         """The axis of this name.
+
+        Parameters
+        ----------
+        name : str
+            Name of the axis.
+
+        Returns
+        -------
+        AxisState
+            Its state.
 
         Raises
         ------

@@ -42,7 +42,17 @@ Cell = str | Badge
 
 @dataclass(frozen=True)
 class VerdictStrip:
-    """What a page found, before everything else: the verdict, its reason, and the main numbers with their names."""
+    """What a page found, before everything else.
+
+    Attributes
+    ----------
+    verdict : Badge
+        The verdict.
+    reason : str
+        Why, in one sentence.
+    numbers : sequence of (str, Badge)
+        The main numbers with their names.
+    """
 
     verdict: Badge
     reason: str
@@ -51,7 +61,13 @@ class VerdictStrip:
 
 @dataclass(frozen=True)
 class Prose:
-    """A paragraph of plain text."""
+    """A paragraph of plain text.
+
+    Attributes
+    ----------
+    text : str
+        The paragraph.
+    """
 
     text: str
 
@@ -60,7 +76,12 @@ class Prose:
 class FigureBlock:
     """An interactive figure with its caption; the page of a chart of `amb_core.figures`.
 
-    Its title is left out: the heading of the section, or `title`, says what it shows.
+    Attributes
+    ----------
+    page : plotly Figure
+        From `Chart.page`; its own title is left out.
+    title : str, optional
+        What it shows, where the heading of the section does not say it.
     """
 
     page: go.Figure
@@ -69,7 +90,15 @@ class FigureBlock:
 
 @dataclass(frozen=True)
 class Picture:
-    """An image file, put into the page, with the text for those who cannot see it."""
+    """An image file, put into the page.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    alt : str
+        What it shows, for those who cannot see it.
+    """
 
     path: Path
     alt: str
@@ -77,12 +106,23 @@ class Picture:
 
 @dataclass(frozen=True)
 class TableBlock:
-    """Rows of texts and badges below a header; `caption` says what they are.
+    """Rows of texts and badges below a header.
 
     Attributes
     ----------
+    header : sequence of str
+        Names of the columns.
+    rows : sequence of sequence of Cell
+        Cells in the order of the header.
+    caption : str
+        What the rows are.
     filters : sequence of str
         Columns, by their header, of few different texts: a reader may choose one and see only its rows.
+
+    Raises
+    ------
+    ValueError
+        If a filter is no column.
     """
 
     header: Sequence[str]
@@ -95,7 +135,18 @@ class TableBlock:
             raise ValueError(f"table '{self.caption}' has no columns {', '.join(sorted(unknown))}")
 
     def choices(self, name: str) -> list[str]:
-        """The different texts of a column, in the order of the rows."""
+        """The different texts of a column, in the order of the rows.
+
+        Parameters
+        ----------
+        name : str
+            Header of the column.
+
+        Returns
+        -------
+        list of str
+            Texts, each once.
+        """
         place = list(self.header).index(name)
         return list(dict.fromkeys(text_of(row[place]) for row in self.rows))
 
@@ -107,7 +158,19 @@ def text_of(cell: Cell) -> str:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What somebody states, what was found, and whether they agree."""
+    """What somebody states, what was found, and whether they agree.
+
+    Attributes
+    ----------
+    statement : str
+        What is stated.
+    finding : str
+        What was found.
+    answer : Answer
+        Whether they agree.
+    reason : str, optional
+        Why they do not; empty if they do.
+    """
 
     statement: str
     finding: str
@@ -117,7 +180,15 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Listing:
-    """Text whose spacing matters, such as a report in plain text."""
+    """Text whose spacing matters, such as a report in plain text.
+
+    Attributes
+    ----------
+    text : str
+        The text, line by line.
+    caption : str
+        What it is.
+    """
 
     text: str
     caption: str
@@ -133,7 +204,15 @@ def anchor_of(heading: str) -> str:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what is below it."""
+    """A heading and what is below it.
+
+    Attributes
+    ----------
+    heading : str
+        Heading, unlike all others of the page.
+    blocks : sequence of Block
+        What is below it, in order.
+    """
 
     heading: str
     blocks: Sequence[Block]
@@ -159,7 +238,7 @@ class Report:
     made_from : str
         Where the numbers come from; shown at the end.
     strip : VerdictStrip, optional
-        The verdict, above everything but the title.
+        The verdict, above everything but the title. None for no verdict.
     """
 
     title: str

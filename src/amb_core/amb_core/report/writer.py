@@ -24,6 +24,13 @@ def write_report(report: Report, path: str | Path) -> None:
 
     Its content security policy forbids it to load anything from anywhere, so it neither needs nor asks for a network.
 
+    Parameters
+    ----------
+    report : Report
+        The page.
+    path : str or Path
+        File to write.
+
     Raises
     ------
     AmbError

@@ -21,7 +21,13 @@ class Result:
 
     @property
     def summary(self) -> str:
-        """One line of text, the verdict first where there is one."""
+        """One line of text, the verdict first where there is one.
+
+        Raises
+        ------
+        NotImplementedError
+            If the kind of result has no summary.
+        """
         raise NotImplementedError
 
     @property
@@ -31,7 +37,13 @@ class Result:
 
     @staticmethod
     def draw_with(chart_of: Callable[[object], Any]) -> None:
-        """Take a function that makes the chart of a result; it raises AmbError where there is none."""
+        """Take a function that makes the chart of a result; it raises AmbError where there is none.
+
+        Parameters
+        ----------
+        chart_of : callable
+            Takes a result and returns its chart; raises AmbError if the result has none.
+        """
         Result._chart_of = staticmethod(chart_of)
 
     def __repr__(self) -> str:
@@ -57,7 +69,18 @@ class Result:
 
 
 def rows_by_axis(values: Mapping[str, Mapping[str, float | None]]) -> list[tuple[str, str]]:
-    """The rows of a table of numbers by axis and name."""
+    """The rows of a table of numbers by axis and name.
+
+    Parameters
+    ----------
+    values : mapping of str to mapping of str to float or None
+        Numbers by axis and name, None for missing ones; the names end in the units of their values.
+
+    Returns
+    -------
+    list of (str, str)
+        What the number is, and its text; - for a missing one.
+    """
     every = (
         (f"{axis}, {name.replace('_', ' ')}", value) for axis, part in values.items() for name, value in part.items()
     )

@@ -151,7 +151,18 @@ NAMES: dict[str, tuple[str, str]] = {
 
 
 def unnamed(values: Any) -> list[str]:
-    """Where plain values have numbers that `NAMES` does not explain."""
+    """Where plain values have numbers that `NAMES` does not explain.
+
+    Parameters
+    ----------
+    values : object
+        Plain values, as `plain` gives them.
+
+    Returns
+    -------
+    list of str
+        Places as dotted names, sorted.
+    """
     return sorted({".".join(place) for place in _numbers(values, ()) if not any(name in NAMES for name in place)})
 
 

@@ -25,6 +25,11 @@ def plain(value: Any) -> Any:
         Numbers, texts, None, arrays, enumerations (their names), paths, dataclasses, parameters, and mappings and
         sequences of these. A complex number becomes [real, imaginary]; NaN and infinity become None.
 
+    Returns
+    -------
+    object
+        The JSON value.
+
     Raises
     ------
     TypeError

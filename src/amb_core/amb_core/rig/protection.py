@@ -67,7 +67,20 @@ class ProtectionParameters(Parameters):
         return self
 
     def require_no_looser(self, than: ProtectionParameters, when: str) -> None:
-        """Raise ParameterError if one of these limits protects less than another one, which holds at a time `when`."""
+        """Check that none of these limits protects less than that of another set.
+
+        Parameters
+        ----------
+        than : ProtectionParameters
+            The other set.
+        when : str
+            When the other set holds, for the message.
+
+        Raises
+        ------
+        ParameterError
+            If one protects less.
+        """
         for name in ("excitation_amplitude", "excitation_slew", "alarm_share", "trip_share"):
             value, limit = (getattr(limits, name) or math.inf for limits in (self, than))  # 0: the target's limit
             if value > limit:
@@ -76,7 +89,20 @@ class ProtectionParameters(Parameters):
                 )
 
     def lowered(self, of_target: Limits, current_limit: float) -> Limits:
-        """The target's limits with these in their place where they are lower, and a limit of the current (A)."""
+        """The target's limits with these in their place where they are lower, and a limit of the current (A).
+
+        Parameters
+        ----------
+        of_target : Limits
+            Limits that the target has.
+        current_limit : float
+            Limit of the control currents (A).
+
+        Returns
+        -------
+        Limits
+            The limits to send to the target.
+        """
         changed = {
             "control_current": current_limit,
             "alarm_share": self.alarm_share,
@@ -112,7 +138,18 @@ class ExcitationProtection:
             self._steps, self._by = round(wanted * self._rate), "the limit longest_excitation"
 
     def require_length(self, steps: int) -> None:
-        """Raise ExcitationError if an excitation has more steps than allowed; needs no samples."""
+        """Check the length of an excitation; needs no samples.
+
+        Parameters
+        ----------
+        steps : int
+            Its number of steps.
+
+        Raises
+        ------
+        ExcitationError
+            If it has more steps than allowed.
+        """
         if steps > self._steps:
             raise ExcitationError(
                 f"{steps / self._rate:g} s long; allowed on this rig: {self._steps / self._rate:g} s ({self._by})"

@@ -26,7 +26,15 @@ LATE = 2.0  # s of telemetry that may come before the news of a trip, whose answ
 
 @dataclass(frozen=True, eq=False)
 class RunSamples:
-    """Consecutive samples of a run; `record` counts steps in the run."""
+    """Consecutive samples of a run.
+
+    Attributes
+    ----------
+    run : int
+        Number of the run.
+    record : LoopRecord
+        The samples, with steps counted in the run.
+    """
 
     run: int
     record: LoopRecord
@@ -74,7 +82,18 @@ class Runs:
         self.position = np.full(len(self._axes), np.nan)
 
     def add(self, samples: TelemetryBlock) -> list[RunSamples]:
-        """The blocks that are whole now that these samples, with status words, have arrived."""
+        """The blocks that are whole now that these samples, with status words, have arrived.
+
+        Parameters
+        ----------
+        samples : TelemetryBlock
+            Samples of the target, with status words.
+
+        Returns
+        -------
+        list of RunSamples
+            Blocks that became whole, in the order of their steps.
+        """
         assert samples.status is not None
         state = samples.status & _STATE
         levitated = (state >= _FIRST) & (state <= _LAST)
@@ -86,38 +105,105 @@ class Runs:
         return done
 
     def flush(self) -> list[RunSamples]:
-        """The block in the making, if there is one: no samples come for a while."""
+        """The block in the making, if there is one: no samples come for a while.
+
+        Returns
+        -------
+        list of RunSamples
+            This block, or nothing.
+        """
         done = self._cut(self._held) if self._held else []
         self._remember(done)
         return done
 
     def end(self) -> list[RunSamples]:
-        """The run is over: the target started anew, and counts its steps from 0 again."""
+        """The run is over: the target started anew, and counts its steps from 0 again.
+
+        Returns
+        -------
+        list of RunSamples
+            The last block of the run, if it had begun.
+        """
         done = self.flush()
         self.levitated, self._end = False, self.next_target_step
         return done
 
     def step_of(self, target_step: int) -> int:
-        """The step in the present run of a step of the target."""
+        """The step in the present run of a step of the target.
+
+        Parameters
+        ----------
+        target_step : int
+            Step of the target.
+
+        Returns
+        -------
+        int
+            Step of the run.
+        """
         return target_step - self._base
 
     def target_step_of(self, step: int) -> int:
-        """The step of the target at a step of the present run."""
+        """The step of the target at a step of the present run.
+
+        Parameters
+        ----------
+        step : int
+            Step of the run.
+
+        Returns
+        -------
+        int
+            Step of the target.
+        """
         return self._base + step
 
     def holds(self, target_step: int) -> bool:
-        """Whether a step of the target is one of the present run, or of the last one; its sample may be lost."""
+        """Whether a step of the target is one of the present run, or of the last one; its sample may be lost.
+
+        Parameters
+        ----------
+        target_step : int
+            Step of the target.
+
+        Returns
+        -------
+        bool
+            True for a step of such a run.
+        """
         return self.run > 0 and target_step >= self._base and (self.levitated or target_step <= self._end)
 
     def before(self, target_step: int) -> list[LoopRecord]:
-        """What is known of the second before a step of the target, within the present run, in blocks."""
+        """What is known of the second before a step of the target, within the present run, in blocks.
+
+        Parameters
+        ----------
+        target_step : int
+            Step of the target.
+
+        Returns
+        -------
+        list of LoopRecord
+            Records in the order of their steps.
+        """
         stop = self.step_of(target_step)
         whole = [*self._past, *([self._made(self._held)] if self._held else [])]
         records = [samples.record for samples in whole if samples.run == self.run]
         return [part for record in records for part in _between(record, stop - self._before_steps, stop)]
 
     def lacking_before(self, target_step: int) -> str:
-        """How much of the second before a step of the target, within the present run, is missing; empty: nothing."""
+        """How much of the second before a step of the target, within the present run, is missing; empty: nothing.
+
+        Parameters
+        ----------
+        target_step : int
+            Step of the target.
+
+        Returns
+        -------
+        str
+            Text for a message.
+        """
         wanted = min(self.step_of(target_step), self._before_steps)
         missing = wanted - sum(record.steps for record in self.before(target_step))
         return f"{missing} of the {wanted} steps before it are missing here" if missing > 0 else ""

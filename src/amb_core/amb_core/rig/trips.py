@@ -43,7 +43,20 @@ def axis_of(trip: Trip, machine: Machine) -> str:
 
 
 def describe(trip: Trip, machine: Machine) -> str:
-    """A trip as text, without its step."""
+    """A trip as text, without its step.
+
+    Parameters
+    ----------
+    trip : Trip
+        A latched trip.
+    machine : Machine
+        Machine of the target, for the names of its axes.
+
+    Returns
+    -------
+    str
+        One line of text.
+    """
     words = {"percent": 1e2 * trip.value, "um": 1e6 * trip.value, "value": trip.value, "number": trip.axis + 1}
     return _TEXTS[trip.reason].format(axis=axis_of(trip, machine), **words)
 
@@ -71,7 +84,20 @@ class TripLog:
         self._waiting: list[_Waiting] = []
 
     def note(self, status: TargetStatus, now: float) -> bool:
-        """Take the trips of a status at a time of a monotonic clock (s). Whether there are new ones."""
+        """Take the trips of a status.
+
+        Parameters
+        ----------
+        status : TargetStatus
+            State of the target.
+        now : float
+            Time of a monotonic clock (s).
+
+        Returns
+        -------
+        bool
+            True if it has new trips.
+        """
         self.latched = list(status.trips)
         new = [trip for trip in status.trips if (trip.reason, trip.step) not in self._known]
         self._known = {(trip.reason, trip.step) for trip in status.trips}
@@ -79,7 +105,20 @@ class TripLog:
         return bool(new)
 
     def ready(self, next_target_step: int, now: float) -> list[Trip]:
-        """Trips up to which telemetry has arrived, or that have waited long enough; each is returned once."""
+        """Trips up to which telemetry has arrived, or that have waited long enough; each is returned once.
+
+        Parameters
+        ----------
+        next_target_step : int
+            Step of the target after the last one whose telemetry has arrived.
+        now : float
+            Time of the same clock as for `note` (s).
+
+        Returns
+        -------
+        list of Trip
+            Trips, oldest first.
+        """
         done = [one for one in self._waiting
                 if next_target_step >= one.trip.step or now - one.since > self.PATIENCE]  # fmt: skip
         self._waiting = [one for one in self._waiting if one not in done]

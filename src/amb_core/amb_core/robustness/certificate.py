@@ -19,7 +19,7 @@ from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation, Verdict
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
-from amb_core.robustness.assessment import FAR, Assessment, AxisBounds, assess_loop
+from amb_core.robustness.assessment import Assessment, assess_loop
 from amb_core.robustness.checks import (
     COVERED,
     RUN,
@@ -37,6 +37,7 @@ from amb_core.robustness.known_band import KnownBand, known_band
 from amb_core.robustness.measured import MeasuredSensitivity
 from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
 from amb_core.robustness.trace import Trace
+from amb_core.robustness.worst_cases import FAR, AxisBounds
 
 ON_CIRCLE = 1e-6  # distance of the replayed pole from the unit circle at most
 WIDE_GAP = 0.1  # of the bounds of mu, relative, from which the finding names it
@@ -62,17 +63,17 @@ class Certificate:
     inputs : mapping
         Name and SHA-256 of everything that was read.
     measured : MeasuredSensitivity or None
-        Measured sensitivity, for comparison.
-    displacement : mapping
-        Zone after ISO 14839-2 of each axis, if displacement and clearance are known.
+        Measured sensitivity, for comparison; None if none was measured.
+    displacement : mapping of str to Zone, or None
+        Zone after ISO 14839-2 of each axis; None if displacement or clearance is not known.
     reserved : bool
         Whether the model is validated with reservations only.
     known : KnownBand or None
         The frequencies of which something is stated; None without data.
-    amplitude : mapping
-        Largest motion from the middle in the data by axis (m).
+    amplitude : mapping of str to float, or None
+        Largest motion from the middle in the data by axis (m); None without data.
     trace : Trace or None
-        Where it comes from, if it was made from files.
+        Where it comes from, if it was made from files; None otherwise.
     """
 
     checks: tuple[Check, ...]
@@ -156,21 +157,26 @@ def certify(
     controller : KnownController
         The controller that is to run; it may differ from that of the experiment.
     settings : RobustnessSettings, optional
-        What is assumed and demanded.
+        What is assumed and demanded. The defaults if None.
     validation : Validation, optional
         Of the model; without it there is no certificate.
     uncertainty : ModelUncertainty, optional
         Of the model; without it there is no certificate.
     inputs : mapping, optional
-        Name and SHA-256 of what was read.
+        Name and SHA-256 of what was read. None for nothing.
     measured : MeasuredSensitivity, optional
-        For comparison.
-    displacement : mapping, optional
-        Largest displacement over clearance of each axis.
-    records : sequence of IdentificationData
+        For comparison. None if none was measured.
+    displacement : mapping of str to float, optional
+        Largest displacement over clearance of each axis (-). Without it no zone after ISO 14839-2 is given.
+    records : sequence of IdentificationData, optional
         Data that show the error of the model, in addition to those of the validation.
-    has_run : bool
+    has_run : bool, optional
         Whether data are of a loop with this controller.
+
+    Returns
+    -------
+    Certificate
+        The checks with their verdict, and all numbers of the loop.
 
     Raises
     ------

@@ -15,7 +15,18 @@ from amb_core.robustness.measured import MeasuredSensitivity
 
 
 def certificate_values(certificate: Certificate) -> dict[str, Any]:
-    """All numbers as plain values for strict JSON; values that are not finite are None."""
+    """All numbers as plain values for strict JSON; values that are not finite are None.
+
+    Parameters
+    ----------
+    certificate : Certificate
+        From `certify`.
+
+    Returns
+    -------
+    dict of str to object
+        Values by name.
+    """
     return dict(plain(_values(certificate)))
 
 

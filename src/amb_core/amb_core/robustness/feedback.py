@@ -90,7 +90,7 @@ class Feedback:
         Parameters
         ----------
         into_states, from_states : ndarray, shapes (n, e), (s, n)
-            How e further inputs act on the next state of the plant, and s further outputs as seen from its state.
+            How e further inputs act on the next state of the plant, and s further outputs as seen from its state (-).
 
         Returns
         -------
@@ -113,7 +113,13 @@ class Feedback:
         return self.closed.radius < 1.0 - MARGIN
 
     def require_stable(self) -> None:
-        """Raise RobustnessError if the loop is not stable; the message names the pole."""
+        """Check that the loop is stable.
+
+        Raises
+        ------
+        RobustnessError
+            If it is not; the message names the pole.
+        """
         if not self.stable:
             pole = self.closed.poles()[0]
             rate = np.log(complex(pole)) / self.plant.sample_time
@@ -140,7 +146,18 @@ class Feedback:
         return s.scaled(-1.0, 1.0).plus(np.eye(self.outputs))
 
     def at_axis(self, axis: int) -> LinearSystem:
-        """The loop opened at one output, all others closed: L = 1/S_axis - 1, from -(input of the controller) to y."""
+        """The loop opened at one output, all others closed: L = 1/S_axis - 1, from -(input of the controller) to y.
+
+        Parameters
+        ----------
+        axis : int
+            Index of the output.
+
+        Returns
+        -------
+        LinearSystem
+            L, of one input and one output.
+        """
         one = [self.inputs + axis]
         s = self.closed.part(one, one)
         # y = S w; as a loop y = w - L y, so L = S^-1 - 1: the inverse of S, whose D is 1.
@@ -148,7 +165,18 @@ class Feedback:
         return s.with_matrices(s.a - s.b @ inverse_d @ s.c, s.b @ inverse_d, -inverse_d @ s.c, inverse_d - 1.0)
 
     def with_plant(self, model: StateSpaceModel) -> Feedback:
-        """The same controller with another model."""
+        """The same controller with another model.
+
+        Parameters
+        ----------
+        model : StateSpaceModel
+            The other model, of the same signals.
+
+        Returns
+        -------
+        Feedback
+            The loop of it.
+        """
         return replace(self, plant=model)
 
 
@@ -161,8 +189,13 @@ def feedback_of(model: StateSpaceModel, controller: KnownController, extra_delay
         Identified model without feedthrough.
     controller : KnownController
         The PD controller or any linear one; limits are left out.
-    extra_delay : float
-        Steps by which the currents come later than in the data of the model; fractions count.
+    extra_delay : float, optional
+        Steps by which the currents come later than in the data of the model (steps); fractions count.
+
+    Returns
+    -------
+    Feedback
+        The loop; it may be unstable.
 
     Raises
     ------

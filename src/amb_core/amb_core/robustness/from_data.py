@@ -52,9 +52,9 @@ def certify_from_data(
     judged_on : Recorded, optional
         What the model is validated on; by default `identified_from`.
     settings : RobustnessSettings, optional
-        What is assumed and demanded.
+        What is assumed and demanded. The defaults if None.
     inputs : mapping, optional
-        Name and SHA-256 of everything that was read.
+        Name and SHA-256 of everything that was read. None for nothing.
     validation, uncertainty : Validation, ModelUncertainty, optional
         Where they are known already; otherwise they are computed from the data.
     swept : Recorded, optional
@@ -63,10 +63,17 @@ def certify_from_data(
     progress : callable, optional
         Called with the name of each stage.
 
+    Returns
+    -------
+    Certificate
+        The result, with the reason where nothing is certified.
+
     Raises
     ------
     AmbError
         If model, controller and data do not fit together.
+    RobustnessError
+        If the controller of the swept sine is not known, or is another one.
     """
     feedback = require_fitting(model, law, settings or RobustnessSettings())
     if not feedback.stable:

@@ -17,6 +17,16 @@ from amb_core.model import StateSpaceModel
 def sha256_of(path: str | Path) -> str:
     """SHA-256 of a file, or of names and contents of all files of a folder.
 
+    Parameters
+    ----------
+    path : str or Path
+        File or folder.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits.
+
     Raises
     ------
     RobustnessError
@@ -36,13 +46,35 @@ def sha256_of(path: str | Path) -> str:
 
 
 def sha256_of_model(model: StateSpaceModel) -> str:
-    """SHA-256 of the matrices of a model that is in no file, and of its sample time."""
+    """SHA-256 of the matrices of a model that is in no file, and of its sample time.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The model.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits.
+    """
     arrays = (model.a, model.b, model.c, model.d, model.k, model.innovation_covariance, np.array(model.sample_time))
     return _sha256(arrays)
 
 
 def sha256_of_data(data: IdentificationData) -> str:
-    """SHA-256 of the samples of data that are in no file, and of their sample time."""
+    """SHA-256 of the samples of data that are in no file, and of their sample time.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data of any plant.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits.
+    """
     signals = [
         signal
         for item in data.experiments
@@ -53,7 +85,18 @@ def sha256_of_data(data: IdentificationData) -> str:
 
 
 def sha256_of_controller(controller: KnownController) -> str:
-    """SHA-256 of a controller that is in no file: of its matrices, or of its parameters as JSON."""
+    """SHA-256 of a controller that is in no file: of its matrices, or of its parameters as JSON.
+
+    Parameters
+    ----------
+    controller : KnownController
+        PD or linear controller.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits.
+    """
     if isinstance(controller, LinearControl):
         return sha256_of_model(controller.model)
     return hashlib.sha256(json.dumps(controller.model_dump(), sort_keys=True).encode()).hexdigest()

@@ -98,13 +98,49 @@ def phase_of(alpha: float, skew: float = 0.0) -> float:
 
 
 def classical_margins(feedback: Feedback) -> tuple[ClassicalMargins, ...]:
-    """Gain, phase and delay margins of each axis, all others closed; RobustnessError for an unstable loop."""
+    """Gain, phase and delay margins of each axis, all others closed.
+
+    Parameters
+    ----------
+    feedback : Feedback
+        A stable loop.
+
+    Returns
+    -------
+    tuple of ClassicalMargins
+        One for each axis, in their order.
+
+    Raises
+    ------
+    RobustnessError
+        If the loop is not stable.
+    """
     feedback.require_stable()
     return tuple(margins_of_loop(name, feedback.at_axis(axis)) for axis, name in enumerate(feedback.axes))
 
 
 def disk_margin_of_axis(feedback: Feedback, axis: int, skew: float = 0.0) -> DiskMargin:
-    """Disk margin of one output, all other loops closed; exact, so both bounds are the same."""
+    """Disk margin of one output, all other loops closed; exact, so both bounds are the same.
+
+    Parameters
+    ----------
+    feedback : Feedback
+        A stable loop.
+    axis : int
+        Index of the output.
+    skew : float, optional
+        sigma (-): 0 for disks of equal gain up and down.
+
+    Returns
+    -------
+    DiskMargin
+        The margin of the axis.
+
+    Raises
+    ------
+    RobustnessError
+        If the loop is not stable.
+    """
     feedback.require_stable()
     one = [feedback.inputs + axis]
     peak = peak_gain(feedback.closed.part(one, one).plus(np.array([[0.5 * (skew - 1.0)]])))
@@ -120,8 +156,13 @@ def disk_margins(feedback: Feedback, frequency: Arrays, skew: float = 0.0) -> tu
         A stable loop.
     frequency : ndarray, shape (f,)
         Frequencies (Hz) of the search; peaks between them are refined.
-    skew : float
-        sigma: 0 for disks of equal gain up and down.
+    skew : float, optional
+        sigma (-): 0 for disks of equal gain up and down.
+
+    Returns
+    -------
+    tuple of DiskMargin
+        Three margins, in this order.
 
     Raises
     ------

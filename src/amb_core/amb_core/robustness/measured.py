@@ -46,11 +46,11 @@ class MeasuredSensitivity:
     frequency : ndarray, shape (f,)
         Frequencies (Hz).
     response : ndarray of complex, shape (f, p, p)
-        S_o.
+        S_o (-).
     deviation : ndarray, shape (f, p)
-        Standard deviation of the magnitude of S of each axis by noise.
+        Standard deviation of the magnitude of S of each axis by noise (-).
     coherence : ndarray, shape (f, p)
-        Of each position with the references.
+        Of each position with the references (-).
     method : str
         How it was measured.
     checked : bool
@@ -71,12 +71,36 @@ class MeasuredSensitivity:
         return np.diagonal(self.response, axis1=1, axis2=2)
 
     def comparable(self, highest: float = 1_000.0) -> NDArray[np.bool_]:
-        """Frequencies up to one (Hz) at which S of all axes is coherent and known to 0.1 dB; shape (f,)."""
+        """Frequencies up to one (Hz) at which S of all axes is coherent and known to 0.1 dB; shape (f,).
+
+        Parameters
+        ----------
+        highest : float, optional
+            Highest frequency (Hz).
+
+        Returns
+        -------
+        ndarray of bool, shape (f,)
+            True at these frequencies.
+        """
         known = (self.coherence >= COHERENT) & (self.deviation <= KNOWN * np.abs(self.own))
         return np.asarray((self.frequency <= highest) & np.all(known, axis=1))
 
     def difference_db(self, feedback: Feedback, highest: float = 1_000.0) -> Arrays:
-        """Measured over computed magnitude of S in dB, shape (p, f'), at the comparable frequencies."""
+        """Measured over computed magnitude of S in dB, shape (p, f'), at the comparable frequencies.
+
+        Parameters
+        ----------
+        feedback : Feedback
+            Loop of the model.
+        highest : float, optional
+            Highest frequency (Hz).
+
+        Returns
+        -------
+        ndarray, shape (p, f')
+            Differences (dB), positive where the measured value is larger.
+        """
         kept = self.comparable(highest)
         model = np.abs(np.diagonal(feedback.output_sensitivity.response(self.frequency[kept]), axis1=1, axis2=2))
         return np.asarray(20.0 * np.log10(np.abs(self.own[kept]) / model).T)
@@ -85,6 +109,18 @@ class MeasuredSensitivity:
         """Upper end of the confidence interval of an axis's largest S where it is coherent, and its frequency.
 
         Infinite where no frequency is coherent.
+
+        Parameters
+        ----------
+        axis : int
+            Index of the axis.
+        confidence : float, optional
+            Confidence of the interval (-), between 0 and 1.
+
+        Returns
+        -------
+        tuple of float
+            Upper end (-), and frequency (Hz).
         """
         upper = np.abs(self.own[:, axis]) + ndtri(confidence) * self.deviation[:, axis]
         upper = np.where(self.coherence[:, axis] >= COHERENT, upper, -np.inf)
@@ -103,9 +139,14 @@ def measured_sensitivity(
         Experiments with reference, in which the axes were excited independently.
     controller : KnownController
         That of the experiments.
-    modes : sequence of SharpMode
+    modes : sequence of SharpMode, optional
         Narrow resonances that are measured at their peaks, as `sharp_modes` finds them in some seconds; not for a
         periodic reference.
+
+    Returns
+    -------
+    MeasuredSensitivity
+        S at the frequencies at which the data determine it.
 
     Raises
     ------

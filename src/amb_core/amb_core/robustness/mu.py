@@ -101,6 +101,11 @@ def mu_peak(system: LinearSystem, blocks: Sequence[Block], frequency: Arrays) ->
     frequency : ndarray, shape (f,)
         Frequencies (Hz), ascending, at which the upper bound is computed; the highest peaks are refined between them.
 
+    Returns
+    -------
+    MuPeak
+        Lower and upper bound, with the frequency of the peak.
+
     Raises
     ------
     RobustnessError

@@ -90,6 +90,18 @@ class RobustnessSettings(Parameters):
 def zone_of(value: float, limits: tuple[float, float, float]) -> Zone:
     """The zone of a value, of which a limit belongs to the better zone.
 
+    Parameters
+    ----------
+    value : float
+        Peak sensitivity, or displacement over clearance (-).
+    limits : tuple of float
+        Ends of the zones A, B and C (-), rising.
+
+    Returns
+    -------
+    Zone
+        A, B, C or D.
+
     Raises
     ------
     RobustnessError

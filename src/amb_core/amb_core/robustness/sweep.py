@@ -51,7 +51,13 @@ class SweepSettings(Parameters):
 
     @property
     def excitation(self) -> Sweep:
-        """The excitation; RobustnessError without an amplitude, or if the frequency does not rise."""
+        """The excitation.
+
+        Raises
+        ------
+        RobustnessError
+            If there is no amplitude, or the frequency does not rise.
+        """
         if not self.sweep_amplitude:
             raise RobustnessError("a swept sine needs an amplitude; give sweep_amplitude (m), such as 4um")
         if self.sweep_end <= self.sweep_start:

@@ -40,9 +40,9 @@ class SpeedResult:
     model : StateSpaceModel or None
         The identified plant; None if there is none.
     modes : Modes or None
-        Its modes in the loop.
+        Its modes in the loop. None without a model.
     comparison : ModeComparison or None
-        These beside the computed ones.
+        These beside the computed ones. None without a model.
     problem : str
         Why there is no model; empty if there is one.
     """
@@ -66,7 +66,13 @@ class SpeedResult:
         return 100.0 * max(abs(pair.frequency_error) for pair in self.comparison.pairs)
 
     def to_json(self) -> dict[str, Any]:
-        """Fit and order of the model, pairs of modes, and the oscillating modes of either side without a partner."""
+        """Fit and order of the model, pairs of modes, and the oscillating modes of either side without a partner.
+
+        Returns
+        -------
+        dict of str to object
+            JSON values by name.
+        """
         if self.model is None or self.comparison is None:
             return {"rpm": self.rpm, "problem": self.problem}
         fit = plain(self.model.fit)
@@ -84,7 +90,15 @@ class SpeedResult:
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedCampbell:
-    """Computed modes over the running speed, and the results of the experiments, slowest first."""
+    """Computed and identified modes over the running speed.
+
+    Attributes
+    ----------
+    computed : Campbell
+        Modes of the plant in the loop.
+    results : tuple of SpeedResult
+        Results of the experiments, slowest first.
+    """
 
     computed: Campbell
     results: tuple[SpeedResult, ...]
@@ -101,7 +115,13 @@ class IdentifiedCampbell:
         return max(found, default=None)
 
     def to_json(self) -> dict[str, Any]:
-        """Results of all speeds, and the computed critical speeds."""
+        """Results of all speeds, and the computed critical speeds.
+
+        Returns
+        -------
+        dict of str to object
+            JSON values by name.
+        """
         computed = self.computed.to_json()
         return {
             "stable": computed["stable"],
@@ -111,7 +131,13 @@ class IdentifiedCampbell:
         }
 
     def rows(self) -> list[dict[str, Any]]:
-        """One mapping for each oscillating mode that is computed or identified, without what is missing of it."""
+        """One mapping for each oscillating mode that is computed or identified, without what is missing of it.
+
+        Returns
+        -------
+        list of dict of str to object
+            Values by column name.
+        """
         return [row for result in self.results if result.comparison is not None for row in _rows(result)]
 
 
@@ -138,15 +164,22 @@ def identify_over_speeds(
     speeds : iterable of float
         Running speeds (Hz), ascending.
     settings : SpeedSettings, optional
-        The experiments.
+        The experiments. The defaults if None.
     cache : Path, optional
         Folder of finished models, by default `cache_folder("running_speeds")`.
-    scheduler, workers : optional
-        As for `amb_core.tasks.run`.
+    scheduler : str, optional
+        Address of a running dask scheduler (tls://host:port); by default processes on this machine.
+    workers : int, optional
+        Number of these processes, by default one for each core.
     progress : callable, optional
-        Called with the number of finished speeds and that of all, in the calling thread.
+        Called with the number of finished speeds and that of all, in the calling thread. None for no calls.
     cancelled : callable, optional
-        Called ten times per second; once it returns true, the function returns None.
+        Called ten times per second; once it returns true, the function returns None. None if it cannot be cancelled.
+
+    Returns
+    -------
+    IdentifiedCampbell or None
+        The modes of all speeds; None if it was cancelled.
 
     Raises
     ------

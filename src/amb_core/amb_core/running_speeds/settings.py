@@ -39,7 +39,20 @@ class SpeedSettings(Parameters):
         return self
 
     def multisine(self, plant: PlantParameters, machine: Machine) -> Multisine:
-        """The excitation of a machine."""
+        """The excitation of a machine.
+
+        Parameters
+        ----------
+        plant : PlantParameters
+            Parameters of the machine, for the highest frequency of its modes.
+        machine : Machine
+            Its axes.
+
+        Returns
+        -------
+        Multisine
+            The excitation.
+        """
         end = self.frequency_end or machine_experiment.band_end(plant)
         return machine_experiment.multisine(
             machine,
@@ -51,5 +64,16 @@ class SpeedSettings(Parameters):
         )
 
     def model_order(self, plant: PlantParameters) -> int:
-        """Order of the models that the settings ask for; data may determine less."""
+        """Order of the models that the settings ask for; data may determine less.
+
+        Parameters
+        ----------
+        plant : PlantParameters
+            The machine.
+
+        Returns
+        -------
+        int
+            Number of states.
+        """
         return self.order or machine_experiment.model_order(plant, self.frequency_end)

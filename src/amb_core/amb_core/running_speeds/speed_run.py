@@ -21,7 +21,17 @@ from amb_core.tasks.task import Task
 
 @dataclass(frozen=True)
 class SpeedTask(Task[StateSpaceModel]):
-    """Everything that determines the model of one running speed, which is `plant.rotor.running_speed`."""
+    """Everything that determines the model of one running speed.
+
+    Attributes
+    ----------
+    settings : SpeedSettings
+        The experiment.
+    plant : PlantParameters
+        The machine; its `rotor.running_speed` is the speed.
+    controller : ControllerParameters
+        Gains of the loop.
+    """
 
     settings: SpeedSettings
     plant: PlantParameters
@@ -32,7 +42,13 @@ class SpeedTask(Task[StateSpaceModel]):
         object.__setattr__(self, "controller", part_of(ControllerParameters, self.controller.model_dump()))
 
     def describe(self) -> dict[str, Any]:
-        """What determines the result, as plain JSON values: parameters, files they name, version of the code."""
+        """What determines the result, as plain JSON values: parameters, files they name, version of the code.
+
+        Returns
+        -------
+        dict of str to object
+            JSON values by name.
+        """
         return {
             "settings": self.settings.model_dump(),
             "plant": self.plant.model_dump(mode="json"),
@@ -42,17 +58,50 @@ class SpeedTask(Task[StateSpaceModel]):
         }
 
     def run(self) -> StateSpaceModel:
-        """Simulate the experiment and identify a model; see `run_speed`."""
+        """Simulate the experiment and identify a model; see `run_speed`.
+
+        Returns
+        -------
+        StateSpaceModel
+            The identified model.
+        """
         return run_speed(self)
 
     @staticmethod
     def to_json(result: StateSpaceModel, /) -> dict[str, Any]:
-        """The model as JSON values."""
+        """The model as JSON values.
+
+        Parameters
+        ----------
+        result : StateSpaceModel
+            The model.
+
+        Returns
+        -------
+        dict of str to object
+            JSON values by field name.
+        """
         return result.to_json()
 
     @staticmethod
     def from_json(entry: dict[str, Any], /) -> StateSpaceModel:
-        """The model that `to_json` wrote."""
+        """The model that `to_json` wrote.
+
+        Parameters
+        ----------
+        entry : dict of str to object
+            JSON values.
+
+        Returns
+        -------
+        StateSpaceModel
+            The model.
+
+        Raises
+        ------
+        ValueError
+            If they are not those of a model of this version.
+        """
         try:
             return StateSpaceModel.from_json(entry)
         except IdentificationError as problem:  # of another version; the task is run again

@@ -35,11 +35,11 @@ def simulate(
     steps : int
         Number of controller samples.
     excitation : ndarray, shape (n, axes), optional
-        Added to the nominal reference position (m).
-    excitation_step : int
+        Added to the nominal reference position (m). None for the nominal reference alone.
+    excitation_step : int, optional
         Step of the first excitation sample.
     progress : callable, optional
-        Called with the number of steps done, every 1000 steps.
+        Called with the number of steps done, every 1000 steps. None for no calls.
 
     Returns
     -------
@@ -98,12 +98,23 @@ def simulate_first_bearing(
 
     Parameters
     ----------
-    plant, steps, excitation_step, progress
-        As in `simulate`.
+    plant : Plant
+        The plant; reset first.
     parameters : ControllerParameters
         Of the controller of all axes.
+    steps : int
+        Number of controller samples.
     excitation : ndarray, shape (n, 2)
         Added to the nominal reference position x, y (m) of that bearing.
+    excitation_step : int, optional
+        Step of the first excitation sample.
+    progress : callable, optional
+        Called with the number of steps done, every 1000 steps; None for no calls.
+
+    Returns
+    -------
+    LoopRecord
+        The samples of the first bearing; fewer than `steps` if the rotor delevitated.
     """
     axes = len(plant.machine.axes)
     every_axis = np.zeros((len(excitation), axes))

@@ -13,7 +13,13 @@ CONTROLLER = "controller."  # prefix of the controller's parameters; all others 
 
 
 def loop_parameter_names() -> set[str]:
-    """All names that `with_values` takes."""
+    """All names that `with_values` takes.
+
+    Returns
+    -------
+    set of str
+        Dotted names.
+    """
     names = {declaration.name for declaration in declarations(PlantParameters)}
     return names | {CONTROLLER + declaration.name for declaration in own_declarations(ControllerParameters)}
 
@@ -30,6 +36,11 @@ def with_values(
     values : mapping
         By name: a dotted name of `PlantParameters` (rotor.gravity) or `controller.` and a name of
         `ControllerParameters` (controller.current_limit).
+
+    Returns
+    -------
+    (PlantParameters, ControllerParameters)
+        The changed loop.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The subharmonic test: products of tones in the response prove that the bearing is not linear (paper, Fig. 6, 7)."""
 
 from amb_core.subharmonics.analysis import analyse
-from amb_core.subharmonics.causes import VARIANTS, Variant
+from amb_core.subharmonics.causes import VARIANTS
 from amb_core.subharmonics.products import Product
 from amb_core.subharmonics.results import Line, SlowComponent, State, SubharmonicSpectrum, SubharmonicSurface
 from amb_core.subharmonics.run import run_subharmonics
@@ -18,7 +18,6 @@ __all__ = [
     "SubharmonicSpectrum",
     "SubharmonicSurface",
     "SurfaceSettings",
-    "Variant",
     "analyse",
     "run_subharmonics",
     "subharmonic_surface",

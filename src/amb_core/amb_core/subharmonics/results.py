@@ -134,7 +134,18 @@ class SubharmonicSpectrum:
     block_change: NDArray[np.float64]
 
     def line(self, a: int, b: int, c: int = 0) -> Line | None:
-        """The line on which the product a f1 + b f2 + c f3 falls; None if it falls on 0 Hz or was not searched for."""
+        """The line on which the product a f1 + b f2 + c f3 falls; None if it falls on 0 Hz or was not searched for.
+
+        Parameters
+        ----------
+        a, b, c : int, optional
+            Whole multiples of the three tones.
+
+        Returns
+        -------
+        Line or None
+            The line with its amplitude.
+        """
         wanted = {(a, b, c), (-a, -b, -c)}
         for line in self.lines:
             if any((product.a, product.b, product.c) in wanted for product in line.products):

@@ -30,6 +30,11 @@ def run_subharmonics(
     settings : SubharmonicSettings, optional
         The tones; the paper's by default.
 
+    Returns
+    -------
+    SubharmonicSpectrum
+        Lines, products and slow component of the response.
+
     Raises
     ------
     ExcitationError

@@ -88,7 +88,13 @@ class SubharmonicSettings(Parameters):
         return self.amplitude_1, self.amplitude_2, self.inducing_amplitude
 
     def shifted(self) -> Self:
-        """The same test with tones moved by the offsets, which separates products that coincide."""
+        """The same test with tones moved by the offsets, which separates products that coincide.
+
+        Returns
+        -------
+        SubharmonicSettings
+            The changed settings.
+        """
         return self.changed(
             frequency_1=self.frequency_1 + self.offset_1,
             frequency_2=self.frequency_2 + self.offset_2,
@@ -96,7 +102,23 @@ class SubharmonicSettings(Parameters):
         )
 
     def changed(self, **values: float) -> Self:
-        """The same test with other values; ParameterError if they do not fit together."""
+        """The same test with other values.
+
+        Parameters
+        ----------
+        **values : float
+            Parameters by name (units of their declarations).
+
+        Returns
+        -------
+        SubharmonicSettings
+            The changed settings.
+
+        Raises
+        ------
+        ParameterError
+            If they do not fit together.
+        """
         return validate(type(self), {**self.model_dump(), **values})
 
 

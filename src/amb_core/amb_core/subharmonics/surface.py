@@ -39,9 +39,9 @@ def subharmonic_surface(
     plant, controller : PlantParameters, ControllerParameters
         The loop.
     settings : SubharmonicSettings, optional
-        The test; its inducing tone is replaced.
+        The test; its inducing tone is replaced. The paper's if None.
     surface : SurfaceSettings, optional
-        Which inducing tones.
+        Which inducing tones. The defaults if None.
     cache : Path, optional
         Folder of finished runs, by default `cache_folder("subharmonics")`; these are not run again.
     scheduler : str, optional
@@ -49,7 +49,12 @@ def subharmonic_surface(
     workers : int, optional
         Number of these processes, by default one for each core.
     progress : callable, optional
-        Called with the number of runs done and of all, at the start and after each.
+        Called with the number of runs done and of all, at the start and after each. None for no calls.
+
+    Returns
+    -------
+    SubharmonicSurface
+        Amplitudes over frequency and amplitude of the inducing tone.
 
     Raises
     ------

@@ -27,10 +27,15 @@ def load_content(path: Path, separator: str = "", decimal: str = "") -> Content:
 
     Parameters
     ----------
-    path : path
+    path : Path
         The file.
     separator, decimal : str, optional
         Of a text: `comma`, `semicolon`, `tab`, `bar` or `space`; `point` or `comma`. By default as they are found.
+
+    Returns
+    -------
+    Content
+        The table of a text, or the variables of another file.
 
     Raises
     ------
@@ -50,7 +55,21 @@ def load_content(path: Path, separator: str = "", decimal: str = "") -> Content:
 
 
 def table_of(path: Path, content: Content, variable: str = "") -> Table:
-    """The content of a file as a table; `variable` is the matrix or struct of a .mat or .npz file.
+    """The content of a file as a table.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    content : Content
+        From `load_content`.
+    variable : str, optional
+        Matrix or struct of a .mat or .npz file; empty for the only one.
+
+    Returns
+    -------
+    Table
+        Columns of one length.
 
     Raises
     ------

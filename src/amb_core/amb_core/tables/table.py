@@ -30,7 +30,7 @@ class Column:
     name : str
         Name as the file has it, without the unit.
     values : ndarray, shape (rows,)
-        The numbers; NaN where one is missing.
+        The numbers, in the unit of the file; NaN where one is missing.
     unit : str
         As the file has it; empty where it has none.
     source : str
@@ -60,7 +60,7 @@ class Table:
     columns : tuple of Column
         At least one.
     sample_time : float or None
-        Sample time (s), if the file has it beside the columns.
+        Sample time (s), if the file has it beside the columns. None otherwise.
     notes : tuple of str
         What was understood that is not plain from the columns.
     about : mapping or None
@@ -87,6 +87,18 @@ class Table:
 
     def find(self, wanted: str, option: str) -> list[Column]:
         """The columns that a name of a user means: a name, the end of one, a variable, or numbers from 0 as 0-3.
+
+        Parameters
+        ----------
+        wanted : str
+            What the user wrote.
+        option : str
+            Option of the command that it was written for, for messages.
+
+        Returns
+        -------
+        list of Column
+            At least one column.
 
         Raises
         ------

@@ -67,19 +67,19 @@ class AmbUdpLink(CommandedLink, HostLoopLink):
 
     Parameters
     ----------
-    address : str
+    address : str, optional
         IPv4 address or name of the target.
-    port : int
+    port : int, optional
         Its port.
-    key : bytes
+    key : bytes, optional
         Shared secret; empty: the target takes commands from its own host only.
-    float64 : bool
+    float64 : bool, optional
         Telemetry as float64, bit for bit, instead of float32.
-    wait : int
+    wait : int, optional
         Steps that may arrive after a missing one before it is given up.
-    timeout : float
+    timeout : float, optional
         Longest wait for the reply to a command (s).
-    silence : float
+    silence : float, optional
         Time without a frame after which the target is taken for gone (s); its status comes every 100 ms.
     starting : callable, optional
         Called first in the thread of the link, to give it a real-time priority for example.
@@ -134,6 +134,16 @@ class AmbUdpLink(CommandedLink, HostLoopLink):
 
     def connect(self, listener: LinkListener) -> TargetDescription:
         """Find the target and start its telemetry.
+
+        Parameters
+        ----------
+        listener : LinkListener
+            Receives samples and states.
+
+        Returns
+        -------
+        TargetDescription
+            What the target says of itself and its machine.
 
         Raises
         ------
@@ -196,6 +206,11 @@ class AmbUdpLink(CommandedLink, HostLoopLink):
         A rotor that is levitated when the host connects stays as it is: nothing is sent until it has landed. Later,
         only what has changed since then is; a state-space controller in use stays.
 
+        Parameters
+        ----------
+        settings : TargetSettings
+            Controller, limits and references of the machine.
+
         Raises
         ------
         TargetError
@@ -240,18 +255,38 @@ class AmbUdpLink(CommandedLink, HostLoopLink):
         self._waiting_settings = None
 
     def send_current(self, step: int, current: Sequence[float]) -> None:
-        """Send the currents for a step that was measured, and not for one that somebody in the network has made up."""
+        """Send the currents for a step that was measured, and not for one that somebody in the network has made up.
+
+        Parameters
+        ----------
+        step : int
+            Step of the target that was measured.
+        current : sequence of float
+            Control current references of all axes (A).
+        """
         if step < self._known_step + FORESEEN * self._known.machine.sample_rate:
             self._send(commands.current(self._session, step, current))
 
     def levitate(self, seconds: float) -> None:
-        """Close the loop in so many seconds."""
+        """Close the loop in so many seconds.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration of the lift (s).
+        """
         if self._waiting_settings is not None:
             self.configure(self._waiting_settings)
         super().levitate(seconds)
 
     def reset_faults(self) -> None:
-        """Forget latched trips, and wait until the target has measured anew."""
+        """Forget latched trips, and wait until the target has measured anew.
+
+        Raises
+        ------
+        TargetError
+            If the target refuses, or measures nothing afterwards.
+        """
         step = self._command(commands.fault_reset()).status.step
         until = time.monotonic() + self._timeout
         while self.status().step == step:

@@ -33,7 +33,19 @@ _NUMBERS: dict[int, np.dtype[Any]] = {4: np.dtype("<f4"), 8: np.dtype("<f8")}
 
 @dataclass(frozen=True)
 class Trip:
-    """A latched trip: reason, step, axis (or coil) and the value that caused it."""
+    """A latched trip.
+
+    Attributes
+    ----------
+    reason : TripReason
+        What tripped.
+    step : int
+        Step of the target.
+    axis : int
+        Index of the axis, or of the coil.
+    value : float
+        The value that caused it, in the unit of its limit.
+    """
 
     reason: TripReason
     step: int
@@ -103,9 +115,9 @@ class Reply:
     status : TargetStatus
         After it.
     clock : tuple of int or None
-        Times of the host and of the target (ns), of a CLOCK command.
+        Times of the host and of the target (ns), of a CLOCK command. None for other commands.
     missing : tuple of int or None
-        Chunks that have not arrived, of a BITMAP command.
+        Chunks that have not arrived, of a BITMAP command. None for other commands.
     """
 
     counter: int
@@ -127,9 +139,10 @@ class TelemetryBlock:
     reference, position, current : ndarray, shape (steps, axes)
         Reference and measured position (m), control current reference (A).
     coil_current : ndarray, shape (steps, coils), or None
-        Measured coil currents (A).
+        Measured coil currents (A). None if the target sends none.
     status : ndarray of uint32, shape (steps,), or None
-        Bits 0 to 2: state; 3: alarm; 4 and 5: excitation; 8 to 15: number of latched trips.
+        Bits 0 to 2: state; 3: alarm; 4 and 5: excitation; 8 to 15: number of latched trips. None if the target sends
+        none.
     """
 
     first_step: int
@@ -146,7 +159,20 @@ class TelemetryBlock:
         return len(self.position)
 
     def part(self, first: int, stop: int) -> TelemetryBlock:
-        """Its samples from one row to before another."""
+        """Its samples from one row to before another.
+
+        Parameters
+        ----------
+        first : int
+            First row that is kept.
+        stop : int
+            Row after the last one that is kept.
+
+        Returns
+        -------
+        TelemetryBlock
+            A block of these rows, with the step of the first one.
+        """
         if (first, stop) == (0, self.steps):
             return self
         rows = slice(first, stop)
@@ -172,7 +198,13 @@ def decode(datagram: bytes, session: Session | None = None) -> Answer | Refusal:
     datagram : bytes
         As received.
     session : Session, optional
-        From its description. Without one only descriptions are taken; with one, only frames of this boot.
+        From its description. Without one only descriptions are taken; with one, only frames of this boot. None before
+        the description.
+
+    Returns
+    -------
+    Answer or Refusal
+        What the datagram says, or why it is refused.
     """
     frame = decode_frame(datagram)
     if isinstance(frame, Refusal):

@@ -33,13 +33,32 @@ class CommandedLink(TargetLink):
         self._command(commands.levitate(seconds))
 
     def land(self, seconds: float) -> None:
-        """Land in so many seconds."""
+        """Land in so many seconds.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration of the landing (s).
+        """
         self._command(commands.delevitate(seconds))
 
     def upload(
         self, samples: NDArray[np.float64], cancelled: Callable[[], bool] = lambda: False
     ) -> Callable[[int], None]:
-        """Bring an excitation to the target; returns what arms it."""
+        """Bring an excitation to the target; returns what arms it.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (steps, axes)
+            Excitation (m).
+        cancelled : callable, optional
+            Returns whether to give the upload up; never by default.
+
+        Returns
+        -------
+        callable
+            Arms the excitation at a step of the target.
+        """
         upload = excitation_upload(next(self._uploads), samples)
         self._bring(upload, cancelled)
 
@@ -53,5 +72,11 @@ class CommandedLink(TargetLink):
         self._command(commands.disarm())
 
     def status(self) -> TargetStatus:
-        """The state of the target now."""
+        """The state of the target now.
+
+        Returns
+        -------
+        TargetStatus
+            State, trips and counts of the target.
+        """
         return self._command(commands.heartbeat()).status

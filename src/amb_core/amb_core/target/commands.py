@@ -19,7 +19,17 @@ from amb_core.target.link import TargetSettings
 
 @dataclass(frozen=True)
 class Command:
-    """A command before it is numbered and authenticated; `step` only where it is armed at one."""
+    """A command before it is numbered and authenticated; `step` only where it is armed at one.
+
+    Attributes
+    ----------
+    type : FrameType
+        Kind of the command.
+    body : bytes, optional
+        Its content.
+    step : int, optional
+        Step at which it is armed; 0 for a command that is not.
+    """
 
     type: FrameType
     body: bytes = b""
@@ -33,7 +43,7 @@ class CommandWriter:
     ----------
     session : Session
         Target, boot and key.
-    counter : int
+    counter : int, optional
         The last one that the target has accepted, from its description.
     """
 
@@ -43,14 +53,31 @@ class CommandWriter:
         self._writing = threading.Lock()
 
     def write(self, command: Command) -> bytes:
-        """Frame of a command, with the next counter. If its reply is lost, send the same frame again."""
+        """Frame of a command, with the next counter. If its reply is lost, send the same frame again.
+
+        Parameters
+        ----------
+        command : Command
+            What to send.
+
+        Returns
+        -------
+        bytes
+            The frame, authenticated.
+        """
         with self._writing:
             self.counter += 1
             counter = self.counter
         return seal(self.session, command.type, counter, command.body, counter & 0xFFFFFFFF, command.step)
 
     def catch_up(self, counter: int) -> None:
-        """Go on after a counter that the target has accepted, from this host or another."""
+        """Go on after a counter that the target has accepted, from this host or another.
+
+        Parameters
+        ----------
+        counter : int
+            Counter of that command.
+        """
         with self._writing:
             self.counter = max(self.counter, counter)
 

@@ -72,16 +72,48 @@ class Description:
     sealed: bytes = field(repr=False, compare=False)
 
     def genuine(self, key: bytes) -> bool:
-        """Whether a target with this key has sent it."""
+        """Whether a target with this key has sent it.
+
+        Parameters
+        ----------
+        key : bytes
+            Secret shared with the target.
+
+        Returns
+        -------
+        bool
+            True if the authentication tag is that of the key.
+        """
         return hmac.compare_digest(tag(self.session(key), self.sealed[:-TAG]), self.sealed[-TAG:])
 
     def session(self, key: bytes = b"") -> Session:
-        """Session with this target."""
+        """Session with this target.
+
+        Parameters
+        ----------
+        key : bytes, optional
+            Secret shared with the target; empty without one.
+
+        Returns
+        -------
+        Session
+            What commands and answers of this boot need.
+        """
         return Session(self.nonce, self.axes, self.coils, key)
 
 
 def machine_of(pages: list[Description]) -> Machine:
     """The machine that a target describes on all its pages, with source `bridge`.
+
+    Parameters
+    ----------
+    pages : list of Description
+        Descriptions of one target, in any order.
+
+    Returns
+    -------
+    Machine
+        Axes, bearings and sample rate.
 
     Raises
     ------

@@ -125,6 +125,20 @@ def hello(first_axis: int = 0, sequence: int = 0, challenge: bytes = bytes(CHALL
     """Request of the description of a target, of eight axes from `first_axis` onwards; the answer repeats `challenge`.
 
     It is as long as any answer, so that a target cannot be used to flood a third host.
+
+    Parameters
+    ----------
+    first_axis : int, optional
+        First axis that the answer describes.
+    sequence : int, optional
+        Number of the frame.
+    challenge : bytes, optional
+        Random bytes that show that the answer is to this request.
+
+    Returns
+    -------
+    bytes
+        The frame.
     """
     payload = bytes([first_axis]) + bytes(7) + challenge
     return encode(FrameType.HELLO, payload.ljust(HELLO_LENGTH, b"\0"), sequence=sequence)

@@ -43,10 +43,10 @@ class InOrder:
 
     Parameters
     ----------
-    wait : int
+    wait : int, optional
         Steps that may arrive after a missing one before it is given up.
     count : TelemetryCount, optional
-        Goes on from there, after a reboot for example; its list of gaps begins anew.
+        Goes on from there, after a reboot for example; its list of gaps begins anew. None to begin at zero.
 
     Attributes
     ----------
@@ -63,7 +63,18 @@ class InOrder:
         self.count.gaps.clear()  # by the steps of another boot
 
     def add(self, block: TelemetryBlock) -> list[TelemetryBlock]:
-        """Blocks that can be passed on now that this one has arrived."""
+        """Blocks that can be passed on now that this one has arrived.
+
+        Parameters
+        ----------
+        block : TelemetryBlock
+            Block that has arrived.
+
+        Returns
+        -------
+        list of TelemetryBlock
+            Blocks in the order of their steps, without gaps unless a missing block was given up.
+        """
         stop = block.first_step + block.steps
         if not self._is_plausible(block):
             return []
@@ -79,7 +90,13 @@ class InOrder:
         return self._ready(self._wait)
 
     def flush(self) -> list[TelemetryBlock]:
-        """All that is left at the end of a stream."""
+        """All that is left at the end of a stream.
+
+        Returns
+        -------
+        list of TelemetryBlock
+            Blocks in the order of their steps.
+        """
         return self._ready(0)
 
     def _is_plausible(self, block: TelemetryBlock) -> bool:

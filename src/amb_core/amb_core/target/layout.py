@@ -149,7 +149,7 @@ class Limits:
     coil_current, coil_time : float
         Measured coil current (A), and how long it may be above (s): trip.
     alarm_share, trip_share : float
-        Radial displacement over clearance: alarm, and trip.
+        Radial displacement over clearance (-): alarm, and trip.
     excitation_amplitude, excitation_slew : float
         Excitation of an axis (m), and its change (m/s), from and to zero too.
     sensor_range, stuck_time : float
@@ -163,19 +163,24 @@ class Limits:
     settle_time : float
         Time from levitation until displacement can trip; duration of a landing without a host (s).
     missed_steps : float
-        Control steps missed lately: trip.
+        Control steps missed lately (steps): trip.
     reference_slew : float
         Change of the reference while it moves, the excitation apart (m/s).
     contact_share : float
-        Radial displacement over clearance while levitating, landing or settling: trip.
+        Radial displacement over clearance while levitating, landing or settling (-): trip.
     lift_time : float
         Time for which the rotor may be farther from the reference than the trip share allows (s): trip.
     saturation_time : float
         Time for which a control current may be at its limit (s): trip.
     missed_share : float
-        Share of missed control steps, from which on they add up to `missed_steps`.
+        Share of missed control steps, from which on they add up to `missed_steps` (-).
     lock_time : float
-        Time after a trip by displacement in which faults are not reset (s; infinite: until a restart).
+        Time after a trip by displacement in which faults are not reset (s (s); infinite: until a restart).
+
+    Raises
+    ------
+    TargetError
+        If a limit is not positive.
     """
 
     control_current: float = 3.0
@@ -209,12 +214,28 @@ class Limits:
         return ", ".join(f"{field.name} {getattr(self, field.name):g}" for field in fields(self))
 
     def to_bytes(self) -> bytes:
-        """As in frames."""
+        """As in frames.
+
+        Returns
+        -------
+        bytes
+            8 bytes for each limit.
+        """
         return struct.pack(f"<{len(fields(self))}d", *astuple(self))
 
     @classmethod
     def from_bytes(cls, block: bytes) -> Self:
         """From a frame.
+
+        Parameters
+        ----------
+        block : bytes
+            Limits as in frames, 8 bytes each.
+
+        Returns
+        -------
+        Limits
+            The limits.
 
         Raises
         ------

@@ -27,6 +27,13 @@ WithoutHost = Literal["", "off", "land"]
 class TooLateError(TargetError):
     """An excitation was armed for a step that has passed.
 
+    Parameters
+    ----------
+    step : int
+        The step for which it was armed.
+    next_step : int
+        The step of the target that came next.
+
     Attributes
     ----------
     next_step : int
@@ -90,16 +97,36 @@ class LinkListener(Protocol):
     """Receives what a target sends. Called in the thread of the link: short, and without calls of the link."""
 
     def on_samples(self, block: TelemetryBlock) -> None:
-        """Samples, each step once and in order; a step that is missing was lost."""
+        """Samples, each step once and in order; a step that is missing was lost.
+
+        Parameters
+        ----------
+        block : TelemetryBlock
+            Consecutive samples.
+        """
 
     def on_status(self, status: TargetStatus) -> None:
-        """The state of the target, at least every 100 ms and at once after a trip."""
+        """The state of the target, at least every 100 ms and at once after a trip.
+
+        Parameters
+        ----------
+        status : TargetStatus
+            State, trips and counts of the target.
+        """
 
     def on_silence(self) -> None:
         """The target does not answer any more."""
 
     def on_return(self, description: TargetDescription, rebooted: bool) -> None:
-        """The target answers again. After a reboot it has forgotten settings and uploads, and counts steps anew."""
+        """The target answers again. After a reboot it has forgotten settings and uploads, and counts steps anew.
+
+        Parameters
+        ----------
+        description : TargetDescription
+            What the target says of itself now.
+        rebooted : bool
+            Whether it has been started anew since.
+        """
 
 
 @dataclass
@@ -143,7 +170,18 @@ class TargetLink(ABC):
 
     @abstractmethod
     def connect(self, listener: LinkListener) -> TargetDescription:
-        """Find the target and start its telemetry."""
+        """Find the target and start its telemetry.
+
+        Parameters
+        ----------
+        listener : LinkListener
+            Receives samples and states.
+
+        Returns
+        -------
+        TargetDescription
+            What the target says of itself and its machine.
+        """
 
     @abstractmethod
     def close(self) -> None:
@@ -154,21 +192,45 @@ class TargetLink(ABC):
         """Send controller, limits and references.
 
         A rotor that is levitated when the host connects must not move: then this changes nothing until it has landed.
+
+        Parameters
+        ----------
+        settings : TargetSettings
+            Controller, limits and references of the machine.
         """
 
     @abstractmethod
     def levitate(self, seconds: float) -> None:
-        """Close the loop; the reference goes from where the rotor lies to the nominal one in so many seconds."""
+        """Close the loop; the reference goes from where the rotor lies to the nominal one in so many seconds.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration of the lift (s).
+        """
 
     @abstractmethod
     def land(self, seconds: float) -> None:
-        """Stop the excitation; the reference goes to the landing one in so many seconds, then currents are off."""
+        """Stop the excitation; the reference goes to the landing one in so many seconds, then currents are off.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration of the landing (s).
+        """
 
     @abstractmethod
     def upload(
         self, samples: NDArray[np.float64], cancelled: Callable[[], bool] = lambda: False
     ) -> Callable[[int], None]:
         """Bring an excitation (m), shape (steps, axes), to the target, bit for bit; nothing plays meanwhile.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (steps, axes)
+            Excitation (m).
+        cancelled : callable, optional
+            Returns whether to give the upload up; never by default.
 
         Returns
         -------
@@ -186,7 +248,13 @@ class TargetLink(ABC):
 
     @abstractmethod
     def status(self) -> TargetStatus:
-        """The state of the target now."""
+        """The state of the target now.
+
+        Returns
+        -------
+        TargetStatus
+            State, trips and counts of the target.
+        """
 
 
 class HostLoopLink(TargetLink):
@@ -202,4 +270,11 @@ class HostLoopLink(TargetLink):
 
         Called from any thread. It waits for no answer and raises nothing: a current that is lost is one that the target
         misses, and it holds the one before.
+
+        Parameters
+        ----------
+        step : int
+            Step of the target that was measured.
+        current : sequence of float
+            Control current references of all axes (A).
         """

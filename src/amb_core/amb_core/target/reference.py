@@ -62,6 +62,20 @@ LOOPBACK = Peer(0x7F000001, 40_000, True)
 def build_library(library: Path, options: Iterable[str] = ("-O2",), source: Path = SOURCE) -> Path:
     """Compile the reference target with the hosted board into a shared library, if it is older than its sources.
 
+    Parameters
+    ----------
+    library : Path
+        File of the shared library to write.
+    options : iterable of str, optional
+        Options of the compiler.
+    source : Path, optional
+        Folder of the C code.
+
+    Returns
+    -------
+    Path
+        `library`.
+
     Raises
     ------
     TargetError
@@ -95,15 +109,15 @@ class ReferenceTarget:
         From `build_library`.
     machine : Machine
         The machine that it controls.
-    limits : Limits
-        Its limits.
-    controller : ControllerParameters
-        Gains until a host sets others.
-    key : bytes
+    limits : Limits, optional
+        Its limits. The defaults of `Limits` if None.
+    controller : ControllerParameters, optional
+        Gains until a host sets others. The defaults of `ControllerParameters` if None.
+    key : bytes, optional
         Shared secret; empty: it takes commands from loopback only.
-    coils : int
+    coils : int, optional
         Coil currents that it measures.
-    waveform_bytes : int
+    waveform_bytes : int, optional
         Room for uploads.
     nonce : bytes, optional
         Random number of this boot; by default a new one.
@@ -156,7 +170,18 @@ class ReferenceTarget:
         self.reboot(nonce)
 
     def reboot(self, nonce: bytes | None = None) -> None:
-        """Start anew, with a new nonce: everything that a host has set or uploaded is forgotten."""
+        """Start anew, with a new nonce: everything that a host has set or uploaded is forgotten.
+
+        Parameters
+        ----------
+        nonce : bytes, optional
+            Random number of the new boot; None for a new one.
+
+        Raises
+        ------
+        TargetError
+            If the nonce is not allowed, or the target does not start with its configuration.
+        """
         drawn = nonce or os.urandom(NONCE)
         if len(drawn) != NONCE or not any(drawn[:4]):
             raise TargetError(f"nonce {drawn.hex()}; allowed: {NONCE} bytes, not all of the first four 0")
@@ -174,10 +199,15 @@ class ReferenceTarget:
         ----------
         time : int, optional
             Time of the step (ns), for the target's watchdog; by default exactly one sample after the last.
-        temperature : float
+        temperature : float, optional
             Of the machine (deg C).
-        amplifier_fault : bool
+        amplifier_fault : bool, optional
             Whether the amplifiers report one.
+
+        Returns
+        -------
+        bool
+            Whether the amplifiers are on.
         """
         now = round(self.steps * self._period) if time is None else time
         self.steps += 1
@@ -187,7 +217,15 @@ class ReferenceTarget:
         return self.enabled
 
     def feed(self, datagram: bytes, sender: Peer = LOOPBACK) -> None:
-        """Hand a received datagram to the target, which answers it at once; see `take`."""
+        """Hand a received datagram to the target, which answers it at once; see `take`.
+
+        Parameters
+        ----------
+        datagram : bytes
+            As received.
+        sender : Peer, optional
+            Address from which it came; loopback by default.
+        """
         self.enabled = self._library.hosted_feed(self._address, datagram, len(datagram), ctypes.byref(sender))
 
     @property
@@ -201,7 +239,13 @@ class ReferenceTarget:
         return bool(self._library.hosted_waits(self._address))
 
     def take(self) -> list[tuple[bytes, Peer]]:
-        """Datagrams that the target has sent since the last call, with their receivers; 64 are kept at most."""
+        """Datagrams that the target has sent since the last call, with their receivers; 64 are kept at most.
+
+        Returns
+        -------
+        list of (bytes, Peer)
+            Each datagram with its receiver, oldest first.
+        """
         taken = []
         while length := self._library.hosted_take(self._address, self._frame, ctypes.byref(self._to)):
             taken.append((self._frame.raw[:length], Peer(self._to.address, self._to.port, self._to.loopback)))

@@ -18,6 +18,21 @@ from amb_core.target.layout import CHUNK, FrameType, UploadKind
 class Upload:
     """The commands of one upload.
 
+    Parameters
+    ----------
+    number : int
+        Number of the upload, 1 to 2^32 - 1.
+    kind : UploadKind
+        What is uploaded.
+    content : bytes
+        At least 1 byte, less than 4 GiB.
+    order : int
+        States of a controller; 0 for an excitation.
+    inputs : int
+        Inputs of a controller; 0 for an excitation.
+    steps : int
+        Steps of an excitation; 0 for a controller.
+
     Attributes
     ----------
     id : int
@@ -26,6 +41,11 @@ class Upload:
         Number of chunks.
     begin, bitmap, commit : Command
         Announce it, ask which chunks have arrived, have the whole checked. Repeat `commit` while its reply is BUSY.
+
+    Raises
+    ------
+    TargetError
+        If number or size are not allowed.
     """
 
     def __init__(self, number: int, kind: UploadKind, content: bytes, order: int, inputs: int, steps: int) -> None:
@@ -40,7 +60,23 @@ class Upload:
         self.commit = Command(FrameType.COMMIT, struct.pack("<I", number))
 
     def chunk(self, index: int) -> Command:
-        """The command that carries a chunk; the target does not reply to it."""
+        """The command that carries a chunk; the target does not reply to it.
+
+        Parameters
+        ----------
+        index : int
+            Number of the chunk, from 0.
+
+        Returns
+        -------
+        Command
+            Command of type DATA.
+
+        Raises
+        ------
+        IndexError
+            If there is no such chunk.
+        """
         if not 0 <= index < self.chunks:
             raise IndexError(f"chunk {index} asked for; there are {self.chunks}")
         part = self._content[index * CHUNK : (index + 1) * CHUNK]
@@ -49,6 +85,18 @@ class Upload:
 
 def excitation_upload(number: int, samples: ArrayLike) -> Upload:
     """Upload of an excitation: samples of shape (steps, axes) (m), bit for bit.
+
+    Parameters
+    ----------
+    number : int
+        Number of the upload.
+    samples : array_like, shape (steps, axes)
+        Excitation of each axis (m).
+
+    Returns
+    -------
+    Upload
+        The commands that bring it to the target.
 
     Raises
     ------
@@ -64,7 +112,20 @@ def excitation_upload(number: int, samples: ArrayLike) -> Upload:
 
 
 def controller_upload(number: int, model: StateSpaceModel) -> Upload:
-    """Upload of a linear controller (see `LinearController`), with its anti-windup gain K."""
+    """Upload of a linear controller (see `LinearController`), with its anti-windup gain K.
+
+    Parameters
+    ----------
+    number : int
+        Number of the upload.
+    model : StateSpaceModel
+        The controller, from errors or positions to control currents.
+
+    Returns
+    -------
+    Upload
+        The commands that bring it to the target.
+    """
     parts = (model.a, model.b, model.c, model.d, model.k, state_at_rest(model), model.input_offset, model.output_offset)
     content = b"".join(np.ascontiguousarray(part, dtype="<f8").tobytes() for part in parts)
     return Upload(number, UploadKind.STATE_SPACE, content, model.order, len(model.input_names), 0)

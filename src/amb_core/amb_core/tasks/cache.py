@@ -18,7 +18,18 @@ logger = logging.getLogger(__name__)
 
 
 def cache_folder(subject: str) -> Path:
-    """Folder of results for this user: amb/<subject> in the cache folder of the XDG base directories."""
+    """Folder of results for this user: amb/<subject> in the cache folder of the XDG base directories.
+
+    Parameters
+    ----------
+    subject : str
+        Name of the kind of results.
+
+    Returns
+    -------
+    Path
+        The folder, whether it exists or not.
+    """
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "amb" / subject
 
 
@@ -40,11 +51,35 @@ class ResultCache:
         self._damaged: set[str] = set()
 
     def path(self, key: str) -> Path:
-        """File of a result."""
+        """File of a result.
+
+        Parameters
+        ----------
+        key : str
+            Key of a task.
+
+        Returns
+        -------
+        Path
+            The file, whether it exists or not.
+        """
         return self.folder / f"{key}.json"
 
     def load(self, key: str, task: Task[R]) -> R | None:
-        """The result of a task; None if there is none or its file is damaged."""
+        """The result of a task; None if there is none or its file is damaged.
+
+        Parameters
+        ----------
+        key : str
+            Key of the task.
+        task : Task[R]
+            The task.
+
+        Returns
+        -------
+        R or None
+            The result, if it can be read.
+        """
         path = self.path(key)
         try:
             entry = json.loads(path.read_text())
@@ -62,6 +97,15 @@ class ResultCache:
 
     def store(self, key: str, task: Task[R], result: R) -> None:
         """Write a result; readers see all of it or nothing.
+
+        Parameters
+        ----------
+        key : str
+            Key of the task.
+        task : Task[R]
+            The task.
+        result : R
+            Its result.
 
         Raises
         ------
@@ -81,7 +125,17 @@ class ResultCache:
             raise
 
     def ensure(self, key: str, task: Task[R], result: R) -> None:
-        """Write a result that is missing or damaged, as after a worker on another machine; a failure only warns."""
+        """Write a result that is missing or damaged, as after a worker on another machine; a failure only warns.
+
+        Parameters
+        ----------
+        key : str
+            Key of the task.
+        task : Task[R]
+            The task.
+        result : R
+            Its result.
+        """
         if self._failed or (key not in self._damaged and self.path(key).exists()):
             return
         try:

@@ -64,12 +64,15 @@ def run(
         The first tasks.
     cache : ResultCache
         Where results are stored.
-    scheduler, workers : optional
-        As for `open_cluster`.
+    scheduler : str, optional
+        Address of a running dask scheduler (tls://host:port); by default processes on this machine.
+    workers : int, optional
+        Number of these processes, by default one for each core.
     cancelled : callable, optional
-        Called ten times per second; once it returns true, this function returns. Results so far are stored.
+        Called ten times per second; once it returns true, this function returns. Results so far are stored. None if it
+        cannot be cancelled.
     meanwhile : callable, optional
-        Called once, while the cluster is busy with the first tasks.
+        Called once, while the cluster is busy with the first tasks. None for no call.
 
     Raises
     ------

@@ -15,22 +15,67 @@ class Task(ABC, Generic[R]):
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """What determines the result, as plain JSON values: parameters, files they name, version of the code."""
+        """What determines the result, as plain JSON values: parameters, files they name, version of the code.
+
+        Returns
+        -------
+        dict of str to object
+            JSON values by name.
+        """
 
     @abstractmethod
     def run(self) -> R:
-        """Compute the result."""
+        """Compute the result.
+
+        Returns
+        -------
+        R
+            The result, which depends on `describe` alone.
+        """
 
     @staticmethod
     @abstractmethod
     def to_json(result: R, /) -> dict[str, Any]:
-        """A result as JSON values."""
+        """A result as JSON values.
+
+        Parameters
+        ----------
+        result : R
+            The result of such a task.
+
+        Returns
+        -------
+        dict of str to object
+            JSON values by name.
+        """
 
     @staticmethod
     @abstractmethod
     def from_json(entry: dict[str, Any], /) -> R:
-        """The result that `to_json` wrote; KeyError, TypeError or ValueError for anything else."""
+        """The result that `to_json` wrote.
+
+        Parameters
+        ----------
+        entry : dict of str to object
+            JSON values.
+
+        Returns
+        -------
+        R
+            The result.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If they are anything else.
+        """
 
     def key(self) -> str:
-        """Checksum of `describe`: tasks with the same key have the same result."""
+        """Checksum of `describe`: tasks with the same key have the same result.
+
+        Returns
+        -------
+        str
+            Hexadecimal digits.
+        """
         return hashlib.sha256(json.dumps(self.describe(), sort_keys=True).encode()).hexdigest()

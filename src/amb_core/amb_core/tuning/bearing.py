@@ -78,6 +78,16 @@ class Bearing(Parameters):
 def plant_of(bearing: Bearing) -> PlantParameters:
     """The plant of a bearing.
 
+    Parameters
+    ----------
+    bearing : Bearing
+        What is known of the bearing.
+
+    Returns
+    -------
+    PlantParameters
+        Its parameters; everything else has its default.
+
     Raises
     ------
     ParameterError, PlantError

@@ -61,6 +61,11 @@ def design_bearing(bearing: Bearing, highest_peak: float = HIGHEST_PEAK) -> Bear
     highest_peak : float, optional
         Largest peak sensitivity (-).
 
+    Returns
+    -------
+    BearingDesign
+        Plant, gains, and how the rotor lifts off.
+
     Raises
     ------
     PlantError

@@ -50,7 +50,7 @@ class Tuned:
     damping : float
         k_i K_D (N s/m).
     gain_margins : tuple of float
-        Factors on both gains at which the loop becomes unstable, below and above one.
+        Factors on both gains at which the loop becomes unstable, below and above one (-).
     holding_current : float
         Control current that carries the weight in the centre (A).
     """
@@ -79,7 +79,7 @@ def tune(
     parameters : PlantParameters
         The machine.
     controller : ControllerParameters, optional
-        Gives everything but gains and nominal reference.
+        Gives everything but gains and nominal reference. The defaults if None.
     highest_peak : float, optional
         Peak sensitivity that is low enough (-).
 

@@ -52,7 +52,20 @@ class LiftOff:
 
 
 def lift_off(parameters: PlantParameters, controller: ControllerParameters) -> LiftOff | None:
-    """Simulate the lift-off of a machine, from where its weight leaves it; None if it is thrown onto the poles."""
+    """Simulate the lift-off of a machine, from where its weight leaves it; None if it is thrown onto the poles.
+
+    Parameters
+    ----------
+    parameters : PlantParameters
+        The machine.
+    controller : ControllerParameters
+        Its gains.
+
+    Returns
+    -------
+    LiftOff or None
+        Time and currents of the lift-off.
+    """
     plant = Plant(_lying(parameters))
     law, steps = PdController(controller, len(plant.machine.axes)), round(DURATION * parameters.integration.sample_rate)
     try:
@@ -75,7 +88,18 @@ def lift_off(parameters: PlantParameters, controller: ControllerParameters) -> L
 
 
 def lift_off_current(parameters: PlantParameters) -> float:
-    """Least control current that lifts the rotor off the backup bearing, at its lowest place (A); infinite if none."""
+    """Least control current that lifts the rotor off the backup bearing, at its lowest place (A); infinite if none.
+
+    Parameters
+    ----------
+    parameters : PlantParameters
+        The machine.
+
+    Returns
+    -------
+    float
+        The current (A).
+    """
     plant = Plant(parameters)
     load = rotor_mass(parameters, plant.rotor) / plant.bearings * parameters.rotor.gravity
     lowest = np.array([0.0, -parameters.rotor.backup_bearing_radius])

@@ -19,7 +19,18 @@ OF_CONTROLLER = ("proportional_gain", "derivative_gain", "derivative_on", "curre
 
 
 def parameter_file_of(design: BearingDesign) -> str:
-    """The text of a file for all nodes that run this bearing."""
+    """The text of a file for all nodes that run this bearing.
+
+    Parameters
+    ----------
+    design : BearingDesign
+        From `design_bearing`.
+
+    Returns
+    -------
+    str
+        YAML of ROS parameters.
+    """
     plant = flatten(design.plant.model_dump(exclude_unset=True))
     controller = design.tuned.controller.model_dump()
     parts = [

@@ -24,6 +24,11 @@ def reason(parameters: PlantParameters, controller: ControllerParameters, highes
         The machine; the controller's gains are not used.
     highest_peak : float, optional
         The limit (-).
+
+    Returns
+    -------
+    str
+        A phrase for a message.
     """
     found = []
     for text, better in _better(parameters, controller):

@@ -2,12 +2,14 @@
 
 from amb_core.identification.data.checks import DataReport, Finding, Severity, check_data
 from amb_core.identification.data.conditioning import advance_inputs, decimate, detrend, restore, split_at_invalid
-from amb_core.identification.data.dataset import Gap, IdentificationData, merge
+from amb_core.identification.data.dataset import IdentificationData
 from amb_core.identification.data.description import DataDescription
 from amb_core.identification.data.drift import cure_drift, high_pass
 from amb_core.identification.data.experiment import Experiment
 from amb_core.identification.data.files import write_data, written_data
+from amb_core.identification.data.gap import Gap
 from amb_core.identification.data.interpret import DescribedData, SignalRow, describe_table
+from amb_core.identification.data.merging import merge
 from amb_core.identification.data.recorded_loop import RecordedLoop
 
 __all__ = [

@@ -30,11 +30,16 @@ def detrend(
     ----------
     data : IdentificationData
         The data.
-    kind : str
+    kind : str, optional
         `mean`, or `linear` for the least-squares line over the time of the run.
-    common : bool
+    common : bool, optional
         Remove the same trend from all experiments, as is right for parts of one run at one operating point; by default
         each experiment has its own.
+
+    Returns
+    -------
+    IdentificationData
+        The data less their trends.
 
     Raises
     ------
@@ -60,7 +65,18 @@ def detrend(
 
 
 def restore(data: IdentificationData) -> IdentificationData:
-    """Add the removed trends again (to rounding)."""
+    """Add the removed trends again (to rounding).
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with or without removed trends.
+
+    Returns
+    -------
+    IdentificationData
+        The data as they were recorded.
+    """
     experiments = []
     for item in data.experiments:
         time = item.time(data.sample_time)
@@ -80,6 +96,18 @@ def decimate(data: IdentificationData, factor: int) -> IdentificationData:
 
     An input that was held over each old sample is not held over the new ones: trust a model of decimated data up to a
     third of the new Nyquist frequency.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values.
+    factor : int
+        Old samples for each new one, 2 to 1000.
+
+    Returns
+    -------
+    IdentificationData
+        The data at the lower rate.
 
     Raises
     ------
@@ -131,8 +159,13 @@ def split_at_invalid(data: IdentificationData, shortest: int = 1) -> Identificat
     ----------
     data : IdentificationData
         The data.
-    shortest : int
+    shortest : int, optional
         Fewest samples of an experiment that is kept; the others are left out as well.
+
+    Returns
+    -------
+    IdentificationData
+        Data with finite values.
 
     Raises
     ------
@@ -158,6 +191,18 @@ def advance_inputs(data: IdentificationData, steps: Sequence[int]) -> Identifica
 
     This removes dead time from the data: a model then needs no state for each sample of dead time. With -1, outputs
     that respond within the sample (D not 0) respond one sample later, so methods with D = 0 apply.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data of any plant.
+    steps : sequence of int
+        Steps of each input.
+
+    Returns
+    -------
+    IdentificationData
+        The paired samples; steps that lack a partner are left out.
 
     Raises
     ------

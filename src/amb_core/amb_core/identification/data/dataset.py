@@ -12,29 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.data.experiment import Experiment, line
+from amb_core.identification.data.gap import Gap
 from amb_core.loop.records import LoopRecord, sample_rate_of
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Samples that are missing between two experiments of one source, from `first_step` up to, not including, `stop`.
-
-    Attributes
-    ----------
-    source : str
-        The run in which they are missing.
-    first_step, stop : int
-        First missing sample, and the one after the last.
-    """
-
-    source: str
-    first_step: int
-    stop: int
-
-    @property
-    def steps(self) -> int:
-        """Number of missing samples."""
-        return self.stop - self.first_step
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +78,30 @@ class IdentificationData:
         """One experiment from arrays of shapes (steps, m), (steps, p) and (steps, p) or, for one signal, (steps,).
 
         By default inputs are named u1, u2 ..., outputs y1, y2 ..., and have no units.
+
+        Parameters
+        ----------
+        inputs : array_like, shape (steps, m) or (steps,)
+            Inputs, in the units of `input_units`.
+        outputs : array_like, shape (steps, p) or (steps,)
+            Outputs, in the units of `output_units`.
+        sample_time : float
+            Sample time (s).
+        reference : array_like, shape (steps, p) or (steps,), optional
+            References, in the units of the outputs; None if there are none.
+        first_step : int, optional
+            Controller step of the first sample.
+        source : str, optional
+            Where the samples come from.
+        input_names, output_names : sequence of str, optional
+            Names of the signals; by default u1, u2 ... and y1, y2 ...
+        input_units, output_units : sequence of str, optional
+            Units of the signals; none by default.
+
+        Returns
+        -------
+        IdentificationData
+            The data of this experiment.
         """
         u, y = _columns(inputs), _columns(outputs)
         experiment = Experiment(u, y, None if reference is None else _columns(reference), first_step, source)
@@ -114,7 +117,20 @@ class IdentificationData:
 
     @classmethod
     def from_record(cls, record: LoopRecord, source: str = "") -> IdentificationData:
-        """One experiment from a record of the loop: control current references (A) to positions (m)."""
+        """One experiment from a record of the loop: control current references (A) to positions (m).
+
+        Parameters
+        ----------
+        record : LoopRecord
+            References (m), positions (m) and currents (A) of the loop.
+        source : str, optional
+            Where the record comes from.
+
+        Returns
+        -------
+        IdentificationData
+            One experiment; the inputs are named `i_` and the axis.
+        """
         experiment = Experiment(record.current, record.position, record.reference, record.first_step, source)
         inputs = tuple(f"i_{axis}" for axis in record.axes)
         units = (("A",) * len(inputs), ("m",) * len(inputs))
@@ -146,15 +162,49 @@ class IdentificationData:
         ]
 
     def time(self, index: int = 0) -> NDArray[np.float64]:
-        """Time of each sample of an experiment from step 0 of its run (s), shape (steps,)."""
+        """Time of each sample of an experiment from step 0 of its run (s), shape (steps,).
+
+        Parameters
+        ----------
+        index : int, optional
+            Which experiment.
+
+        Returns
+        -------
+        ndarray, shape (steps,)
+            Times (s).
+        """
         return self.experiments[index].time(self.sample_time)
 
     def subset(self, indices: Iterable[int]) -> IdentificationData:
-        """The experiments with these indices, in this order."""
+        """The experiments with these indices, in this order.
+
+        Parameters
+        ----------
+        indices : iterable of int
+            Indices of experiments.
+
+        Returns
+        -------
+        IdentificationData
+            The chosen experiments.
+        """
         return replace(self, experiments=tuple(self.experiments[index] for index in indices))
 
     def window(self, first_step: int, stop: int) -> IdentificationData:
         """The samples of all experiments from step `first_step` up to, not including, `stop`.
+
+        Parameters
+        ----------
+        first_step : int
+            First controller step that is kept.
+        stop : int
+            Step after the last one that is kept.
+
+        Returns
+        -------
+        IdentificationData
+            The samples of these steps, of every experiment that has any.
 
         Raises
         ------
@@ -170,6 +220,16 @@ class IdentificationData:
     def between(self, start: float, end: float) -> IdentificationData:
         """The samples of all experiments from time `start` up to, not including, `end` (s of their runs).
 
+        Parameters
+        ----------
+        start, end : float
+            Times from step 0 of each run (s); both finite.
+
+        Returns
+        -------
+        IdentificationData
+            The samples of that time, of every experiment that has any.
+
         Raises
         ------
         IdentificationError
@@ -182,6 +242,16 @@ class IdentificationData:
 
     def split(self, share: float = 0.5) -> tuple[IdentificationData, IdentificationData]:
         """The first share of the samples and the rest, for identification and validation.
+
+        Parameters
+        ----------
+        share : float, optional
+            Part of all samples that comes first (-), between 0 and 1.
+
+        Returns
+        -------
+        tuple of IdentificationData
+            The first part and the rest; an experiment that the boundary crosses is divided.
 
         Raises
         ------
@@ -203,6 +273,16 @@ class IdentificationData:
 
     def select(self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> IdentificationData:
         """Only the named inputs and outputs, in this order; all by default.
+
+        Parameters
+        ----------
+        inputs, outputs : sequence of str, optional
+            Names of the signals to keep; None for all.
+
+        Returns
+        -------
+        IdentificationData
+            The same experiments with these signals.
 
         Raises
         ------
@@ -235,6 +315,16 @@ class IdentificationData:
 
     def record(self, index: int = 0) -> LoopRecord:
         """An experiment as a record of the loop, with its trends added again.
+
+        Parameters
+        ----------
+        index : int, optional
+            Which experiment.
+
+        Returns
+        -------
+        LoopRecord
+            References, positions and currents at the sample time of the data.
 
         Raises
         ------
@@ -290,35 +380,6 @@ class IdentificationData:
                 found = getattr(item, f"{kind}s").shape[1]
                 if found != len(names):
                     raise IdentificationError(f"experiment {index} has {found} {kind}s; {len(names)} are named")
-
-
-def merge(datasets: Iterable[IdentificationData]) -> IdentificationData:
-    """The experiments of several data sets in one, each with its own initial state.
-
-    Raises
-    ------
-    IdentificationError
-        If there is none, or if sample time, names or units differ.
-    """
-    merged = list(datasets)
-    if not merged:
-        raise IdentificationError("there are no data to merge")
-    first = merged[0]
-    for number, other in enumerate(merged[1:], start=2):
-        if abs(other.sample_time - first.sample_time) > 1e-9 * first.sample_time:
-            raise IdentificationError(
-                f"data set {number} has the sample time {other.sample_time:g} s, the first {first.sample_time:g} s; "
-                "only data of one sample time can be merged: decimate the faster one"
-            )
-        for what in ("input_names", "output_names", "input_units", "output_units"):
-            mine, theirs = getattr(first, what), getattr(other, what)
-            if mine != theirs:
-                raise IdentificationError(
-                    f"data set {number} has the {what.replace('_', ' ')} {', '.join(theirs)}, "
-                    f"the first {', '.join(mine)}; they must be the same"
-                )
-    experiments = tuple(item for data in merged for item in data.experiments)
-    return replace(first, experiments=experiments, foreign=any(data.foreign for data in merged))
 
 
 def _columns(values: ArrayLike) -> NDArray[np.float64]:

@@ -59,6 +59,16 @@ class DataDescription(BaseModel):
     def of(cls, **values: Any) -> Self:
         """A description of checked values; a list may be a text with commas.
 
+        Parameters
+        ----------
+        **values : object
+            Fields by name.
+
+        Returns
+        -------
+        DataDescription
+            The description.
+
         Raises
         ------
         IdentificationError
@@ -82,7 +92,23 @@ class DataDescription(BaseModel):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a description that `save` has written; IdentificationError if that fails."""
+        """Read a description that `save` has written.
+
+        Parameters
+        ----------
+        path : str or Path
+            YAML file.
+
+        Returns
+        -------
+        DataDescription
+            The description.
+
+        Raises
+        ------
+        IdentificationError
+            If it cannot be read, or a value is not allowed.
+        """
         path = Path(path)
         with reading("description", path):
             return cls._of_text(read_text(path))
@@ -90,6 +116,16 @@ class DataDescription(BaseModel):
     @classmethod
     def given(cls, text: str) -> Self:
         """A description as a request gives it: the path of a saved one (.yaml, .yml), or its content.
+
+        Parameters
+        ----------
+        text : str
+            Path that ends in .yaml or .yml, or YAML.
+
+        Returns
+        -------
+        DataDescription
+            The description.
 
         Raises
         ------
@@ -112,14 +148,36 @@ class DataDescription(BaseModel):
         return cls.of(**content)
 
     def save(self, path: str | Path) -> None:
-        """Write the fields that are given as YAML; IdentificationError if the file cannot be written."""
+        """Write the fields that are given as YAML.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write.
+
+        Raises
+        ------
+        IdentificationError
+            If the file cannot be written.
+        """
         try:
             Path(path).write_text(self.text, encoding="utf-8")
         except OSError as problem:
             raise IdentificationError(f"description {path}: cannot be written: {problem.strerror}") from None
 
     def with_values(self, **values: Any) -> DataDescription:
-        """The description with other values, checked; None and empty ones leave it as it is."""
+        """The description with other values, checked; None and empty ones leave it as it is.
+
+        Parameters
+        ----------
+        **values : object
+            Fields by name; a new `rate` replaces a `sample_time`, and the other way round.
+
+        Returns
+        -------
+        DataDescription
+            The new description.
+        """
         given = {name: value for name, value in values.items() if value not in (None, "", (), [])}
         if "rate" in given and "sample_time" not in given:
             given["sample_time"] = None
@@ -142,7 +200,13 @@ class DataDescription(BaseModel):
 
     @property
     def given_sample_time(self) -> float | None:
-        """Sample time (s) by `rate` or `sample_time`; IdentificationError if both are given and differ."""
+        """Sample time (s) by `rate` or `sample_time`; None if neither is given.
+
+        Raises
+        ------
+        IdentificationError
+            If both are given and differ.
+        """
         if self.rate is None:
             return self.sample_time
         if self.sample_time is not None and abs(self.rate * self.sample_time - 1.0) > 1e-6:

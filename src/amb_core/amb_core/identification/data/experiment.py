@@ -26,15 +26,16 @@ class Experiment:
     Attributes
     ----------
     inputs, outputs : ndarray, shapes (steps, m), (steps, p)
-        The samples.
+        The samples, in the units of the data set.
     reference : ndarray, shape (steps, p), or None
-        Setpoint of the outputs, in their units.
+        Setpoint of the outputs, in units of the outputs; None if it is not known.
     first_step : int
         Number of the first sample; sample k is taken at the time k * sample_time of the run.
     source : str
         Run that the samples come from. Experiments of one source are parts of one run, with gaps between them.
     input_trend, output_trend, reference_trend : ndarray, shapes (2, m), (2, p), (2, p)
-        The removed trend: offset (row 0) + slope (row 1, per second) * time of the run.
+        The removed trend, in the units of the signals: offset (row 0) + slope (row 1, per second) * time of the run.
+        Zero by default.
 
     Raises
     ------
@@ -73,16 +74,40 @@ class Experiment:
 
     @property
     def signals(self) -> NDArray[np.float64]:
-        """Inputs, outputs and, if known, the reference, side by side."""
+        """Inputs, outputs and, if known, the reference, side by side; shape (steps, m + p) or (steps, m + 2 p)."""
         known = [self.inputs, self.outputs] + ([] if self.reference is None else [self.reference])
         return np.hstack(known)
 
     def time(self, sample_time: float) -> NDArray[np.float64]:
-        """Time of each sample from step 0 of the run (s), shape (steps,)."""
+        """Time of each sample from step 0 of the run (s), shape (steps,).
+
+        Parameters
+        ----------
+        sample_time : float
+            Sample time (s).
+
+        Returns
+        -------
+        ndarray, shape (steps,)
+            Times (s).
+        """
         return np.arange(self.first_step, self.stop, dtype=np.float64) * sample_time
 
     def window(self, first_step: int, stop: int) -> Experiment:
-        """The samples from `first_step` up to, not including, `stop`; there must be at least one."""
+        """The samples from `first_step` up to, not including, `stop`; there must be at least one.
+
+        Parameters
+        ----------
+        first_step : int
+            First controller step that is kept.
+        stop : int
+            Step after the last one that is kept.
+
+        Returns
+        -------
+        Experiment
+            The samples of these steps, trends included.
+        """
         part = slice(max(first_step - self.first_step, 0), max(stop - self.first_step, 0))
         return replace(
             self,

@@ -23,6 +23,13 @@ _WRITERS: dict[str, Callable[[IdentificationData, Path], None]] = {
 def write_data(data: IdentificationData, path: str | Path) -> None:
     """Write a `.csv`, `.npz` or `.mat` file, from which `amb_core.analysis.read` reads the same data bit for bit.
 
+    Parameters
+    ----------
+    data : IdentificationData
+        Data to write, trends included.
+    path : str or Path
+        File to write; its extension gives the format.
+
     Raises
     ------
     IdentificationError
@@ -39,6 +46,18 @@ def write_data(data: IdentificationData, path: str | Path) -> None:
 
 def written_data(content: Content, description: DataDescription) -> IdentificationData | None:
     """The data of a file of `write_data`, or of cells `u` and `y` of experiments; None for another file.
+
+    Parameters
+    ----------
+    content : Content
+        Content of the file.
+    description : DataDescription
+        What the user says of it.
+
+    Returns
+    -------
+    IdentificationData or None
+        The data, if the file is such a one.
 
     Raises
     ------

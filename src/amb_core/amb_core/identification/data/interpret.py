@@ -34,7 +34,7 @@ class SignalRow:
     si_unit : str
         Unit of the data.
     scale : float
-        Factor from the one to the other.
+        Factor from the one to the other (-).
     samples, missing : int
         Rows, and those without a number.
     rate : float
@@ -93,6 +93,18 @@ class _Signal:
 
 def describe_table(table: Table, description: DataDescription) -> DescribedData:
     """Interpret a table.
+
+    Parameters
+    ----------
+    table : Table
+        Columns of a file.
+    description : DataDescription
+        What the user says of the columns.
+
+    Returns
+    -------
+    DescribedData
+        The data in SI units, and how each column was understood.
 
     Raises
     ------

@@ -61,12 +61,13 @@ class OrderSelection:
     orders : tuple of int
         The orders tested, rising.
     singular_values : ndarray, shape (values,)
-        How strongly each state shows in the future outputs, relative to the strongest: those of the subspace method.
+        How strongly each state shows in the future outputs, relative to the strongest (-): those of the subspace
+        method.
     aic, bic : ndarray, shape (orders,)
-        Criteria of Akaike and of Schwarz, minus their smallest values; infinite if the order has no model.
+        Criteria of Akaike and of Schwarz, minus their smallest values (-); infinite if the order has no model.
     validation_error : ndarray, shape (orders,)
-        Cross-validation: one-step prediction error, on half the data, of the model estimated from the other half; rms
-        relative to the signals', geometric mean over the outputs. Infinite if the order has no model.
+        Cross-validation (-): one-step prediction error, on half the data, of the model estimated from the other half;
+        rms relative to the signals', geometric mean over the outputs. Infinite if the order has no model.
     """
 
     orders: tuple[int, ...]
@@ -116,9 +117,14 @@ def select_order(
         The orders to test; by default all from 1 to `HIGHEST` for which there are enough samples. Orders for which the
         inputs excite too little are left out, unless that is all of them.
     progress, cancelled : callable, optional
-        See `identify`; the stage is `order`.
-    feedthrough : bool
+        See `identify`; the stage is `order`. None for no calls.
+    feedthrough : bool, optional
         Whether outputs respond within the sample.
+
+    Returns
+    -------
+    OrderSelection
+        The criteria of each order, and the one to take.
 
     Raises
     ------

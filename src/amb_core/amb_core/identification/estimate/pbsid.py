@@ -33,7 +33,30 @@ def pbsid(
 ) -> StateSpaceModel:
     """Identify a state-space model of a given order; means are removed from the data and kept as its offsets.
 
-    Parameters, the defaults of the horizons and errors are those of `ssarx`.
+    Parameters
+    ----------
+    inputs, outputs : ndarray, shapes (steps, m), (steps, p), or lists of such
+        Inputs and outputs of one experiment, or of each of several, in any units of their own.
+    sample_time : float
+        Sample time of the data (s).
+    order : int, optional
+        Number of states n.
+    past, future : int, optional
+        Horizons (steps), with the limits and defaults of `ssarx`.
+    source : str, optional
+        Where the data come from, kept in the model.
+    feedthrough : bool, optional
+        Whether outputs respond within the sample; D is then estimated, and zero otherwise.
+
+    Returns
+    -------
+    StateSpaceModel
+        The model in innovations form; `fit` is empty.
+
+    Raises
+    ------
+    IdentificationError
+        If a setting is not allowed or the data do not determine the model.
     """
     return identify_by_states(
         inputs, outputs, sample_time, order, past, future, source, "pbsid", _future_map, feedthrough

@@ -58,26 +58,32 @@ def pem(
     Parameters
     ----------
     inputs, outputs : ndarray, shapes (steps, m), (steps, p), or lists of such
-        Inputs and outputs of one experiment, or of each of several. Several experiments take more time. Means over all
-        are removed and kept as the model's offsets.
+        Inputs and outputs of one experiment, or of each of several, in the units of `start`. Several experiments take
+        more time. Means over all are removed and kept as the model's offsets.
     start : StateSpaceModel
         Where to start: gives order, sample time, A, C and K. B, D and the initial state are estimated anew.
     progress : callable, optional
-        Called as progress(iteration, cost) with the start as iteration 0 and after every step that lowers the cost,
-        half the logarithm of the determinant of the covariance of the errors, scaled by the data's variances.
-        If it raises an exception, the search ends.
-    most_iterations : int
+        Called as progress(iteration, cost) with the start as iteration 0 and after every step that lowers the cost (-),
+        half the logarithm of the determinant of the covariance of the errors, scaled by the data's variances. If it
+        raises an exception, the search ends. None for no calls.
+    most_iterations : int, optional
         Steps tried, taken or not, after which the search ends, converged or not.
-    source : str
+    source : str, optional
         Where the data come from, kept in the model.
     ended : callable, optional
-        Called with the end of the search: steps tried, what a further step promises, whether it converged.
-    second_start : bool
+        Called with the end of the search: steps tried, what a further step promises, whether it converged. None for no
+        call.
+    second_start : bool, optional
         Whether to search from a second start where the search stalls, and to keep the model with the smaller errors.
         Iterations of the second search follow `most_iterations`, with the least cost so far; `ended` gets the end of
         the search whose model is kept.
-    feedthrough : bool
+    feedthrough : bool, optional
         Whether outputs respond within the sample; D is then estimated, and zero otherwise.
+
+    Returns
+    -------
+    StateSpaceModel
+        The model with the smallest errors found; its predictor is stable and `fit` is empty.
 
     Raises
     ------

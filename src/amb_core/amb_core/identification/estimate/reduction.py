@@ -32,7 +32,7 @@ class Reduction:
     ----------
     model : StateSpaceModel
         The reduced model; `fit` is empty, and its innovation covariance is the one of the full model: validate it.
-    hankel_singular_values : ndarray
+    hankel_singular_values : ndarray, shape (states,)
         Those of the stable part of the full model, largest first (m/A); the first of them are kept.
     unstable_states : int
         Number of states of the unstable part, all of which are kept.
@@ -59,6 +59,11 @@ def reduce_balanced(model: StateSpaceModel, order: int) -> Reduction:
         The model.
     order : int
         Number of states of the reduced model.
+
+    Returns
+    -------
+    Reduction
+        The model of that order, and what it lost.
 
     Raises
     ------

@@ -34,18 +34,23 @@ def ssarx(
     Parameters
     ----------
     inputs, outputs : ndarray, shapes (steps, m), (steps, p), or lists of such
-        Inputs and outputs of one experiment, or of each of several.
+        Inputs and outputs of one experiment, or of each of several, in any units of their own.
     sample_time : float
         Sample time of the data (s).
-    order : int
+    order : int, optional
         Number of states n.
     past, future : int, optional
-        Horizons (steps), each more than the order over the number of outputs, so that n states can be distinguished.
-        By default the past is that of the ARX model with the best Akaike criterion, the future twice the order.
-    source : str
+        Horizons (steps), each more than the order over the number of outputs, so that n states can be distinguished. By
+        default the past is that of the ARX model with the best Akaike criterion, the future twice the order.
+    source : str, optional
         Where the data come from, kept in the model.
-    feedthrough : bool
+    feedthrough : bool, optional
         Whether outputs respond within the sample; D is then estimated, and zero otherwise.
+
+    Returns
+    -------
+    StateSpaceModel
+        The model in innovations form; `fit` is empty.
 
     Raises
     ------

@@ -49,19 +49,24 @@ def n4sid(
     Parameters
     ----------
     inputs, outputs : ndarray, shapes (steps, m), (steps, p)
-        Inputs and outputs.
+        Inputs and outputs, in any units of their own.
     sample_time : float
         Sample time of the data (s).
-    order : int
+    order : int, optional
         Number of states n.
     block_rows : int, optional
         Block rows of the Hankel matrices (past and future horizon), more than the order; twice the order by default.
-    source : str
+    source : str, optional
         Where the data come from, kept in the model.
-    method : str
+    method : str, optional
         Algorithm of SLICOT.
-    feedthrough : bool
+    feedthrough : bool, optional
         Whether outputs respond within the sample; D is then estimated, and zero otherwise.
+
+    Returns
+    -------
+    StateSpaceModel
+        The model in innovations form; `fit` is empty.
 
     Raises
     ------

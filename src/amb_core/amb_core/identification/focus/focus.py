@@ -46,21 +46,22 @@ def focus_simulation(
     Parameters
     ----------
     model : StateSpaceModel
-        Where to start; its predictor and its closed loop must be stable. Its offsets are those of the data
-        before detrending.
+        Where to start; its predictor and its closed loop must be stable. Its offsets are those of the data before
+        detrending.
     data : IdentificationData
         Currents (A), positions (m) and references (m); experiments without reference are left out.
     controller : KnownController
         The controller of the experiments, current limit included.
     progress : callable, optional
         Called at every iteration, with the mean square of the errors, relative to the variance of each position, as
-        cost.
+        cost. None for no calls.
     cancelled : callable, optional
-        Called at every iteration; returns whether the identification has been cancelled.
-    free_offset : bool
+        Called at every iteration; returns whether the identification has been cancelled. None if it cannot be
+        cancelled.
+    free_offset : bool, optional
         Whether the output offset, which is the mean of the data in a model from `pem`, may change as well. The input
         offset needs no change of its own: the state can represent it.
-    most_iterations : int
+    most_iterations : int, optional
         Steps tried, taken or not.
 
     Returns

@@ -54,8 +54,13 @@ def estimate_uncertainty(model: StateSpaceModel, data: IdentificationData, *, ro
         Model with a stable predictor; it may be unstable. If its D is not zero, D is taken as estimated too.
     data : IdentificationData
         The data that it was identified from; means over all experiments are removed.
-    robust : bool
+    robust : bool, optional
         Whether to take the covariance of the innovations over time from the data (sandwich estimator).
+
+    Returns
+    -------
+    ModelUncertainty
+        The distribution of the parameters of the model.
 
     Raises
     ------

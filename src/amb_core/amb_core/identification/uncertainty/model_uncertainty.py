@@ -43,24 +43,23 @@ class ModelUncertainty:
     model : StateSpaceModel
         The model.
     root : ndarray, shape (n (n + m + 2 p), n (2 p + m)), each m p more with direct feedthrough, one column more with a
-        `reference`
-        Root of the covariance: each column is a change of the parameters, and with independent standard normal factors
-        their sum is the difference between estimate and truth.
+        `reference` Root of the covariance: each column is a change of the parameters, and with independent standard
+        normal factors their sum is the difference between estimate and truth. Rows have the units of the parameters.
     inflation : float
-        Mean ratio of the variances that the innovations of the data show to those that white innovations would give.
-        Near 1 (within about 0.05) if the model explains the data; larger, rarely smaller, if the order is too low or
-        the plant is not linear.
+        Mean ratio of the variances that the innovations of the data show to those that white innovations would give
+        (-). Near 1 (within about 0.05) if the model explains the data; larger, rarely smaller, if the order is too low
+        or the plant is not linear.
     distance : float
-        Distance of the model from the one with the smallest prediction errors on the data: root mean square over all
-        directions, relative to that of the deviations that the innovations show. Near 0 for the result of `pem` on
+        Distance of the model from the one with the smallest prediction errors on the data (-): root mean square over
+        all directions, relative to that of the deviations that the innovations show. Near 0 for the result of `pem` on
         these data, near 1 for the true system. If it is larger, the deviations are those of another model.
+    robust : bool
+        Whether the covariance uses the measured correlation of the innovations; otherwise it takes them as white.
     reference : ModelUncertainty or None
         Of a richer model from the same data, whose difference to this one is the last column of the root and counts in
         responses as an error; None where there is none, and for random errors alone.
     difference : float
-        Its size, relative to the random deviation of the response (median over frequencies).
-    robust : bool
-        Whether the covariance uses the measured correlation of the innovations; otherwise it takes them as white.
+        Its size, relative to the random deviation of the response (median over frequencies) (-).
     """
 
     model: StateSpaceModel
@@ -103,7 +102,7 @@ class ModelUncertainty:
 
     @property
     def poles_at_one(self) -> NDArray[np.complex128]:
-        """Poles whose 99 % region holds z = 1: the data do not decide whether they are stable."""
+        """Poles whose 99 % region holds z = 1, shape (poles,): the data do not decide whether they are stable."""
         near = [group for group in self.pole_groups() if group.holds(1.0, LEVEL)]
         return np.concatenate([np.zeros(0, dtype=np.complex128), *(group.poles for group in near)])
 
@@ -120,7 +119,7 @@ class ModelUncertainty:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Covariance of the parameters, as many as `root` has rows; products of the units of the entries."""
+        """Covariance of the parameters, shape (r, r) for r rows of `root`; products of the units of the entries."""
         return self.root @ self.root.T
 
     @property
@@ -144,11 +143,22 @@ class ModelUncertainty:
         return np.asarray(parts @ parts.transpose(0, 2, 1))
 
     def pole_deviations(self) -> NDArray[np.float64]:
-        """Standard deviation of real and imaginary part of each of `model.poles()`, z plane, shape (n, 2)."""
+        """Standard deviation of real and imaginary part of each of `model.poles()`, z plane, shape (n, 2).
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Standard deviations in the z plane (-).
+        """
         return np.sqrt(np.diagonal(self.pole_covariance, axis1=1, axis2=2))
 
     def pole_groups(self) -> list[PoleGroup]:
         """The poles, those together that are too close for `pole_covariance`; largest magnitude first.
+
+        Returns
+        -------
+        list of PoleGroup
+            Groups of poles with their covariance.
 
         Raises
         ------
@@ -179,8 +189,13 @@ class ModelUncertainty:
         ----------
         frequencies : array_like, shape (f,)
             Frequencies (Hz), ascending, from 0 to half the sample rate.
-        label : str
+        label : str, optional
             For legends; by default the method and the order.
+
+        Returns
+        -------
+        FrequencyResponse
+            The response with the standard deviations of magnitude and phase.
 
         Raises
         ------
@@ -228,8 +243,13 @@ class ModelUncertainty:
         ----------
         count : int
             Number of models.
-        seed : int
+        seed : int, optional
             Of the random numbers; the same seed gives the same models.
+
+        Returns
+        -------
+        list of StateSpaceModel
+            As many models as `count`.
 
         Raises
         ------
@@ -245,7 +265,12 @@ class ModelUncertainty:
         Parameters
         ----------
         factors : ndarray, shape (q,)
-            Standard deviations along each column of the root.
+            Standard deviations along each column of the root (-).
+
+        Returns
+        -------
+        StateSpaceModel
+            The model there, `fit` empty.
         """
         return self._sampler.moved(np.asarray(factors, dtype=np.float64))
 

@@ -38,6 +38,20 @@ def uncertainty_of(model: StateSpaceModel, data: IdentificationData, watch: Watc
     Innovations that are not white are taken as they are (`robust` of `estimate_uncertainty`), and the difference to a
     richer model counts as an error, if the data determine one.
 
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Model that `pem` has identified from the data.
+    data : IdentificationData
+        The data of the estimate.
+    watch : Watch, optional
+        Reports the progress of the richer model's estimate and can cancel it; None for neither.
+
+    Returns
+    -------
+    ModelUncertainty
+        The distribution of the parameters, with the richer model as `reference` where the data determine one.
+
     Raises
     ------
     IdentificationError

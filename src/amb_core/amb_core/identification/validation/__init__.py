@@ -4,12 +4,11 @@ from amb_core.identification.validation.fit import nrmse_fit
 from amb_core.identification.validation.frequency import BandComparison, FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
 from amb_core.identification.validation.residuals import ChiSquareTest, ResidualTests, check_residuals
-from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop, simulate_records
-from amb_core.identification.validation.validate import HORIZONS, Validation, validate
+from amb_core.identification.validation.simulation import ClosedLoop
+from amb_core.identification.validation.validate import Validation, validate
 from amb_core.identification.validation.verdict import Condition, Verdict
 
 __all__ = [
-    "HORIZONS",
     "BandComparison",
     "ChiSquareTest",
     "ClosedLoop",
@@ -19,11 +18,9 @@ __all__ = [
     "ResidualTests",
     "Validation",
     "Verdict",
-    "check_closed_loop",
     "check_residuals",
     "compare_responses",
     "nrmse_fit",
     "predict",
-    "simulate_records",
     "validate",
 ]

@@ -16,7 +16,7 @@ def nrmse_fit(measured: NDArray[np.float64], modelled: NDArray[np.float64]) -> N
     Parameters
     ----------
     measured, modelled : ndarray, shape (steps, p)
-        Signals in the same unit.
+        Signals, in one unit of any kind.
 
     Returns
     -------

@@ -43,13 +43,13 @@ class BandComparison:
     lines : int
         Frequencies in it at which there is an estimate.
     difference, largest : float
-        Median and largest difference from the estimate.
+        Median and largest difference from the estimate (percent).
     deviation : float
-        Median standard deviation of the estimate: smaller differences cannot be seen.
+        Median standard deviation of the estimate (percent): smaller differences cannot be seen.
     within : float
-        Elements of the response that lie within the 99 % region of estimate and model.
+        Elements of the response that lie within the 99 % region of estimate and model (percent).
     plant_difference : float
-        Median difference from the linearised plant.
+        Median difference from the linearised plant (percent).
     """
 
     low: float
@@ -98,6 +98,24 @@ def compare_responses(
     plant: PlantParameters | None = None,
 ) -> tuple[FrequencyComparison, list[str]]:
     """Compare the model's response with all known ones; notes show what is missing, and why.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        The model.
+    data : IdentificationData
+        Data with the signals of the model.
+    controller : KnownController, optional
+        Controller that holds the rotor where the plant is linearised; by default the paper's.
+    uncertainty : ModelUncertainty, optional
+        Uncertainty of the model; without it there are no bands.
+    plant : PlantParameters, optional
+        The plant, if it is known; None otherwise.
+
+    Returns
+    -------
+    (FrequencyComparison, list of str)
+        The responses with their differences by band, and the notes.
 
     Raises
     ------

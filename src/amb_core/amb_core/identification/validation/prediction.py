@@ -41,7 +41,7 @@ class Prediction:
     residuals : tuple of ndarray, shapes (steps, p)
         One-step prediction errors of each experiment, in the units of the outputs.
     first_states : ndarray, shape (experiments, n)
-        State of the model at the first sample of each experiment, the least-squares estimate.
+        State of the model (-) at the first sample of each experiment, the least-squares estimate.
     """
 
     horizons: NDArray[np.int64]
@@ -50,12 +50,37 @@ class Prediction:
     first_states: NDArray[np.float64]
 
     def fit_at(self, horizon: int) -> NDArray[np.float64]:
-        """Fit of each output at one of the horizons (percent), shape (p,)."""
+        """Fit of each output at one of the horizons (percent), shape (p,).
+
+        Parameters
+        ----------
+        horizon : int
+            One of `horizons` (steps).
+
+        Returns
+        -------
+        ndarray, shape (p,)
+            NRMSE fits (percent).
+        """
         return np.asarray(self.fit[self.horizons.tolist().index(horizon)])
 
 
 def predict(model: StateSpaceModel, data: IdentificationData, horizons: Iterable[int] = (1,)) -> Prediction:
     """Predict the outputs of all experiments over the horizons, and some between them.
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        Model with a stable predictor.
+    data : IdentificationData
+        Data with as many signals as the model.
+    horizons : iterable of int, optional
+        Steps predicted ahead; 1 is always among them.
+
+    Returns
+    -------
+    Prediction
+        Fits, one-step residuals and first states.
 
     Raises
     ------

@@ -56,16 +56,16 @@ class ChiSquareTest:
     Attributes
     ----------
     statistic : float
-        Its value.
+        Its value (-).
     degrees : int
         Degrees of freedom of its chi-square distribution for a model that is known exactly.
     limit : float
-        Value that a true model exceeds in one of a thousand cases, uncertain parameters included.
+        Value (-) that a true model exceeds in one of a thousand cases, uncertain parameters included.
     p_value : float
-        Probability of so large a value for a true model.
+        Probability of so large a value for a true model (-).
     unexplained : float
-        Share of the variance of the residuals that least squares on the lags explains, from 0 to 1, chance included.
-        It shows how serious a failed test is: with many samples a test finds defects that do not matter.
+        Share (-) of the variance of the residuals that least squares on the lags explains, from 0 to 1, chance
+        included. It shows how serious a failed test is: with many samples a test finds defects that do not matter.
     """
 
     statistic: float
@@ -99,13 +99,14 @@ class ResidualTests:
     deviation : ndarray, shape (p,)
         Standard deviation of the residuals, in the units of the outputs.
     mean : ndarray, shape (p,)
-        Their mean: the error of the model's offsets.
+        Their mean, in the units of the outputs: the error of the model's offsets.
     autocorrelation : ndarray, shape (M + 1, p, p)
-        Correlation of residual i with residual j, `lag` samples before.
+        Correlation (-) of residual i with residual j, `lag` samples before.
     cross_correlation : ndarray, shape (2 M + 1, p, m)
-        Correlation of residual i with input j, `lag` samples before, for lags from -M to M. Lags up to 0 show feedback.
+        Correlation (-) of residual i with input j, `lag` samples before, for lags from -M to M. Lags up to 0 show
+        feedback.
     band : float
-        Half the width of the 99 % band of a single correlation.
+        Half the width of the 99 % band of a single correlation (-).
     whiteness, independence : ChiSquareTest
         All outputs and, for independence, all inputs together.
     whiteness_by_output, independence_by_output : tuple of ChiSquareTest
@@ -133,12 +134,17 @@ def check_residuals(
     Parameters
     ----------
     residuals, inputs : sequences of ndarray, shapes (steps, p), (steps, m)
-        Of each experiment.
-    lags : int
+        Of each experiment, in the units of outputs and inputs.
+    lags : int, optional
         Largest lag M.
-    parameters, estimation_samples : int
+    parameters, estimation_samples : int, optional
         Parameters of the model that were estimated, and samples that they were estimated from; 0 for a model that is
         known exactly.
+
+    Returns
+    -------
+    ResidualTests
+        Correlations and tests of all outputs together and of each.
 
     Raises
     ------

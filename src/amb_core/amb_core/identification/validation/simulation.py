@@ -33,8 +33,8 @@ class ClosedLoop:
 
     Attributes
     ----------
-    poles : ndarray
-        Poles in the z plane, largest magnitude first.
+    poles : ndarray of complex, shape (n + c,)
+        Poles in the z plane (-) of model and controller, largest magnitude first.
     measured : tuple of LoopRecord
         The experiments whose reference is known.
     simulated : tuple of LoopRecord or None
@@ -44,7 +44,7 @@ class ClosedLoop:
     fit : ndarray, shape (axes,)
         NRMSE fit of each position over all these experiments (percent); -inf where a simulation diverges.
     fit_without_means : ndarray, shape (axes,)
-        The same without means.
+        The same without means (percent).
     offset : ndarray, shape (axes,)
         Mean of the measured minus that of the simulated position (m); NaN where a simulation diverges.
     """

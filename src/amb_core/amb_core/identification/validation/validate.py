@@ -73,15 +73,15 @@ class Validation(Result):
     deviations : tuple of Deviation
         Kinds of deviation of the plant, the least probable for a true model first.
     ringing : Ringing or None
-        The most significant peak in the spectrum of the residuals.
+        The most significant peak in the spectrum of the residuals. None if no peak is significant.
     possible_fit : PossibleFit or None
         Closed-loop fit that a true model reaches with the noise of these data; None without a stable loop.
     without_loop : str
         Why there is no closed loop; empty if there is one.
     overlap : float
-        Share of the samples of the identification that these data hold again, about.
+        Share of the samples of the identification that these data hold again, about (-).
     search : SearchEnd or None
-        How the search of the identification ended, where it is known.
+        How the search of the identification ended, where it is known. None otherwise.
     undecided : str or None
         What the uncertainty says of poles whose stability is not decided; empty if there is nothing, None without it.
     """
@@ -174,11 +174,23 @@ class Validation(Result):
         return summary_line(self)
 
     def report(self) -> str:
-        """All results on one page of plain text, with verdicts and advice."""
+        """All results on one page of plain text, with verdicts and advice.
+
+        Returns
+        -------
+        str
+            Text of several lines.
+        """
         return report_text(self)
 
     def as_dict(self) -> dict[str, Any]:
-        """All numbers as plain values for strict JSON; values that are not finite are None."""
+        """All numbers as plain values for strict JSON; values that are not finite are None.
+
+        Returns
+        -------
+        dict of str to object
+            Values by name.
+        """
         return report_values(self)
 
 
@@ -204,15 +216,20 @@ def validate(
     controller : KnownController, optional
         The controller of the experiments; without it the closed loop is left out.
     uncertainty : ModelUncertainty, optional
-        Uncertainty of the model, for its frequency response.
+        Uncertainty of the model, for its frequency response. Without it no bands are given.
     plant : PlantParameters, optional
-        The plant, if it is known, such as that of the simulator.
+        The plant, if it is known, such as that of the simulator. None if it is not known.
     search : SearchEnd, optional
-        How the search of the identification ended, if it is known.
+        How the search of the identification ended, if it is known. None otherwise.
     horizons : sequence of int, optional
         Prediction horizons (steps); by default those of `HORIZONS` that are at most half the shortest experiment.
-    lags : int
+    lags : int, optional
         Lags over which residuals are tested.
+
+    Returns
+    -------
+    Validation
+        Predictions, residuals, closed loop and responses with their verdicts.
 
     Raises
     ------

@@ -60,7 +60,18 @@ class BoundaryBand:
 
 
 def sweep_and_dwell(found: RegionMap) -> list[BoundaryBand]:
-    """Boundaries in the sweeps of a map (first) and under fixed sines (second), where both are determined."""
+    """Boundaries in the sweeps of a map (first) and under fixed sines (second), where both are determined.
+
+    Parameters
+    ----------
+    found : RegionMap
+        A region map.
+
+    Returns
+    -------
+    list of BoundaryBand
+        Pairs of frequencies; none if the map was not confirmed.
+    """
     confirmation = found.confirmation
     if confirmation is None:
         return []
@@ -73,7 +84,18 @@ def sweep_and_dwell(found: RegionMap) -> list[BoundaryBand]:
 
 
 def below_and_above(found: RegionMap) -> list[BoundaryBand]:
-    """Boundaries under fixed sines that were approached from below (first) and above (second), where both are known."""
+    """Boundaries under fixed sines that were approached from below (first) and above (second), where both are known.
+
+    Parameters
+    ----------
+    found : RegionMap
+        A region map.
+
+    Returns
+    -------
+    list of BoundaryBand
+        Pairs of frequencies; none if the map was not confirmed.
+    """
     confirmation = found.confirmation
     if confirmation is None:
         return []
@@ -91,7 +113,18 @@ def below_and_above(found: RegionMap) -> list[BoundaryBand]:
 
 
 def two_rates(found: RegionMap) -> list[BoundaryBand]:
-    """Boundaries in the sweeps of a map (first) and in those at the other rate (second)."""
+    """Boundaries in the sweeps of a map (first) and in those at the other rate (second).
+
+    Parameters
+    ----------
+    found : RegionMap
+        A region map.
+
+    Returns
+    -------
+    list of BoundaryBand
+        Pairs of frequencies; none if the map was not confirmed.
+    """
     confirmation = found.confirmation
     if confirmation is None:
         return []
@@ -114,6 +147,16 @@ def confirmation_warnings(found: RegionMap) -> list[str]:
 
     They move by more than 10 % with the rate of the sweeps, from the sweeps to fixed sines (the limit of slow sweeps),
     or with the direction from which a fixed sine comes; or they appear on one side only.
+
+    Parameters
+    ----------
+    found : RegionMap
+        A region map.
+
+    Returns
+    -------
+    list of str
+        Sentences; none if the map was not confirmed.
     """
     if found.confirmation is None:
         return []
@@ -133,7 +176,20 @@ def confirmation_warnings(found: RegionMap) -> list[str]:
 
 
 def sweep_rate_text(found: RegionMap, factor: float = 1.0) -> str:
-    """The rate of the sweeps of a map, multiplied by a factor, as text."""
+    """The rate of the sweeps of a map, multiplied by a factor, as text.
+
+    Parameters
+    ----------
+    found : RegionMap
+        A region map.
+    factor : float, optional
+        Factor on the rate (-).
+
+    Returns
+    -------
+    str
+        Rate, or rates at the first and last frequency, in Hz/s.
+    """
     settings = found.settings if factor == 1.0 else found.settings.at_rate(factor)
     start, end = (settings.sweep_rate(edge) for edge in (settings.frequency_start, settings.frequency_end))
     return f"{start:.4g} Hz/s" if start == end else f"{start:.3g} to {end:.3g} Hz/s"

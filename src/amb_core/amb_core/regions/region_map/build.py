@@ -68,19 +68,20 @@ def build_map(
     plant, controller : PlantParameters, ControllerParameters
         The loop.
     regions : RegionParameters, optional
-        Thresholds of the classifier; its backup bearing is always the plant's.
+        Thresholds of the classifier, the defaults if None; its backup bearing is always the plant's.
     cache : Path, optional
-        Folder of finished sweeps, by default `cache_folder("region_map")`. Every sweep is kept there as soon
-        as it is finished.
+        Folder of finished sweeps, by default `cache_folder("region_map")`. Every sweep is kept there as soon as it is
+        finished.
     scheduler : str, optional
-        Address of a running dask scheduler (tls://host:port) whose workers have this code; by default processes on
-        this machine.
+        Address of a running dask scheduler (tls://host:port) whose workers have this code; by default processes on this
+        machine.
     workers : int, optional
         Number of these processes, by default one for each core.
     progress : callable, optional
-        Called in the calling thread at the start and whenever a sweep has finished.
+        Called in the calling thread at the start and whenever a sweep has finished. None for no calls.
     cancelled : callable, optional
-        Called ten times per second; once it returns true, the map ends with the sweeps that have finished.
+        Called ten times per second; once it returns true, the map ends with the sweeps that have finished. None if it
+        cannot be cancelled.
 
     Returns
     -------

@@ -40,7 +40,18 @@ class AnalyticLine:
     amplitude: NDArray[np.float64]
 
     def frequency_at(self, amplitude: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Lowest frequency (Hz) from which an amplitude (m) is beyond the limit; NaN where it never or always is."""
+        """Lowest frequency (Hz) from which an amplitude (m) is beyond the limit; NaN where it never or always is.
+
+        Parameters
+        ----------
+        amplitude : ndarray, shape (n,)
+            Amplitudes (m).
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Frequencies (Hz).
+        """
         beyond = self.amplitude[None, :] <= amplitude[:, None]
         first = np.argmax(beyond, axis=1)
         found = np.full(len(amplitude), math.nan)
@@ -104,10 +115,15 @@ def analytic_lines(
     ----------
     plant, controller : PlantParameters, ControllerParameters
         The loop.
-    axes : str
+    axes : str, optional
         Axes that are excited, as in the settings of a map; gravity loads those along y.
-    lowest_frequency : float
+    lowest_frequency : float, optional
         Where the lines begin (Hz).
+
+    Returns
+    -------
+    tuple of AnalyticLine
+        Amplitude over frequency of each limit.
 
     Raises
     ------
@@ -139,6 +155,18 @@ def compare(region_map: RegionMap, analytic: Sequence[AnalyticLine]) -> list[Com
     """Compare every line with every boundary, except onsets of D by ordinary resonance, which no line describes.
 
     Pairs without a common amplitude are left out.
+
+    Parameters
+    ----------
+    region_map : RegionMap
+        The simulated map.
+    analytic : sequence of AnalyticLine
+        From `analytic_lines`.
+
+    Returns
+    -------
+    list of Comparison
+        One for each pair of line and boundary.
     """
     comparisons = []
     for line in analytic:

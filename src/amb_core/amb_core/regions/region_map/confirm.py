@@ -47,15 +47,24 @@ def confirm_map(
     ----------
     found : RegionMap
         The map; a confirmation that it already has is replaced.
-    plant, controller, regions
-        The loop and the thresholds that the map was made with, as for `build_map`.
+    plant, controller : PlantParameters, ControllerParameters
+        The loop that the map was made with.
+    regions : RegionParameters, optional
+        Thresholds that the map was made with; the defaults if None.
     settings : ConfirmationSettings, optional
-        The dwells, and the rate of the other sweeps.
-    cache, scheduler, workers, cancelled : optional
-        As for `build_map`; dwells are kept as sweeps are.
+        The dwells, and the rate of the other sweeps; the defaults if None.
+    cache : Path, optional
+        Folder of finished dwells and sweeps, by default `cache_folder("region_map")`.
+    scheduler : str, optional
+        Address of a running dask scheduler (tls://host:port); by default processes on this machine.
+    workers : int, optional
+        Number of these processes, by default one for each core.
     progress : callable, optional
-        Called in the calling thread at the start and whenever a dwell or sweep has finished. The total grows until
-        all boundaries are bracketed.
+        Called in the calling thread at the start and whenever a dwell or sweep has finished. The total grows until all
+        boundaries are bracketed. None for no calls.
+    cancelled : callable, optional
+        Called ten times per second; once it returns true, the confirmation ends with what has finished. None if it
+        cannot be cancelled.
 
     Returns
     -------

@@ -70,7 +70,22 @@ class Confirmation:
     complete: bool
 
     def dwell(self, region: Region, amplitude: float, direction: Direction) -> DwellBoundary | None:
-        """The boundary of a region at an amplitude of the map (m) from a direction; None if it was not determined."""
+        """The boundary of a region at an amplitude of the map (m) from a direction; None if it was not determined.
+
+        Parameters
+        ----------
+        region : Region
+            B, C or D.
+        amplitude : float
+            Amplitude of a sweep of the map (m).
+        direction : Direction
+            `below` or `above`.
+
+        Returns
+        -------
+        DwellBoundary or None
+            The boundary.
+        """
         for one in self.dwells:
             if one.amplitude == amplitude and one.region == region and one.direction == direction:
                 return one
@@ -80,6 +95,18 @@ class Confirmation:
         """Lowest dwell boundary of both directions (Hz) at an amplitude of the map (m).
 
         Infinity if the region does not begin; None if it was not bisected there, or neither direction reached it.
+
+        Parameters
+        ----------
+        region : Region
+            B, C or D.
+        amplitude : float
+            Amplitude of a sweep of the map (m).
+
+        Returns
+        -------
+        float or None
+            Frequency (Hz).
         """
         found = [self.dwell(region, amplitude, direction) for direction in DIRECTIONS]
         return min((one.frequency for one in found if one is not None and one.reached), default=None)

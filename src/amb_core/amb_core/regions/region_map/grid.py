@@ -58,11 +58,27 @@ def build_grid(
 
     Parameters
     ----------
+    settings : MapSettings
+        Which sweeps, and how finely the boundaries are resolved.
+    plant : PlantParameters
+        The machine; parameters that `design` does not name are the same in all maps.
+    controller : ControllerParameters
+        Its gains, likewise.
     design : mapping
-        Values by name: a dotted name of `PlantParameters` (amplifier.bias_current, rotor.gravity) or `controller.`
-        and a name of `ControllerParameters` (controller.derivative_gain). The last name varies fastest.
-    settings, plant, controller, regions, cache, scheduler, workers, progress, cancelled
-        As for `build_map`; parameters that `design` does not name are the same in all maps.
+        Values by name: a dotted name of `PlantParameters` (amplifier.bias_current, rotor.gravity) or `controller.` and
+        a name of `ControllerParameters` (controller.derivative_gain). The last name varies fastest.
+    regions : RegionParameters, optional
+        Thresholds of the classifier; the defaults if None.
+    cache : Path, optional
+        Folder of finished sweeps, by default `cache_folder("region_map")`.
+    scheduler : str, optional
+        Address of a running dask scheduler (tls://host:port); by default processes on this machine.
+    workers : int, optional
+        Number of these processes, by default one for each core.
+    progress : callable, optional
+        Called in the calling thread at the start and whenever a sweep has finished; None for no calls.
+    cancelled : callable, optional
+        Called ten times per second; once it returns true, no further sweep is begun. None if it cannot be cancelled.
 
     Returns
     -------

@@ -47,7 +47,12 @@ class RegionMap:
     complete : bool
         Whether the boundaries are resolved as requested; false if `max_sweeps` or a cancellation ended the map earlier.
     confirmation : Confirmation or None
-        Boundaries under fixed sines and in sweeps at another rate, if the map was confirmed.
+        Boundaries under fixed sines and in sweeps at another rate; None if the map was not confirmed.
+
+    Raises
+    ------
+    RegionError
+        If there is no sweep, or they are not in order of amplitude.
     """
 
     settings: MapSettings
@@ -75,6 +80,11 @@ class RegionMap:
             B, C or D.
         side : {"sweep", "dwell"}, optional
             See `Side`.
+
+        Returns
+        -------
+        ndarray, shape (sweeps,)
+            Frequencies (Hz).
         """
         return np.array([self._frequency(sweep, region, side) for sweep in self.sweeps])
 
@@ -94,10 +104,15 @@ class RegionMap:
         ----------
         region : Region
             B, C or D.
-        amplitude : array_like
+        amplitude : array_like, of any shape
             Amplitudes (m), positive.
         side : {"sweep", "dwell"}, optional
             See `Side`.
+
+        Returns
+        -------
+        ndarray, shape of `amplitude`
+            Frequencies (Hz).
         """
         wanted = np.log(np.asarray(amplitude, dtype=np.float64))
         known = np.log(self.amplitudes)
@@ -115,7 +130,22 @@ class RegionMap:
         return np.exp(np.where(both, between, nearest))
 
     def region_at(self, frequency: ArrayLike, amplitude: ArrayLike, side: Side = "sweep") -> NDArray[np.int_]:
-        """Region in which a sine of an amplitude (m) runs at a frequency (Hz), as values of `Region`; broadcasts."""
+        """Region in which a sine of an amplitude (m) runs at a frequency (Hz), as values of `Region`; broadcasts.
+
+        Parameters
+        ----------
+        frequency : array_like, of any shape
+            Frequencies (Hz).
+        amplitude : array_like
+            Amplitudes (m), of a shape that broadcasts with the frequencies.
+        side : Side, optional
+            See `Side`.
+
+        Returns
+        -------
+        ndarray of int, shape of both together
+            Values of `Region`.
+        """
         frequency, amplitude = np.broadcast_arrays(
             np.asarray(frequency, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
         )
@@ -129,6 +159,18 @@ class RegionMap:
 
         Between the sweeps it is interpolated as in `boundary`. It is 0 if not even the smallest amplitude of the map is
         in A, and the largest amplitude of the map if all are.
+
+        Parameters
+        ----------
+        frequency : array_like, shape (n,) or ()
+            Frequencies (Hz).
+        side : Side, optional
+            See `Side`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Amplitudes (m).
         """
         frequency = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
         grid = np.geomspace(self.amplitudes[0], self.amplitudes[-1], max(2, 40 * len(self.sweeps)))
@@ -139,6 +181,11 @@ class RegionMap:
 
     def save(self, path: str | Path) -> None:
         """Write the map as JSON; an existing file stays unchanged until the new one is complete.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write.
 
         Raises
         ------
@@ -167,6 +214,16 @@ class RegionMap:
     @classmethod
     def load(cls, path: str | Path) -> RegionMap:
         """Read a map that `save` wrote.
+
+        Parameters
+        ----------
+        path : str or Path
+            JSON file.
+
+        Returns
+        -------
+        RegionMap
+            The map.
 
         Raises
         ------

@@ -60,19 +60,52 @@ class MapSettings(Parameters):
         return self
 
     def sweep_rate(self, frequency: float) -> float:
-        """Rate of the sweeps (Hz/s) at a frequency (Hz); that of a linear sweep is the same at all frequencies."""
+        """Rate of the sweeps (Hz/s) at a frequency (Hz); that of a linear sweep is the same at all frequencies.
+
+        Parameters
+        ----------
+        frequency : float
+            Frequency (Hz).
+
+        Returns
+        -------
+        float
+            Rate (Hz/s).
+        """
         if self.spacing == "linear":
             return (self.frequency_end - self.frequency_start) / self.duration
         return frequency * math.log(self.frequency_end / self.frequency_start) / self.duration
 
     def at_rate(self, factor: float) -> MapSettings:
-        """The same settings with sweeps whose rate is multiplied by a factor, within the allowed durations."""
+        """The same settings with sweeps whose rate is multiplied by a factor, within the allowed durations.
+
+        Parameters
+        ----------
+        factor : float
+            Factor on the rate (-), positive.
+
+        Returns
+        -------
+        MapSettings
+            Settings with another duration.
+        """
         allowed = next(item for item in declarations(MapSettings) if item.name == "duration")
         duration = min(max(self.duration / factor, allowed.minimum or 0.0), allowed.maximum or math.inf)
         return self.model_copy(update={"duration": duration})
 
     def sweep(self, amplitude: float) -> Sweep:
-        """The sweep of one amplitude (m)."""
+        """The sweep of one amplitude (m).
+
+        Parameters
+        ----------
+        amplitude : float
+            Amplitude (m).
+
+        Returns
+        -------
+        Sweep
+            The excitation.
+        """
         return Sweep(
             amplitude=amplitude,
             duration=self.duration,

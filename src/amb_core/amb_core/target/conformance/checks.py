@@ -38,7 +38,15 @@ Check = Callable[[Exchange], Iterator[str]]
 
 @dataclass(frozen=True)
 class Complaint:
-    """Something that a port does wrong: the check that found it, and what it is."""
+    """Something that a port does wrong: the check that found it, and what it is.
+
+    Attributes
+    ----------
+    check : str
+        Name of the check that found it.
+    text : str
+        What the port does wrong.
+    """
 
     check: str
     text: str
@@ -46,6 +54,16 @@ class Complaint:
 
 def check_target(target: Exchange) -> list[Complaint]:
     """Run all checks; the rotor stays at rest.
+
+    Parameters
+    ----------
+    target : Exchange
+        Exchange with the target.
+
+    Returns
+    -------
+    list of Complaint
+        What the target does wrong; empty if nothing.
 
     Raises
     ------

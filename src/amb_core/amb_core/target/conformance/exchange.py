@@ -35,7 +35,7 @@ class Exchange:
         Its UDP port.
     key : bytes
         Shared secret; empty: none.
-    patience : float
+    patience : float, optional
         Longest wait for an answer (s).
 
     Attributes
@@ -72,14 +72,36 @@ class Exchange:
         self._socket.close()
 
     def send(self, frame: bytes) -> None:
-        """Send a datagram."""
+        """Send a datagram.
+
+        Parameters
+        ----------
+        frame : bytes
+            Datagram to send.
+
+        Raises
+        ------
+        TargetError
+            If the target cannot be reached.
+        """
         try:
             self._socket.send(frame)
         except OSError as problem:
             raise TargetError(f"{self.where} cannot be reached: {problem.strerror or problem}") from None
 
     def receive(self, until: float) -> Received | None:
-        """The next datagram before a time of the monotonic clock; None if there is none."""
+        """The next datagram before a time of the monotonic clock; None if there is none.
+
+        Parameters
+        ----------
+        until : float
+            Time of `time.monotonic` up to which to wait (s).
+
+        Returns
+        -------
+        Received or None
+            The datagram with its time and content.
+        """
         if not select.select([self._socket], [], [], max(until - time.monotonic(), 0.0))[0]:
             return None
         try:
@@ -89,7 +111,13 @@ class Exchange:
         return Received(datagram, time.monotonic(), decode(datagram, self._open))
 
     def find(self) -> str:
-        """Have the target describe itself. Returns what is wrong with the answer; empty if nothing is."""
+        """Have the target describe itself.
+
+        Returns
+        -------
+        str
+            What is wrong with the answer; empty if nothing is.
+        """
         search = Search(self.key)
         reason, until = "no answer to HELLO", time.monotonic() + 3.0 * self.patience
         while time.monotonic() < until:
@@ -110,7 +138,22 @@ class Exchange:
         return reason
 
     def reply_to(self, frame: bytes, counter: int, patience: float | None = None) -> Reply | None:
-        """The reply with this counter to a frame; None if there is none."""
+        """The reply with this counter to a frame; None if there is none.
+
+        Parameters
+        ----------
+        frame : bytes
+            Frame to send.
+        counter : int
+            Counter that the reply must repeat.
+        patience : float, optional
+            Longest wait (s); by default that of the exchange.
+
+        Returns
+        -------
+        Reply or None
+            The reply.
+        """
         self.send(frame)
         until = time.monotonic() + (self.patience if patience is None else patience)
         while (received := self.receive(until)) is not None:
@@ -120,6 +163,16 @@ class Exchange:
 
     def command(self, command: Command) -> Reply:
         """The reply to a command.
+
+        Parameters
+        ----------
+        command : Command
+            What to send.
+
+        Returns
+        -------
+        Reply
+            The reply with the counter of the command.
 
         Raises
         ------
@@ -132,7 +185,23 @@ class Exchange:
         return reply
 
     def answers_before_heartbeat(self, frame: bytes) -> tuple[list[Received], TargetStatus]:
-        """What comes between a frame, which is to have no answer, and the reply to a heartbeat after it."""
+        """What comes between a frame, which is to have no answer, and the reply to a heartbeat after it.
+
+        Parameters
+        ----------
+        frame : bytes
+            Frame that is to have no answer.
+
+        Returns
+        -------
+        (list of Received, TargetStatus)
+            What came in between, and the state in the reply to the heartbeat.
+
+        Raises
+        ------
+        TargetError
+            If the heartbeat has no reply.
+        """
         self.send(frame)
         self.send(self.writer.write(heartbeat()))
         between: list[Received] = []
@@ -145,7 +214,18 @@ class Exchange:
         raise TargetError("no genuine reply to HEARTBEAT")
 
     def listen(self, seconds: float) -> list[Received]:
-        """What comes in so many seconds."""
+        """What comes in so many seconds.
+
+        Parameters
+        ----------
+        seconds : float
+            Time to listen (s).
+
+        Returns
+        -------
+        list of Received
+            What was received, oldest first.
+        """
         until, heard = time.monotonic() + seconds, []
         while (received := self.receive(until)) is not None:
             heard.append(received)

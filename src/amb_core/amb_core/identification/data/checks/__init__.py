@@ -2,7 +2,6 @@
 
 from amb_core.identification.data.checks.all_checks import check_data, check_recording
 from amb_core.identification.data.checks.distortion import check_distortion, evidence_of
-from amb_core.identification.data.checks.drift import check_drift
 from amb_core.identification.data.checks.dynamics import check_delay, check_feedback
 from amb_core.identification.data.checks.excitation import (
     check_amount,
@@ -29,7 +28,6 @@ __all__ = [
     "check_data",
     "check_delay",
     "check_distortion",
-    "check_drift",
     "check_excitation",
     "check_feedback",
     "check_finite",

@@ -46,16 +46,22 @@ def check_data(
     ----------
     data : IdentificationData
         The data.
-    order : int
+    order : int, optional
         Number of states of the model.
     sample_time : float, optional
-        Expected sample time, such as the controller's (s).
+        Expected sample time, such as the controller's (s). None if there is none.
     limits : mapping of str to float, optional
-        Known limits on the magnitude of signals by name, such as the controller's current limit for i_x and i_y.
+        Known limits on the magnitude of signals by name, in the units of the signals, such as the controller's current
+        limit for i_x and i_y. None if there are none.
     regions : RegionParameters, optional
-        Thresholds of the classifier of regions.
-    feedthrough : bool
+        Thresholds of the classifier of regions. None for the defaults.
+    feedthrough : bool, optional
         Whether the model is to have direct feedthrough.
+
+    Returns
+    -------
+    DataReport
+        The finding of each check that ran.
 
     Raises
     ------
@@ -90,7 +96,18 @@ def check_data(
 
 
 def check_recording(data: IdentificationData) -> list[Finding]:
-    """The checks of the samples alone, for data that a model is validated on."""
+    """The checks of the samples alone, for data that a model is validated on.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data of any plant.
+
+    Returns
+    -------
+    list of Finding
+        One finding for each check that ran.
+    """
     with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):
         found = [check_gaps(data), check_sample_time(data), check_roles(data)]
         faults = check_faults(data) if _plain(found) else []

@@ -16,7 +16,18 @@ LOW_COHERENCE = 0.3
 
 
 def evidence_of(data: IdentificationData) -> Evidence:
-    """Distortion and coherence of records of the loop, with their trends; nothing, with the reason, of other data."""
+    """Distortion and coherence of records of the loop, with their trends; nothing, with the reason, of other data.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data of the closed loop.
+
+    Returns
+    -------
+    Evidence
+        Both measures, or the reason why one is missing.
+    """
     try:
         records = [data.record(index) for index, item in enumerate(data.experiments) if item.reference is not None]
     except IdentificationError as problem:
@@ -28,7 +39,18 @@ def evidence_of(data: IdentificationData) -> Evidence:
 
 
 def check_distortion(data: IdentificationData) -> Finding:
-    """Distortion of the data, or coherence of position and reference; see `amb_core.distortion`."""
+    """Distortion of the data, or coherence of position and reference; see `amb_core.distortion`.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data of the closed loop.
+
+    Returns
+    -------
+    Finding
+        A warning if the distortion is large or the coherence is low.
+    """
     found = evidence_of(data)
     if found.distortion is None and found.coherence is None:
         return Finding("distortion", Severity.INFO, f"not measured: {found.coherence_problem}")

@@ -31,6 +31,16 @@ def check_feedback(data: IdentificationData) -> Finding:
     sample or direct feedthrough, which no data can distinguish; with a reference, hence a controller, it counts as
     feedback. F tests at 1 % for all pairs of output and input together.
 
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values.
+
+    Returns
+    -------
+    Finding
+        Whether there is feedback.
+
     References
     ----------
     C. A. Sims, Money, income, and causality, Am. Econ. Rev. 62 (1972); P. E. Caines and C. W. Chan, Feedback between
@@ -67,6 +77,20 @@ def check_delay(data: IdentificationData, feedback: bool = True, feedthrough: bo
     zero (F test at 1 % for all lags together, ARX model). Noise may hide an earlier response, so this is no dead time:
     `dead_times` finds that in the growth of the response. With feedback a controller may respond within the sample, and
     this test cannot detect an output that does: then one sample is the minimum.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values.
+    feedback : bool, optional
+        Whether a controller acts on the inputs.
+    feedthrough : bool, optional
+        Whether the model is to have direct feedthrough.
+
+    Returns
+    -------
+    Finding
+        Delay of each pair of output and input.
 
     References
     ----------

@@ -23,6 +23,18 @@ def check_amount(data: IdentificationData, order: int) -> Finding:
 
     An innovations form of order n with m inputs and p outputs has n (m + 2 p) parameters (D = 0). A subspace estimate
     needs as many rows of its data matrix as columns, for a past of n / p + 1 and a future of 2 n steps.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data of any plant.
+    order : int
+        Number of states of the model.
+
+    Returns
+    -------
+    Finding
+        An error if the samples are too few, a warning if they are few.
     """
     m, p = len(data.input_names), len(data.output_names)
     horizon = math.ceil(order / p) + 2 * order + 2
@@ -59,6 +71,16 @@ def check_inputs(data: IdentificationData) -> Finding:
     """Inputs that do not move or are linearly dependent; references that do not move.
 
     Under feedback every input moves. If its reference does not move, it responds to noise and the other axes only.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values.
+
+    Returns
+    -------
+    Finding
+        The inputs and references at fault.
     """
     constant = [
         name
@@ -115,6 +137,18 @@ def check_excitation(data: IdentificationData, order: int) -> Finding:
     any model of order n; with p outputs that share its states evenly 2 n / p is enough. Noise that feedback adds to
     the inputs counts.
 
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values.
+    order : int
+        Number of states of the model.
+
+    Returns
+    -------
+    Finding
+        An error if the inputs excite too little for the order, a warning if hardly enough.
+
     References
     ----------
     L. Ljung, System Identification, 2nd edition, 1999, section 13.2.
@@ -142,7 +176,20 @@ def check_excitation(data: IdentificationData, order: int) -> Finding:
 
 
 def highest_excited_order(data: IdentificationData, order: int) -> int:
-    """The highest order, up to a given one, that `check_excitation` does not refuse; 0 if it refuses all."""
+    """The highest order, up to a given one, that `check_excitation` does not refuse; 0 if it refuses all.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values.
+    order : int
+        Highest number of states of interest.
+
+    Returns
+    -------
+    int
+        Number of states.
+    """
     p = len(data.output_names)
     usable = _usable(data, 2 * order)
     reached = _persistence(data, usable)

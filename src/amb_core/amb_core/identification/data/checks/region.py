@@ -20,6 +20,18 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
 
     The check needs positions in m, as many currents in A and the reference, at a rate that the classifier supports.
     Removed trends are added again, because the position is compared with the backup bearing.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data of the closed loop.
+    parameters : RegionParameters, optional
+        Thresholds of the classifier; its defaults if None.
+
+    Returns
+    -------
+    Finding
+        The regions found, or why they were not looked for.
     """
     from amb_core.regions import classify  # this loads filters; programs that only estimate should not wait for it
 

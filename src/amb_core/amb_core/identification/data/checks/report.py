@@ -83,6 +83,16 @@ class DataReport:
     def finding(self, check: str) -> Finding:
         """The finding of a check.
 
+        Parameters
+        ----------
+        check : str
+            Name of the check.
+
+        Returns
+        -------
+        Finding
+            What it found.
+
         Raises
         ------
         KeyError

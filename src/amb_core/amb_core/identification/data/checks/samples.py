@@ -23,7 +23,18 @@ _DRIFT = 0.25  # share of the variance that a line over an experiment explains
 
 
 def check_finite(data: IdentificationData) -> Finding:
-    """NaN and infinite values; no method accepts them."""
+    """NaN and infinite values; no method accepts them.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data of any plant.
+
+    Returns
+    -------
+    Finding
+        An error that names the first such value.
+    """
     wrong = 0
     where = ""
     for index, item in enumerate(data.experiments):
@@ -45,7 +56,18 @@ def check_finite(data: IdentificationData) -> Finding:
 
 
 def check_gaps(data: IdentificationData) -> Finding:
-    """Missing samples between experiments of one run; each experiment has its own unknown initial state."""
+    """Missing samples between experiments of one run; each experiment has its own unknown initial state.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data of any plant.
+
+    Returns
+    -------
+    Finding
+        Number and length of the gaps.
+    """
     gaps = data.gaps
     if not gaps:
         return Finding("gaps", Severity.INFO, "no samples are missing")
@@ -65,6 +87,18 @@ def check_sample_time(data: IdentificationData, expected: float | None = None) -
 
     If outputs repeat in all channels at once, something slower than the record holds them. An example is a record at
     the controller's rate that was resampled to a higher one. A model of such data describes the hold, not the plant.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values.
+    expected : float, optional
+        Expected sample time (s); None if there is none.
+
+    Returns
+    -------
+    Finding
+        An error if the sample times differ, a warning if the outputs repeat.
     """
     sample_time = data.sample_time
     if expected is not None and abs(sample_time - expected) > 1e-6 * expected:
@@ -115,7 +149,13 @@ def check_clipping(data: IdentificationData, limits: Mapping[str, float] | None 
     data : IdentificationData
         The data.
     limits : mapping of str to float, optional
-        Known limits on the magnitude of signals by name, in their units, removed offsets included.
+        Known limits on the magnitude of signals by name, in the units of the signals, removed offsets included. By
+        default only flat tops are found.
+
+    Returns
+    -------
+    Finding
+        A warning that names the clipped signals.
 
     Raises
     ------
@@ -146,7 +186,18 @@ def check_clipping(data: IdentificationData, limits: Mapping[str, float] | None 
 
 
 def check_offsets(data: IdentificationData) -> Finding:
-    """Means and drift: identification removes the mean of each signal, which is right for one operating point."""
+    """Means and drift: identification removes the mean of each signal, which is right for one operating point.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values.
+
+    Returns
+    -------
+    Finding
+        The signals that drift, or whose means differ between experiments.
+    """
     drifting, apart = [], []
     for kind in ("input", "output"):
         for column, name in enumerate(getattr(data, f"{kind}_names")):

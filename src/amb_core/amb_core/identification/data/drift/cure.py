@@ -72,8 +72,13 @@ def cure_drift(data: IdentificationData, option: DriftOption = "auto") -> DriftC
     ----------
     data : IdentificationData
         Data with finite values.
-    option : str
+    option : str, optional
         `auto` where there is drift; `none` never; `prefilter` always, as far as the samples suffice.
+
+    Returns
+    -------
+    DriftCure or None
+        The data without drift, and what was removed; None if nothing was.
     """
     if option == "none":
         return None

@@ -40,7 +40,7 @@ class Drift:
     Attributes
     ----------
     power : ndarray, shape (p,)
-        Mean power of the slow lines of each output's errors, relative to that of the lines above them.
+        Mean power of the slow lines of each output's errors, relative to that of the lines above them (-).
     size : ndarray, shape (p,)
         Estimated range of the slow part of each output that the inputs do not explain (its unit).
     """
@@ -61,6 +61,11 @@ def find_drift(data: IdentificationData) -> Drift | None:
     ----------
     data : IdentificationData
         Data with finite values; means of each experiment do not count.
+
+    Returns
+    -------
+    Drift or None
+        How strongly each output drifts; None if it cannot be decided.
     """
     kept = long_enough(data)
     model = None if kept is None else undrifted(kept)

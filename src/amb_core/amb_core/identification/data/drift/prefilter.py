@@ -39,6 +39,11 @@ def high_pass(data: IdentificationData, length: int) -> IdentificationData:
     length : int
         Samples of the moving average, an odd number of 3 or more.
 
+    Returns
+    -------
+    IdentificationData
+        The filtered data.
+
     Raises
     ------
     IdentificationError
