@@ -220,6 +220,10 @@ PAGES: dict[str, Covered | Left] = {
         "tests/docs/test_tutorial.py::test_a_reader_arrives_at_a_validated_model",
         "ten minutes; COMMANDS has what it calls",
     ),
+    "docs/tutorial/twenty-lines.md": Covered(
+        "tests/docs/test_twenty_lines.py::test_the_lines_lead_to_a_certificate",
+        "two recordings are simulated, and a certificate takes half a minute",
+    ),
     "docs/tutorial/notebooks/*.md": Left(".ci/run builds the site, which runs the notebooks"),
     "docs/gallery.md": Left(".ci/run builds the site, which runs its cells"),
     "docs/explanation/*.md": Covered("tests/unit/test_docs_examples.py::test_the_examples_run"),
