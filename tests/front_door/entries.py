@@ -149,6 +149,7 @@ TARGETS: dict[str, tuple[str, ...] | Covered | Left] = {
 
 COMMANDS = """
 amb new bearing.yaml --gap 0.4mm --turns 80 --mass 3 --bias-current 2 --voltage 150
+amb status
 amb tune chart bearing.yaml --points 8 --out chart
 amb tune gains bearing.yaml
 amb plant describe --params bearing.yaml
