@@ -25,6 +25,7 @@ from amb_core.identification import Focus, Identification, IdentificationData, I
 from amb_core.identification.controller_choice import ALLOWED, NO_CONTROLLER, needs_controller
 from amb_core.identification.data import merge
 from amb_core.identification.data.drift import DriftOption
+from amb_core.identification.identify import check_arguments
 from amb_core.identification.validation import Verdict
 from amb_core.loop.known_controller import KnownController
 from amb_core.results import plain
@@ -75,6 +76,7 @@ def identify(
     wanted, tried = model_order(order), _orders(orders)
     if tried is not None and wanted != "auto":
         raise IdentificationError(f"--orders {orders} is not allowed with --order {order}; it is for --order auto")
+    check_arguments(wanted, method, focus, drift)
     if out is not None and not names_file(out, MODEL_ENDINGS):
         figures, results, out = figures or out, results or out / "summary.json", out / "model.json"
     if out is not None:
