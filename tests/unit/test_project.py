@@ -92,7 +92,7 @@ def test_a_certificate_is_stale_with_its_model(folder: Path) -> None:
         "certified": False,
         "statement": "predicted",
         "checks": [],
-        "inputs": {"model model.json": sha256_of(folder / "model/model.json")},
+        "inputs": {"model model.json": {"sha256": sha256_of(folder / "model/model.json")}},
     }
     (folder / "certificate.json").write_text(json.dumps(certificate))
     item = status_of(folder).items[-1]

@@ -142,7 +142,8 @@ class _Judge:
     def _certificate(self, item: Item) -> tuple[State, str]:
         """By the names of its inputs, which are `ROLE NAME` without folder."""
         named = {}
-        for role_and_name, digest in item.content["inputs"].items():
+        for role_and_name, recorded in item.content["inputs"].items():
+            digest = recorded["sha256"]
             places = [path for path in self._known if role_and_name.endswith(f" {Path(path).name}")]
             same = [path for path in places if self._hash(path) == digest]
             named.update(dict.fromkeys(same[:1] or places[:1], digest))
