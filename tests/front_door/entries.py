@@ -149,6 +149,7 @@ TARGETS: dict[str, tuple[str, ...] | Covered | Left] = {
 
 COMMANDS = """
 amb new bearing.yaml --gap 0.4mm --turns 80 --mass 3 --bias-current 2 --voltage 150
+amb status
 amb tune chart bearing.yaml --points 8 --out chart
 amb tune gains bearing.yaml
 amb plant describe --params bearing.yaml
@@ -219,6 +220,10 @@ PAGES: dict[str, Covered | Left] = {
     "docs/tutorial/my-bearing.md": Covered(
         "tests/docs/test_tutorial.py::test_a_reader_arrives_at_a_validated_model",
         "ten minutes; COMMANDS has what it calls",
+    ),
+    "docs/tutorial/twenty-lines.md": Covered(
+        "tests/docs/test_twenty_lines.py::test_the_lines_lead_to_a_certificate",
+        "two recordings are simulated, and a certificate takes half a minute",
     ),
     "docs/tutorial/notebooks/*.md": Left(".ci/run builds the site, which runs the notebooks"),
     "docs/gallery.md": Left(".ci/run builds the site, which runs its cells"),

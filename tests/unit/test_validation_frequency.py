@@ -12,7 +12,7 @@ from amb_core.errors import IdentificationError
 from amb_core.identification import IdentificationData, StateSpaceModel, pem, ssarx
 from amb_core.identification.data import merge
 from amb_core.identification.frequency_response import response_of
-from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response, find_period
+from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response
 from amb_core.identification.uncertainty import estimate_uncertainty
 from amb_core.identification.validation import compare_responses
 from amb_core.loop.control import ControllerParameters
@@ -53,7 +53,6 @@ def true_response(frequency: np.ndarray) -> np.ndarray:
 def test_squares_are_averaged_over_their_settled_periods(data: IdentificationData, bearing) -> None:
     """Of 5 periods on each axis the first settles; even multiples of 5 Hz have no power."""
     found = estimate_response(data)
-    assert find_period([item.reference for item in data.experiments]) == 2_000
     assert found.response.label == "average of 8 periods of 0.2 s"
     assert found.response.frequency[:3] == pytest.approx([5.0, 15.0, 25.0])
     low = found.response.frequency < 100.0
@@ -130,13 +129,6 @@ def test_data_without_an_answer_are_refused(data: IdentificationData, change, re
     changed = replace(data, experiments=tuple(change(item) for item in data.experiments))
     with pytest.raises(IdentificationError, match=reason):
         estimate_response(changed)
-
-
-def test_periods_are_found_after_rest_and_with_offset() -> None:
-    period = np.random.default_rng(2).normal(size=(130, 2))
-    reference = np.vstack([np.zeros((200, 2)), np.tile(period, (9, 1))]) + 7.0
-    assert find_period([reference]) == 130
-    assert find_period([np.random.default_rng(0).normal(size=reference.shape)]) is None
 
 
 def test_a_wrong_model_differs_where_it_is_wrong(data: IdentificationData, bearing) -> None:

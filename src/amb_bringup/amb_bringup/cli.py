@@ -24,6 +24,10 @@ COMMANDS = {
             "demo:demo",
             "Levitate the bearing over ROS 2 topics, shake it with square waves, record, identify, validate.",
         ),
+        "status": (
+            "status:status",
+            "Show what is in a folder of work on a bearing, what is stale, and the command that comes next.",
+        ),
         "new": ("new:new", "Write a parameter file of your own bearing, with PD gains that levitate it."),
         "up": ("graph:up", "Start all nodes and show their output, until Ctrl-C."),
         "view": (

@@ -11,7 +11,12 @@ from pathlib import Path
 from amb_bringup.client import AmbClient, ClientError
 from amb_bringup.experiment import Experiment, ExperimentRun, Progress, graph_runs
 from amb_bringup.launcher import Graph, launch_file, own_domain
+from amb_bringup.packages import share_folder
+from amb_core.excitation.signal import steps_of
 from amb_core.files.parameter_files import NODES, RIG_NODES
+from amb_core.parameters import load_parameters
+from amb_core.plant import PlantParameters
+from amb_core.plant.machine import machine_of
 
 PATIENCE = 120.0  # s; longest wait for the nodes, which start all at once, on a machine that has other work too
 
@@ -54,14 +59,15 @@ def run_session(
     Raises
     ------
     AmbError
-        As for `amb_bringup.experiment.carry_out`; and if parameters are given for a graph that runs already.
+        As for `amb_bringup.experiment.carry_out`; if parameters are given for a graph that runs already; and, before a
+        simulator is started, if its sample rate or axes do not suit an excitation.
     """
-    with _graph(choice, progress) as amb:
+    with _graph(choice, experiments, progress) as amb:
         return amb.experiment(experiments, bag, progress)
 
 
 @contextmanager
-def _graph(choice: GraphChoice, progress: Progress) -> Iterator[AmbClient]:
+def _graph(choice: GraphChoice, experiments: Sequence[Experiment], progress: Progress) -> Iterator[AmbClient]:
     progress("graph", 0, 1)
     with AmbClient(timeout=PATIENCE, nodes=()) as amb:
         running = graph_runs(amb)
@@ -75,6 +81,8 @@ def _graph(choice: GraphChoice, progress: Progress) -> Iterator[AmbClient]:
         with AmbClient(timeout=PATIENCE, nodes=()) as amb:
             yield amb
         return
+    if not choice.rig:
+        require_playable(experiments, choice.params)
     domain = own_domain()
     arguments = {} if choice.params is None else {"params": str(choice.params.absolute())}
     if choice.rig:
@@ -92,3 +100,17 @@ def _graph(choice: GraphChoice, progress: Progress) -> Iterator[AmbClient]:
             graph.check()  # a node that has ended is the reason
             raise
         graph.check()
+
+
+def require_playable(experiments: Sequence[Experiment], params: Path | None) -> None:
+    """Refuse excitations that the simulator of a parameter file, by default the paper's, would refuse.
+
+    Raises
+    ------
+    ExcitationError
+        If a frequency lies above its Nyquist frequency, or it lacks an axis.
+    """
+    path = params or share_folder("amb_bringup") / "config" / "paper.yaml"
+    plant = load_parameters(PlantParameters, path, "simulator", part=True)
+    for experiment in experiments:
+        steps_of(experiment.excitation, plant.integration.sample_rate, machine_of(plant))

@@ -1,9 +1,76 @@
-"""amb_core: active magnetic bearings without ROS — plant, control law, excitations, identification and bags."""
+"""amb_core: active magnetic bearings without ROS — plant, control law, excitations, identification and bags.
 
+The names of the way from data to a certificate are here too; each loads its module when it is used first:
+
+>>> import amb_core as amb
+>>> loop = amb.read("measured.csv", controller="pd:20000,38")  # doctest: +SKIP
+>>> amb.certify(amb.identify(loop, order=10))  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import importlib
 import os
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from amb_core.analysis import read
+    from amb_core.excitation_design import design_excitation as design
+    from amb_core.identification import IdentificationData, StateSpaceModel, compare, response_of, validate
+    from amb_core.identification.controller_choice import named_controller
+    from amb_core.identification.identify import identify
+    from amb_core.identification.nonparametric import estimate_response
+    from amb_core.report.certificate import write_certificate
+    from amb_core.robustness import certify_from_data as certify
+    from amb_core.simulation import simulate
 
 # The kernels multiply small dense matrices: with straight-line vectorisation they are a third faster and give the same
 # bits. numba reads this when it is imported; where that has happened already, the kernels are only slower.
 os.environ.setdefault("NUMBA_SLP_VECTORIZE", "1")
 
 __version__ = "0.1.0"
+
+_HOMES = {
+    "IdentificationData": "amb_core.identification",
+    "StateSpaceModel": "amb_core.identification",
+    "certify": "amb_core.robustness:certify_from_data",
+    "compare": "amb_core.identification",
+    "design": "amb_core.excitation_design:design_excitation",
+    "estimate_response": "amb_core.identification.nonparametric",
+    "identify": "amb_core.identification",
+    "named_controller": "amb_core.identification.controller_choice",
+    "read": "amb_core.analysis",
+    "response_of": "amb_core.identification",
+    "simulate": "amb_core.simulation",
+    "validate": "amb_core.identification",
+    "write_certificate": "amb_core.report.certificate",
+}
+"""Where each name is defined, and as what if not by its own name."""
+
+__all__ = [
+    "IdentificationData",
+    "StateSpaceModel",
+    "certify",
+    "compare",
+    "design",
+    "estimate_response",
+    "identify",
+    "named_controller",
+    "read",
+    "response_of",
+    "simulate",
+    "validate",
+    "write_certificate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, _, defined = _HOMES[name].partition(":")
+    found = globals()[name] = getattr(importlib.import_module(module), defined or name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

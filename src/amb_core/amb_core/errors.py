@@ -67,3 +67,7 @@ def bounded(text: str, longest: int = LONGEST_TEXT) -> str:
         return text
     half = longest // 2
     return f"{text[:half]} ... {text[-half:]}"
+
+
+class ProjectError(AmbError):
+    """A project's folder cannot be read."""

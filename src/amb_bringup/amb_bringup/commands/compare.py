@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -27,7 +28,8 @@ from amb_core.analysis import RecordedLoop
 from amb_core.errors import IdentificationError
 from amb_core.figures import save_validation_figures
 from amb_core.figures.entries import entries_from
-from amb_core.identification import StateSpaceModel, Validation, validate
+from amb_core.identification import Comparison, StateSpaceModel, Validation
+from amb_core.identification import compare as compare_models
 from amb_core.identification.validation import Verdict
 
 
@@ -61,30 +63,31 @@ def compare(
     loop = load_recorded(console, files, bag, run, first_step, steps)
     drawn = entries_from(entries, loop.data.input_names, loop.data.output_names)
     with working(console, "validating"):
-        found, refused = _judged(models, loop)
-    if found:
-        console.print(_table(found))
-    for name, reason in refused.items():
+        found = _judged(models, loop)
+    console.print(_table(found.validations))
+    for name, reason in found.refused.items():
         console.print(Text(name, "red"), f": {reason}", sep="", soft_wrap=True)
-    if not found:
-        raise IdentificationError("none of the models could be validated")
     if results is not None:
-        write_json(results, {"models": {name: item.as_dict() for name, item in found.items()}, "refused": refused})
+        write_json(
+            results,
+            {"models": {name: item.as_dict() for name, item in found.validations.items()}, "refused": found.refused},
+        )
     if figures is not None:
         with working(console, "drawing"):
-            names = save_validation_figures(figures, found, drawn)
+            names = save_validation_figures(figures, found.validations, drawn)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
 
 
-def _judged(models: list[Path], loop: RecordedLoop) -> tuple[dict[str, Validation], dict[str, str]]:
+def _judged(models: list[Path], loop: RecordedLoop) -> Comparison:
     """Validations by name, the best first, and the reason for each model without one."""
-    found, refused = {}, {}
+    loaded, refused = {}, {}
     for name, path in zip(_names(models), models, strict=True):
         try:
-            found[name] = validate(StateSpaceModel.load(path), loop.data, loop.controller, plant=loop.plant)
+            loaded[name] = StateSpaceModel.load(path)
         except IdentificationError as problem:  # the others can still be validated
             refused[name] = str(problem)
-    return dict(sorted(found.items(), key=lambda item: _quality(item[1]), reverse=True)), refused
+    found = compare_models(loaded, loop)
+    return replace(found, refused={**refused, **found.refused})
 
 
 def _names(models: list[Path]) -> list[str]:
@@ -94,11 +97,6 @@ def _names(models: list[Path]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [f"{number}: {path}" for number, path in enumerate(models, start=1)]
-
-
-def _quality(validation: Validation) -> tuple[int, float, float]:
-    fit = validation.fit if len(validation.fit) else validation.one_step_fit
-    return -list(Verdict).index(validation.verdict), float(fit.min()), float(validation.one_step_fit.min())
 
 
 def _table(found: Mapping[str, Validation]) -> Table:

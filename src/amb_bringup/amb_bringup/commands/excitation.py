@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from amb_bringup.commands.inputs import load_loop, load_regions
+from amb_bringup.commands.inputs import inputs_of, load_loop, load_regions
 from amb_bringup.commands.options import declared_options, quantity_option
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
@@ -141,7 +141,13 @@ def design(
     for note in designed.check.notes:
         console.print(f"note: {note}", style="yellow")
     drawn = replace(designed.check, verdict=designed.verdict)  # the simulations decide, not the map
-    _write(out, {"map": str(map_file), **design_summary(designed)}, drawn, region_map, console)
+    _write(
+        out,
+        {"map": str(map_file), "inputs": inputs_of(map_file), **design_summary(designed)},
+        drawn,
+        region_map,
+        console,
+    )
 
 
 def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:

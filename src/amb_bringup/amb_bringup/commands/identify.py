@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from amb_bringup.commands.columns import EntriesOption
-from amb_bringup.commands.inputs import model_order
+from amb_bringup.commands.inputs import inputs_of, model_order
 from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, make_place, names_file, write_json
@@ -25,6 +25,7 @@ from amb_core.identification import Focus, Identification, IdentificationData, I
 from amb_core.identification.controller_choice import ALLOWED, NO_CONTROLLER, needs_controller
 from amb_core.identification.data import merge
 from amb_core.identification.data.drift import DriftOption
+from amb_core.identification.identify import check_arguments
 from amb_core.identification.validation import Verdict
 from amb_core.loop.known_controller import KnownController
 from amb_core.results import plain
@@ -75,6 +76,7 @@ def identify(
     wanted, tried = model_order(order), _orders(orders)
     if tried is not None and wanted != "auto":
         raise IdentificationError(f"--orders {orders} is not allowed with --order {order}; it is for --order auto")
+    check_arguments(wanted, method, focus, drift)
     if out is not None and not names_file(out, MODEL_ENDINGS):
         figures, results, out = figures or out, results or out / "summary.json", out / "model.json"
     if out is not None:
@@ -92,22 +94,28 @@ def identify(
             drift=cast("DriftOption", drift), feedthrough=feedthrough,
             progress=lambda now: stages.update(now.stage, now.done, now.total, _cost(now)),
         )  # fmt: skip
-    for finding in result.report.warnings:
-        where = f"{finding.where}: " if finding.where else ""
-        console.print(
-            Text(f"{finding.check}: {where}{finding.what}", "yellow"), f"; {finding.advice}", sep="", highlight=False
-        )
+    _warn(console, result)
     console.print(_table(result))
     if out is not None:
         result.model.save(out)
         console.print(f"model: {out}")
     if results is not None:
-        write_json(results, summary_of(result))
+        write_json(results, {"inputs": inputs_of(*bag), **summary_of(result)})
         console.print(f"numbers: {results}")
     if figures is not None:
         with working(console, "drawing"):
             names = _save_figures(figures, result, drawn)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
+    if out is None:
+        console.print("model not saved: --out FOLDER saves the model, its numbers and figures", style="yellow")
+
+
+def _warn(console: Terminal, result: Identification) -> None:
+    for finding in result.report.warnings:
+        where = f"{finding.where}: " if finding.where else ""
+        console.print(
+            Text(f"{finding.check}: {where}{finding.what}", "yellow"), f"; {finding.advice}", sep="", highlight=False
+        )
 
 
 def _orders(text: str) -> list[int] | None:

@@ -55,6 +55,13 @@ def _part(part: type[P], whole: type[Parameters], path: Path, node: str) -> P:
     return load_parameters(part, path, node, part=True)
 
 
+def inputs_of(*paths: Path) -> dict[str, str]:
+    """SHA-256 of the files and bags that a result is made from, by their names."""
+    from amb_core.robustness.hashes import sha256_of
+
+    return {str(path): sha256_of(path) for path in paths}
+
+
 def typed_value(word: str) -> Any:
     """A number if the word is one (YAML does not accept 1e-3 as one), a list of them in [], else a switch or a word."""
     if word.startswith("[") and word.endswith("]"):

@@ -7,6 +7,7 @@ its file `.amb` shows. The default places in `results` belong to the commands.
 from __future__ import annotations
 
 import inspect
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -73,6 +74,8 @@ def refuse_replacement(path: Path) -> None:
 
 
 def _mark(path: Path) -> None:
-    """Note in a folder that a command has written in it."""
-    if is_folder(path) and any(path.iterdir()):
-        (path / MARK).write_text("Results of amb: its commands replace their files in this folder.\n", encoding="utf-8")
+    """Note in a folder that a command has written in it; one that cannot be written has no results either."""
+    with suppress(OSError):
+        if is_folder(path) and any(path.iterdir()):
+            note = "Results of amb: its commands replace their files in this folder.\n"
+            (path / MARK).write_text(note, encoding="utf-8")

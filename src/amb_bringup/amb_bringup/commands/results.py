@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from amb_core.errors import AmbError
@@ -19,7 +20,7 @@ class ResultError(AmbError):
 
 
 def make_folder(out: Path) -> None:
-    """Make the folder of results before the work starts; ResultError if that fails."""
+    """Make the folder of results before the work starts; ResultError if that fails or nothing can be written there."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
@@ -28,6 +29,11 @@ def make_folder(out: Path) -> None:
         raise ResultError(f"folder {shown(out)}: cannot be made: {problem.strerror}") from None
     except ValueError as problem:  # a NUL in the path
         raise ResultError(f"folder {shown(out)}: cannot be made: {problem}") from None
+    try:
+        with TemporaryFile(dir=out):
+            pass
+    except OSError as problem:
+        raise ResultError(f"folder {shown(out)}: cannot be written to: {problem.strerror}") from None
 
 
 def names_file(out: Path, endings: Sequence[str]) -> bool:

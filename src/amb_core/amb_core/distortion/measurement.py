@@ -145,7 +145,9 @@ def distortion_of(
         opened = _conjugate(r) @ weights
         closed_loop, to_current = y @ opened, u @ opened
     else:
-        closed_loop, to_current, weights, left = fit_between_lines(at, r, y, u)
+        fit = fit_between_lines(at, r, np.concatenate([y, u], axis=1))
+        closed_loop, to_current = fit.response[:, : y.shape[1]], fit.response[:, y.shape[1] :]
+        weights, left = fit.weights, np.diagonal(fit.noise, axis1=1, axis2=2).real[:, : y.shape[1]]
     if method == "robust":
         fitted = closed_loop @ r
         response = (np.abs(fitted) ** 2).mean(axis=-1)

@@ -16,12 +16,13 @@ SETTLING = 0.1
 """Time after which transients of a bearing's loop have decayed (s)."""
 FEWEST_LINES = 8
 """Excited lines of a multisine; a signal of fewer has no response over frequency."""
+EXCITED = 1e-3
+"""Amplitude of an excited line, relative to the largest one."""
 _FEWEST_STEPS = 4 * FEWEST_LINES  # of a period
 _SAME = 1e-6  # difference of reference samples a period apart, relative to their range
 _CORRELATED = 0.05  # autocorrelation, above which a peak may be a period
 _MOST_CANDIDATES = 40
 _AS_GOOD = 0.99  # part of the longest periodic time that a shorter period must reach
-_EXCITED = 1e-3  # amplitude of an excited line, relative to the largest one
 _REPEATED = 0.999  # correlation of two realisations that are one and the same, shifted or with the opposite sign
 
 Signal = NDArray[np.float64]
@@ -48,11 +49,16 @@ def find_periodic_parts(references: Sequence[Signal]) -> tuple[int, list[Periodi
     """
     longest, best = 0, (0, list[PeriodicPart]())
     for period in sorted({candidate for item in references for candidate in _candidates(item)}):
-        parts = [part for index, item in enumerate(references) for part in _parts(index, item, period)]
+        parts = periodic_parts(references, period)
         steps = period * sum(part.periods for part in parts)
         if _AS_GOOD * steps > longest:
             longest, best = steps, (period, parts)
     return best
+
+
+def periodic_parts(references: Sequence[Signal], period: int) -> list[PeriodicPart]:
+    """All parts of two periods or more of references with a known period (samples)."""
+    return [part for index, item in enumerate(references) for part in _parts(index, item, period)]
 
 
 def settled_responses(
@@ -98,7 +104,7 @@ def excited_lines(responses: Sequence[PeriodicResponse]) -> Lines:
     period = len(responses[0].reference)
     strength = np.max([np.abs(np.fft.rfft(item.reference, axis=0)) for item in responses], axis=(0, 2))
     strength[0] = 0.0
-    excited = np.flatnonzero(strength > _EXCITED * strength.max())
+    excited = np.flatnonzero(strength > EXCITED * strength.max())
     unexcited = np.setdiff1d(np.arange(1, excited[-1] + 2), excited)
     unexcited = unexcited[unexcited < (period + 1) // 2]
     return Lines(period, excited, unexcited[unexcited % 2 == 1], unexcited[unexcited % 2 == 0])

@@ -20,11 +20,12 @@ from amb_core.identification.frequency_response import FrequencyResponse, respon
 from amb_core.identification.identify import Focus, Identification, identify
 from amb_core.identification.progress import IdentificationProgress
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
-from amb_core.identification.validation import Validation, nrmse_fit, validate
+from amb_core.identification.validation import Comparison, Validation, compare, nrmse_fit, validate
 from amb_core.model.state_space import StateSpaceModel
 
 __all__ = [
     "METHODS",
+    "Comparison",
     "Focus",
     "FrequencyResponse",
     "Identification",
@@ -37,6 +38,7 @@ __all__ = [
     "StateSpaceModel",
     "Validation",
     "closed_loop_poles",
+    "compare",
     "cva",
     "estimate_uncertainty",
     "focus_simulation",

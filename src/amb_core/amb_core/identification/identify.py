@@ -22,6 +22,7 @@ from amb_core.identification.estimate.order_selection import OrderSelection, sel
 from amb_core.identification.estimate.scaled_data import check_order
 from amb_core.identification.experiment_simulation import in_experiment, simulate_experiment
 from amb_core.identification.focus.focus import focus_simulation
+from amb_core.identification.given import Data, given_loop
 from amb_core.identification.numerics import LARGEST_RADIUS
 from amb_core.identification.progress import Cancelled, Progress, SearchEnd, Watch
 from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
@@ -164,7 +165,7 @@ class Identification(Result):
 
 
 def identify(
-    data: LoopRecord | IdentificationData,
+    data: Data,
     order: int | Literal["auto"] = 10,
     method: str = "pem",
     controller: KnownController | None = None,
@@ -184,15 +185,16 @@ def identify(
 
     Parameters
     ----------
-    data : LoopRecord or IdentificationData
-        Data of the closed loop, or of any other plant, of any number of inputs and outputs.
+    data : LoopRecord, IdentificationData or RecordedLoop
+        Data of the closed loop, or of any other plant, of any number of inputs and outputs; the last is what
+        `amb_core.read` returns.
     order : int or "auto", optional
         Number of states; "auto" for the choice of `select_order`.
     method : str, optional
         One of `METHODS`; `pem` starts from `ssarx`.
     controller : KnownController, optional
-        The controller of the experiment, of the PD law or any other linear one; the paper's by default, for data that
-        are not `foreign`.
+        The controller of the experiment, of the PD law or any other linear one; by default that of a RecordedLoop, or
+        the paper's for data that are not `foreign`.
     source : str, optional
         Where the data come from, kept in the model; by default the sources of the experiments.
     orders : sequence of int, optional
@@ -225,8 +227,8 @@ def identify(
         If the controller is made for another number of axes.
     """
     check_arguments(order, method, focus, drift)
-    if isinstance(data, LoopRecord):
-        data = IdentificationData.from_record(data)
+    loop = given_loop(data)
+    data, controller = loop.data, controller or loop.controller
     source = source or "; ".join(dict.fromkeys(item.source for item in data.experiments if item.source))
     controller = _controller(data, controller)
     if focus == "simulation" and controller is None:

@@ -13,6 +13,7 @@ import numpy as np
 from amb_core.errors import AmbError, RobustnessError
 from amb_core.identification.data import RecordedLoop as Recorded
 from amb_core.identification.data.drift import cure_drift
+from amb_core.identification.given import Data, Model, given_loop, given_model
 from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
 from amb_core.identification.validation import Validation, validate
 from amb_core.identification.validation.overlap import fingerprint_of
@@ -27,10 +28,10 @@ from amb_core.robustness.sweep import modes_of, sweep_remarks
 
 
 def certify_from_data(
-    model: StateSpaceModel,
-    law: KnownController,
-    identified_from: Recorded | None = None,
-    judged_on: Recorded | None = None,
+    model: Model,
+    controller: KnownController | None = None,
+    data: Data | None = None,
+    validation_data: Data | None = None,
     *,
     settings: RobustnessSettings | None = None,
     inputs: Mapping[str, str] | None = None,
@@ -43,14 +44,16 @@ def certify_from_data(
 
     Parameters
     ----------
-    model : StateSpaceModel
-        The identified model.
-    law : KnownController
-        The controller to certify; it may differ from that of the experiments.
-    identified_from : Recorded, optional
-        What the model was identified from, for its uncertainty. Without it nothing is certified.
-    judged_on : Recorded, optional
-        What the model is validated on; by default `identified_from`.
+    model : StateSpaceModel or Identification
+        The identified model, or the result of its identification.
+    controller : KnownController, optional
+        The controller to certify; it may differ from that of the experiments. By default that of the data.
+    data : LoopRecord, IdentificationData or RecordedLoop, optional
+        What the model was identified from, for its uncertainty; by default that of an Identification. Without it
+        nothing is certified. Only a RecordedLoop, which `amb_core.read` returns, knows its controller; the others are
+        taken as of a loop with `controller`, which the validation checks.
+    validation_data : LoopRecord, IdentificationData or RecordedLoop, optional
+        What the model is validated on; by default `data`.
     settings : RobustnessSettings, optional
         What is assumed and demanded. The defaults if None.
     inputs : mapping, optional
@@ -75,6 +78,7 @@ def certify_from_data(
     RobustnessError
         If the controller of the swept sine is not known, or is another one.
     """
+    model, law, identified_from, judged_on, uncertainty = _given(model, controller, data, validation_data, uncertainty)
     feedback = require_fitting(model, law, settings or RobustnessSettings())
     if not feedback.stable:
         return certify(model, law, settings=settings, inputs=inputs)
@@ -112,6 +116,30 @@ def certify_from_data(
     if uncertainty is not None and uncertainty.widened:
         remarks += (uncertainty.widened,)
     return replace(found, warnings=(*found.warnings, *remarks))
+
+
+def _given(
+    model: Model,
+    law: KnownController | None,
+    data: Data | None,
+    validation_data: Data | None,
+    uncertainty: ModelUncertainty | None,
+) -> tuple[StateSpaceModel, KnownController, Recorded | None, Recorded | None, ModelUncertainty | None]:
+    """Model, controller to certify, data with their controllers, and uncertainty."""
+    used, judged = (None if item is None else given_loop(item) for item in (data, validation_data))
+    plain = given_model(model)
+    if not isinstance(model, StateSpaceModel):
+        used = used or Recorded(model.data, model.controller)
+        uncertainty = uncertainty or model.uncertainty
+    recorded = next((one.controller for one in (judged, used) if one is not None and one.controller is not None), None)
+    law = law or (None if recorded is None else recorded.at_rate(1.0 / plain.sample_time))
+    if law is None:
+        raise RobustnessError("no controller is given, and the data know none; give the controller to certify")
+    if not isinstance(data, Recorded) and used is not None:
+        used = replace(used, controller=used.controller or law)
+    if not isinstance(validation_data, Recorded) and judged is not None:
+        judged = replace(judged, controller=law)
+    return plain, law, used, judged, uncertainty
 
 
 def require_fitting(model: StateSpaceModel, law: KnownController, settings: RobustnessSettings) -> Feedback:

@@ -21,7 +21,7 @@ from scipy.special import ndtri
 
 from amb_core.errors import RobustnessError
 from amb_core.identification.data import IdentificationData
-from amb_core.identification.nonparametric import estimate_response, find_period
+from amb_core.identification.nonparametric import NonparametricEstimate, estimate_over_periods
 from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.robustness.feedback import Feedback, law_from_positions
@@ -158,9 +158,9 @@ def measured_sensitivity(
     if len(references) < len(data.experiments):
         raise RobustnessError("the sensitivity needs data with the reference; record them with an excitation")
     by_errors = _of_errors(controller)
-    periodic = find_period(references) is not None
     law = law_from_positions(controller.at_rate(data.sample_rate), len(data.output_names))
-    found = _over_periods(data, law, by_errors) if periodic else _over_bands(data, law, by_errors, modes)
+    averaged = estimate_over_periods(_with_errors(data) if by_errors else data)
+    found = _over_bands(data, law, by_errors, modes) if averaged is None else _over_periods(averaged, law, by_errors)
     known = np.all(found.deviation <= LARGEST_ERROR * np.abs(found.own), axis=1)
     if not known.any():
         raise RobustnessError(
@@ -175,16 +175,21 @@ def measured_sensitivity(
     )
 
 
-def _over_periods(data: IdentificationData, law: LinearSystem, by_errors: bool) -> MeasuredSensitivity:
-    """From averages over the periods of the reference."""
+def _with_errors(data: IdentificationData) -> IdentificationData:
+    """The data with the control errors in place of the inputs."""
+    return replace(
+        data,
+        experiments=tuple(replace(item, inputs=_less(item.reference, item.outputs)) for item in data.experiments),
+    )
+
+
+def _over_periods(found: NonparametricEstimate, law: LinearSystem, by_errors: bool) -> MeasuredSensitivity:
+    """From the response of the plant, or that of the positions to the errors, averaged over periods."""
+    eye = np.eye(found.response.response.shape[1])
     if by_errors:
-        errors = [replace(item, inputs=_less(item.reference, item.outputs)) for item in data.experiments]
-        found = estimate_response(replace(data, experiments=tuple(errors)))
-        right: Complexes = np.broadcast_to(np.eye(len(data.output_names), dtype=complex), found.response.response.shape)
+        right: Complexes = np.broadcast_to(eye.astype(complex), found.response.response.shape)
     else:
-        found = estimate_response(data)
         right = law.response(found.response.frequency)
-    eye = np.eye(len(data.output_names))
     sensitivity = np.linalg.inv(eye + found.response.response @ right)
     # dS = -S dL S: independent errors of the elements of the estimate.
     size, behind = np.abs(sensitivity) ** 2, np.abs(right @ sensitivity) ** 2
@@ -192,7 +197,7 @@ def _over_periods(data: IdentificationData, law: LinearSystem, by_errors: bool) 
     coherence = found.response.coherence
     assert coherence is not None
     return MeasuredSensitivity(
-        tuple(data.output_names),
+        tuple(found.response.output_names),
         found.response.frequency,
         sensitivity.astype(np.complex128),
         np.sqrt(0.5 * variance),

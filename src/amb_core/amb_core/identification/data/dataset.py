@@ -15,6 +15,8 @@ from amb_core.identification.data.experiment import Experiment, line
 from amb_core.identification.data.gap import Gap
 from amb_core.loop.records import LoopRecord, sample_rate_of
 
+_MANY_SIGNALS = 16  # with fewer samples than signals, the arrays are transposed
+
 
 @dataclass(frozen=True, eq=False)
 class IdentificationData:
@@ -102,8 +104,18 @@ class IdentificationData:
         -------
         IdentificationData
             The data of this experiment.
+
+        Raises
+        ------
+        IdentificationError
+            If the shapes do not fit together, or there are many signals and fewer samples.
         """
         u, y = _columns(inputs), _columns(outputs)
+        for name, values in (("inputs", u), ("outputs", y)):
+            if values.ndim == 2 and values.shape[1] > max(values.shape[0], _MANY_SIGNALS):
+                raise IdentificationError(
+                    f"{name} {values.shape} have more signals than samples; shapes are (steps, signals): transpose them"
+                )
         experiment = Experiment(u, y, None if reference is None else _columns(reference), first_step, source)
         m, p = u.shape[1], y.shape[1]
         return cls(

@@ -1,5 +1,6 @@
 """Validation of a model on data other than those of the identification."""
 
+from amb_core.identification.validation.compare import Comparison, compare
 from amb_core.identification.validation.fit import nrmse_fit
 from amb_core.identification.validation.frequency import BandComparison, FrequencyComparison, compare_responses
 from amb_core.identification.validation.prediction import Prediction, predict
@@ -12,6 +13,7 @@ __all__ = [
     "BandComparison",
     "ChiSquareTest",
     "ClosedLoop",
+    "Comparison",
     "Condition",
     "FrequencyComparison",
     "Prediction",
@@ -19,6 +21,7 @@ __all__ = [
     "Validation",
     "Verdict",
     "check_residuals",
+    "compare",
     "compare_responses",
     "nrmse_fit",
     "predict",

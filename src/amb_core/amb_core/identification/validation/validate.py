@@ -16,6 +16,7 @@ from amb_core.identification.controller_check import NOT_CHECKED, check_controll
 from amb_core.identification.controller_choice import suits_controller
 from amb_core.identification.data import Finding, IdentificationData, Severity, restore
 from amb_core.identification.data.checks import check_recording, evidence_of
+from amb_core.identification.given import Data, Model, given_loop, given_model
 from amb_core.identification.numerics import one_blas_thread
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation.deviations import Deviation, find_deviations
@@ -195,8 +196,8 @@ class Validation(Result):
 
 
 def validate(
-    model: StateSpaceModel,
-    data: IdentificationData,
+    model: Model,
+    data: Data,
     controller: KnownController | None = None,
     *,
     uncertainty: ModelUncertainty | None = None,
@@ -209,18 +210,18 @@ def validate(
 
     Parameters
     ----------
-    model : StateSpaceModel
-        The model; its predictor must be stable.
-    data : IdentificationData
-        Data with the model's signals and sample time.
+    model : StateSpaceModel or Identification
+        The model, or the result of its identification; its predictor must be stable.
+    data : LoopRecord, IdentificationData or RecordedLoop
+        Data with the model's signals and sample time; the last is what `amb_core.read` returns.
     controller : KnownController, optional
-        The controller of the experiments; without it the closed loop is left out.
+        The controller of the experiments; by default that of a RecordedLoop. Without it the closed loop is left out.
     uncertainty : ModelUncertainty, optional
-        Uncertainty of the model, for its frequency response. Without it no bands are given.
+        Uncertainty of the model, for its frequency response; by default that of an Identification.
     plant : PlantParameters, optional
-        The plant, if it is known, such as that of the simulator. None if it is not known.
+        The plant, if it is known, such as that of the simulator; by default that of a RecordedLoop.
     search : SearchEnd, optional
-        How the search of the identification ended, if it is known. None otherwise.
+        How the search of the identification ended, if it is known; by default that of an Identification.
     horizons : sequence of int, optional
         Prediction horizons (steps); by default those of `HORIZONS` that are at most half the shortest experiment.
     lags : int, optional
@@ -236,6 +237,27 @@ def validate(
     IdentificationError
         If model and data do not fit together, the predictor is unstable, or the data are too short or do not move.
     """
+    loop, identified = given_loop(data), model
+    model = given_model(model)
+    if not isinstance(identified, StateSpaceModel):
+        uncertainty, search = uncertainty or identified.uncertainty, search or identified.search
+    controller, plant = controller or loop.controller, plant or loop.plant
+    return _validate(
+        model, loop.data, controller, uncertainty=uncertainty, plant=plant, search=search, horizons=horizons, lags=lags
+    )
+
+
+def _validate(
+    model: StateSpaceModel,
+    data: IdentificationData,
+    controller: KnownController | None,
+    *,
+    uncertainty: ModelUncertainty | None,
+    plant: PlantParameters | None,
+    search: SearchEnd | None,
+    horizons: Sequence[int] | None,
+    lags: int,
+) -> Validation:
     data = restore(_fitting(data, model))
     if horizons is None:
         shortest = min(item.steps for item in data.experiments)

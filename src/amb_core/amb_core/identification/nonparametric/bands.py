@@ -1,0 +1,37 @@
+"""Responses smoothed over neighbouring frequencies: for any broadband reference, with the resolution of a band."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from amb_core.identification.nonparametric.by_references import ByReferences, Signals, from_sums
+
+_LINES_PER_BAND = 16
+_MOST_BANDS = 2_000
+_HANN_CORRELATION = 1.0 + 2.0 * ((2.0 / 3.0) ** 2 + (1.0 / 6.0) ** 2)  # of neighbouring lines: fewer are independent
+
+
+def over_bands(experiments: Sequence[Signals], sample_time: float) -> ByReferences:
+    """Responses from sums over neighbouring frequencies of all experiments, in bands of one width."""
+    total = sum(len(item.inputs) for item in experiments) * sample_time
+    bands = int(min(0.5 / sample_time * total / _LINES_PER_BAND, _MOST_BANDS))
+    width = 0.5 / sample_time / bands
+    size = experiments[0].all.shape[1]
+    sums, terms = np.zeros((bands, size, size), dtype=np.complex128), 0.0
+    for signals in (item.all for item in experiments):
+        steps = len(signals)
+        window = np.hanning(steps + 1)[:-1, np.newaxis]
+        centred = signals - (window * signals).sum(axis=0) / window.sum()
+        lines = np.fft.rfft(window * centred, axis=0) / np.sqrt(steps)
+        edges = np.round(np.arange(bands + 1) * width * steps * sample_time).astype(int)
+        edges[0] = 2  # the window spreads the mean over the first lines
+        for band, (start, stop) in enumerate(itertools.pairwise(edges)):
+            sums[band] += lines[start:stop].T @ lines[start:stop].conj()
+        terms += width * steps * sample_time
+    terms /= _HANN_CORRELATION
+    method = f"smoothed over {width:.3g} Hz, Hann window"
+    references = experiments[0].references.shape[1]
+    return from_sums(width * np.linspace(0.5, bands - 0.5, bands), sums, terms, references, method)

@@ -1,0 +1,113 @@
+"""`import amb_core as amb`: the names of the way from data to a certificate, loaded when they are used."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import amb_core as amb
+from amb_core.errors import IdentificationError
+from amb_core.identification.data import RecordedLoop
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.robustness import RobustnessSettings
+
+NOISE, FORCE = 2e-8, 0.1
+
+
+@pytest.fixture(scope="module")
+def record(bearing) -> LoopRecord:
+    return bearing.experiment(NOISE, force=FORCE)
+
+
+@pytest.fixture(scope="module")
+def other(bearing) -> LoopRecord:
+    return bearing.experiment(NOISE, "multisine", force=FORCE, amplitude=20e-6, frequency_end=1500.0)
+
+
+@pytest.fixture(scope="module")
+def loop(record: LoopRecord) -> RecordedLoop:
+    return RecordedLoop(amb.IdentificationData.from_record(record), ControllerParameters())
+
+
+@pytest.fixture(scope="module")
+def found(loop: RecordedLoop):
+    return amb.identify(loop, order=6)
+
+
+def test_the_import_loads_nothing_else() -> None:
+    heavy = "('amb_core.', 'numpy', 'scipy')"
+    code = f"import amb_core, sys; print([name for name in sys.modules if name.startswith({heavy})])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
+
+
+def test_every_name_is_there_and_is_that_of_its_home() -> None:
+    assert set(amb.__all__) <= set(dir(amb))
+    for name in amb.__all__:
+        assert callable(getattr(amb, name)), name
+    with pytest.raises(AttributeError, match="no attribute 'identfy'"):
+        _ = amb.identfy
+
+
+def test_identify_takes_a_loop_with_its_controller(found) -> None:
+    assert found.controller == ControllerParameters()
+    assert found.stable
+
+
+def test_validate_takes_what_identify_takes(found, record: LoopRecord, other: LoopRecord) -> None:
+    """A record says nothing of its controller, a loop does; an identification has its search and uncertainty."""
+    known = RecordedLoop(amb.IdentificationData.from_record(other), ControllerParameters())
+    with_loop, without = amb.validate(found, known), amb.validate(found.model, other)
+    assert with_loop.closed_loop is not None and with_loop.search is found.search
+    assert without.closed_loop is None and without.search is None
+    given = amb.validate(found.model, known.data, known.controller)
+    assert given.fit == pytest.approx(with_loop.fit)
+
+
+def test_certify_takes_the_same(found, loop: RecordedLoop, other: LoopRecord) -> None:
+    settings = RobustnessSettings(mode_gain=0.02)
+    plain = amb.certify(found.model, ControllerParameters(), loop.data, other, settings=settings)
+    whole = amb.certify(found, validation_data=other, settings=settings)
+    assert [check.passed for check in plain.checks] == [check.passed for check in whole.checks]
+    assert plain.assessment.bounds is not None, "the uncertainty is computed from the data"
+
+
+def test_compare_has_the_best_model_first(found, loop: RecordedLoop, other: LoopRecord) -> None:
+    poor = amb.identify(loop, order=2, method="ssarx")
+    compared = amb.compare({"order 2": poor, "order 6": found}, other)
+    assert list(compared.validations) == ["order 6", "order 2"]
+    assert "order 6" in repr(compared) and not compared.refused
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((100, 2)), "recorded", None])
+def test_other_data_are_one_clear_error(found, wrong: object) -> None:
+    calls = [lambda: amb.identify(wrong), lambda: amb.validate(found, wrong)]
+    if wrong is not None:  # certify has defaults
+        calls.append(lambda: amb.certify(found, None, wrong))
+    for call in calls:
+        with pytest.raises(IdentificationError, match=r"^data: \w+.* is not allowed; allowed: .*from_arrays"):
+            call()
+
+
+def test_another_model_is_one_clear_error(loop: RecordedLoop) -> None:
+    for call in (amb.validate, lambda model, data: amb.certify(model, ControllerParameters(), data)):
+        with pytest.raises(IdentificationError, match=r"^model: ndarray of shape \(2, 2\) is not allowed; allowed: "):
+            call(np.eye(2), loop)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "outputs", "reference", "reason"),
+    [
+        (np.zeros((2, 900)), np.zeros((900, 2)), None, r"^inputs \(2, 900\) .* transpose them"),
+        (np.zeros((900, 2, 1)), np.zeros((900, 2)), None, r"inputs.*\(900, 2, 1\)"),
+        (np.zeros((900, 2)), np.zeros((900, 2)), np.zeros((899, 2)), r"reference.*\(899, 2\)"),
+        (np.zeros((900, 2)), np.zeros((2, 900)), None, r"^outputs \(2, 900\) .* transpose them"),
+        (np.zeros((900, 2)), np.zeros((899, 2)), None, r"inputs \(900, 2\) and outputs \(899, 2\)"),
+    ],
+)
+def test_arrays_of_wrong_shapes_are_one_clear_error(inputs, outputs, reference, reason: str) -> None:
+    with pytest.raises(IdentificationError, match=reason):
+        amb.IdentificationData.from_arrays(inputs, outputs, 1e-4, reference=reference)

@@ -1,0 +1,141 @@
+"""`amb status`: what a project's folder holds, what is stale there, and the command that comes next."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from amb_bringup.cli import app
+from amb_bringup.commands.inputs import inputs_of, load_loop
+from amb_core.errors import ProjectError
+from amb_core.project import Kind, State, status_of
+from amb_core.robustness import sha256_of
+from tests.written_bags import write_telemetry
+
+BEARING = ["--gap", "0.4mm", "--turns", "80", "--mass", "3", "--bias-current", "2", "--voltage", "150"]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A parameter file as `amb new` writes it."""
+    path = tmp_path_factory.mktemp("bearing") / "bearing.yaml"
+    result = CliRunner().invoke(app, ["new", str(path), *BEARING])
+    assert result.exit_code == 0, result.output
+    return path
+
+
+@pytest.fixture
+def folder(bearing, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a bearing, its map, a design on the map, and a model of a recording with its summary."""
+    monkeypatch.chdir(tmp_path)
+    Path("bearing.yaml").write_text(made.read_text())
+    plant, controller = load_loop(Path("bearing.yaml"))
+    provenance = {"plant": plant.model_dump(mode="json"), "controller": controller.model_dump(mode="json")}
+    Path("map.json").write_text(json.dumps({"provenance": provenance, "settings": {}, "sweeps": []}))
+    design = {"parameters": {}, "largest_amplitude": 1e-5, "limited_by": "", "inputs": inputs_of(Path("map.json"))}
+    Path("design").mkdir()
+    Path("design/summary.json").write_text(json.dumps(design))
+    Path("data.csv").write_text("u,y\n1,2\n")
+    Path("model").mkdir()
+    bearing.model.save(Path("model/model.json"))
+    Path("model/summary.json").write_text(json.dumps({"inputs": inputs_of(Path("data.csv"))}))
+    return tmp_path
+
+
+def states(folder: Path) -> dict[str, State]:
+    return {item.kind: item.state for item in status_of(folder).items}
+
+
+def test_all_that_belongs_together_is_current(folder: Path) -> None:
+    found = states(folder)
+    assert found == dict.fromkeys((Kind.BEARING, Kind.MAP, Kind.DESIGN, Kind.MODEL), State.CURRENT)
+
+
+def test_another_value_in_the_bearings_file_makes_its_map_and_design_stale(folder: Path) -> None:
+    path = folder / "bearing.yaml"
+    path.write_text(path.read_text().replace("mass: 3.0", "mass: 3.5"))
+    found = {item.kind: item for item in status_of(folder).items}
+    assert found[Kind.MAP].state is State.STALE
+    assert "rotor.mass = 3.0 (now 3.5)" in found[Kind.MAP].reason
+    assert (found[Kind.DESIGN].state, found[Kind.DESIGN].reason) == (State.STALE, "map.json is stale")
+    assert status_of(folder).step.command == "amb map --params bearing.yaml"
+
+
+def test_a_comment_in_the_bearings_file_makes_nothing_stale(folder: Path) -> None:
+    path = folder / "bearing.yaml"
+    path.write_text("# of the new rig\n" + path.read_text())
+    assert set(states(folder).values()) == {State.CURRENT}
+
+
+def test_a_value_that_only_the_map_has_is_named(folder: Path) -> None:
+    content = json.loads((folder / "map.json").read_text())
+    content["provenance"]["plant"]["sensor"]["noise"] = 5e-8
+    (folder / "map.json").write_text(json.dumps(content))
+    item = next(item for item in status_of(folder).items if item.kind is Kind.MAP)
+    assert (item.state, item.reason) == (State.CURRENT, "with sensor.noise = 5e-08 (now 0.0)")
+
+
+def test_what_was_made_from_changed_files_is_stale(folder: Path) -> None:
+    (folder / "data.csv").write_text("u,y\n1,3\n")
+    with (folder / "map.json").open("a") as file:
+        file.write("\n")
+    found = {item.kind: (item.state, item.reason) for item in status_of(folder).items}
+    assert found[Kind.MODEL] == (State.STALE, "data.csv has changed since")
+    assert found[Kind.DESIGN] == (State.STALE, "map.json has changed since")
+
+
+def test_a_certificate_is_stale_with_its_model(folder: Path) -> None:
+    certificate = {
+        "certified": False,
+        "statement": "predicted",
+        "checks": [],
+        "inputs": {"model model.json": {"sha256": sha256_of(folder / "model/model.json")}},
+    }
+    (folder / "certificate.json").write_text(json.dumps(certificate))
+    item = status_of(folder).items[-1]
+    assert (item.kind, item.state, item.reason) == (Kind.CERTIFICATE, State.CURRENT, "predicted; from model/model.json")
+    with (folder / "model/model.json").open("a") as file:
+        file.write(" ")
+    assert status_of(folder).items[-1].state is State.STALE
+
+
+def test_inputs_that_are_not_recorded_or_not_there_are_unknown(folder: Path) -> None:
+    (folder / "data.csv").unlink()
+    (folder / "design/summary.json").write_text(
+        json.dumps({"parameters": {}, "largest_amplitude": 1e-5, "limited_by": ""})
+    )
+    found = states(folder)
+    assert (found[Kind.MODEL], found[Kind.DESIGN]) == (State.UNKNOWN, State.UNKNOWN)
+
+
+def test_a_bag_is_an_experiment(folder: Path) -> None:
+    write_telemetry(folder / "lab bag", [(1, 100 * number) for number in range(3)])
+    found = status_of(folder)
+    assert [str(item.path) for item in found.items if item.kind is Kind.EXPERIMENT] == ["lab bag"]
+    command = "amb experiment --design design --seed 2 --params bearing.yaml --record validation --no-report"
+    assert found.step.command == command
+
+
+def test_the_next_commands_lead_from_an_empty_folder_to_the_map(folder: Path, tmp_path_factory) -> None:
+    empty = tmp_path_factory.mktemp("empty")
+    assert status_of(empty).step.command == "amb new bearing.yaml"
+    (empty / "own.yaml").write_text((folder / "bearing.yaml").read_text())
+    assert status_of(empty).step.command == "amb map --params own.yaml"
+
+
+def test_the_command_shows_the_same_as_json(folder: Path) -> None:
+    shown = CliRunner().invoke(app, ["status", str(folder), "--json"])
+    assert shown.exit_code == 0
+    content = json.loads(shown.stdout)
+    assert [item["state"] for item in content["items"]] == ["current"] * 4
+    assert content["next"] == status_of(folder).as_dict()["next"]
+    text = CliRunner().invoke(app, ["status", str(folder)], env={"COLUMNS": "160"}).stdout
+    assert content["next"]["command"] in text and "data.csv" in text
+
+
+def test_what_is_no_folder_is_refused(folder: Path) -> None:
+    with pytest.raises(ProjectError, match="there is no such folder"):
+        status_of(folder / "nowhere")

@@ -1,0 +1,50 @@
+"""Wrong options are refused before anything is read, computed or started."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from amb_bringup.cli import app
+from amb_bringup.experiment import Experiment
+from amb_bringup.experiment_session import require_playable
+from amb_core.errors import AmbError, ExcitationError
+from amb_core.excitation import excitation_from_request
+
+NOWHERE = "no_such_bag"
+
+
+def refusal(*words: object) -> str:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert isinstance(result.exception, AmbError), result.output
+    return str(result.exception)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "reason"),
+    [("--method", "subspace", "pem, ssarx"), ("--focus", "control", "prediction"), ("--drift", "some", "prefilter")],
+)
+def test_a_wrong_word_is_refused_before_the_data_are_read(option: str, value: str, reason: str) -> None:
+    """There are no data: a message on them would mean that they were asked for first."""
+    message = refusal("identify", NOWHERE, option, value)
+    assert value in message and reason in message
+
+
+@pytest.mark.parametrize(
+    "command", [("identify", NOWHERE), ("validate", "no_model.json", NOWHERE), ("report", NOWHERE)]
+)
+def test_a_place_that_cannot_be_written_is_refused_before_the_data_are_read(command: tuple[str, ...]) -> None:
+    """Nobody, not even root, can make a file in /proc."""
+    ending = {"identify": "model.json", "report": "report.html"}
+    out = Path("/proc") / ending.get(command[0], "") if command[0] in ending else Path("/proc/self/fdinfo")
+    assert "cannot be written to" in refusal(*command, "--out", out, "--overwrite")
+
+
+def test_an_excitation_that_the_simulator_would_refuse_is_refused_without_it() -> None:
+    band = {"amplitude": 1e-6, "duration": 1.0, "frequency_end": 50e3}
+    too_high = Experiment("one", excitation_from_request("multisine", band))
+    with pytest.raises(ExcitationError, match="above the Nyquist frequency 5000 Hz"):
+        require_playable([too_high], None)
+    require_playable([Experiment("one", excitation_from_request("multisine", band | {"frequency_end": 5e3}))], None)
