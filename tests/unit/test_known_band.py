@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 
 from amb_core.identification import IdentificationData, estimate_uncertainty
 from amb_core.loop.control import ControllerParameters
@@ -16,6 +17,7 @@ from amb_core.robustness.assessment import assess_loop
 from amb_core.robustness.checks import assumption_check, band_checks
 from amb_core.robustness.error_band import ErrorBand, error_band
 from amb_core.robustness.known_band import known_band
+from tests.benchmarks.robust.misfit_plants import draw, named_model
 
 LAW = ControllerParameters()
 SETTINGS = RobustnessSettings(frequencies=100.0, mode_damping=0.01)
@@ -54,6 +56,23 @@ def test_the_band_holds_the_error_of_a_model_that_lacks_a_mode(record, true, fre
     error = np.linalg.norm(wrong.response(band.frequency) - true.response(band.frequency), 2, axis=(1, 2))
     assert np.all(error[here] <= (band.shown + band.open)[here])
     assert band.frequency[np.argmax(band.shown * band.frequency**2 * here)] == pytest.approx(frequency, rel=0.05)
+
+
+def test_the_band_holds_the_error_of_a_bearing_that_has_changed_since_the_first_record() -> None:
+    """A third of the lines are of another running speed: their error is no mean with the two thirds that have none."""
+    plant = draw("another speed", 4, axes=1)
+    before, loop = replace(plant, other=None), plant.loop
+    force = loop.b[:, 1:] * loop.force_noise
+    sensor = np.array([[loop.sensor_noise**2]])
+    spread = solve_discrete_are(loop.a.T, loop.c.T, force @ force.T + 1e-30 * np.eye(len(loop.a)), sensor)
+    gain = loop.a @ spread @ loop.c.T / (loop.c @ spread @ loop.c.T + sensor)
+    records = [plant.record(40_000, 0), plant.record(20_000, 1, now=True)]
+    assert all(one is not None for one in records)
+    model = replace(named_model(before), k=gain)
+    band = error_band(model, [IdentificationData.from_record(one) for one in records if one], 0.005)
+    assert band is not None
+    error = np.abs(plant.true.response(band.frequency) - before.true.response(band.frequency))[:, 0, 0]
+    assert np.all(error <= band.shown + band.open)
 
 
 def test_nothing_is_known_above_the_excitation_and_nothing_stated_if_modes_may_be_large(bearing, true) -> None:
