@@ -110,6 +110,25 @@ def test_an_assumed_damping_that_the_model_contradicts_is_refused(record, true) 
     assert "the mode at 600 Hz has 0.005" in check.finding
 
 
+def test_an_assumed_damping_that_a_mode_contradicts_which_the_model_lacks_is_refused(record, true) -> None:
+    """Fitted by modes of the assumed damping, a narrower one looks lower than it is."""
+    wrong = with_mode(true, 2_000.0, 0.001, 0.3)
+    band = band_of(wrong, record)
+    uncertainty = estimate_uncertainty(true, IdentificationData.from_record(record))
+    known = replace(known_band(feedback_of(true, LAW), band_of(true, record), SETTINGS), band=band)
+    check = assumption_check(uncertainty, known, SETTINGS)
+    assert not check.passed
+    assert "the mode that the model lacks at" in check.finding
+
+
+def test_modes_of_the_assumed_damping_contradict_nothing(record, true) -> None:
+    """Neither one that the model lacks, nor a model whose mode is a little off: their difference is narrower."""
+    light, off = with_mode(true, 2_000.0, 0.01, 0.3), with_mode(true, 2_000.0, 0.015, 0.3)
+    assert not len(band_of(light, record).narrower)
+    assert not len(band_of(off, record).narrower)
+    assert not len(band_of(true, record).narrower)
+
+
 def replaced(**values: float) -> RobustnessSettings:
     return SETTINGS.model_copy(update=values)
 

@@ -171,6 +171,7 @@ def _judged(plant: MisfitPlant | SimulatedPlant, law: ControllerParameters, cert
         peaks = peaks if seen is None else np.maximum(peaks, seen).tolist()
         found["lie"] = not true.stable or bool(np.any(np.array(peaks) > bounds))
         found["widths"] = (np.array(bounds) / peaks).tolist()
-    if plant.kind == "wrong assumption":
+    ran_another = plant.kind == "wrong controller" and law is plant.aggressive and statement.startswith("certified")
+    if plant.kind == "wrong assumption" or ran_another:
         found["lie"] = True
     return found
