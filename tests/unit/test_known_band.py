@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 
 from amb_core.identification import IdentificationData, estimate_uncertainty
 from amb_core.loop.control import ControllerParameters
@@ -16,6 +17,7 @@ from amb_core.robustness.assessment import assess_loop
 from amb_core.robustness.checks import assumption_check, band_checks
 from amb_core.robustness.error_band import ErrorBand, error_band
 from amb_core.robustness.known_band import known_band
+from tests.benchmarks.robust.misfit_plants import draw, named_model
 
 LAW = ControllerParameters()
 SETTINGS = RobustnessSettings(frequencies=100.0, mode_damping=0.01)
@@ -56,6 +58,23 @@ def test_the_band_holds_the_error_of_a_model_that_lacks_a_mode(record, true, fre
     assert band.frequency[np.argmax(band.shown * band.frequency**2 * here)] == pytest.approx(frequency, rel=0.05)
 
 
+def test_the_band_holds_the_error_of_a_bearing_that_has_changed_since_the_first_record() -> None:
+    """A third of the lines are of another running speed: their error is no mean with the two thirds that have none."""
+    plant = draw("another speed", 4, axes=1)
+    before, loop = replace(plant, other=None), plant.loop
+    force = loop.b[:, 1:] * loop.force_noise
+    sensor = np.array([[loop.sensor_noise**2]])
+    spread = solve_discrete_are(loop.a.T, loop.c.T, force @ force.T + 1e-30 * np.eye(len(loop.a)), sensor)
+    gain = loop.a @ spread @ loop.c.T / (loop.c @ spread @ loop.c.T + sensor)
+    records = [plant.record(40_000, 0), plant.record(20_000, 1, now=True)]
+    assert all(one is not None for one in records)
+    model = replace(named_model(before), k=gain)
+    band = error_band(model, [IdentificationData.from_record(one) for one in records if one], 0.005)
+    assert band is not None
+    error = np.abs(plant.true.response(band.frequency) - before.true.response(band.frequency))[:, 0, 0]
+    assert np.all(error <= band.shown + band.open)
+
+
 def test_nothing_is_known_above_the_excitation_and_nothing_stated_if_modes_may_be_large(bearing, true) -> None:
     record = bearing.experiment(2e-9, "multisine", force=0.01, frequency_end=500.0, **EXCITED)
     feedback, band = feedback_of(true, LAW), band_of(true, record)
@@ -89,6 +108,25 @@ def test_an_assumed_damping_that_the_model_contradicts_is_refused(record, true) 
     check = assumption_check(replace(uncertainty, root=1e-6 * uncertainty.root), known, SETTINGS)
     assert not check.passed
     assert "the mode at 600 Hz has 0.005" in check.finding
+
+
+def test_an_assumed_damping_that_a_mode_contradicts_which_the_model_lacks_is_refused(record, true) -> None:
+    """Fitted by modes of the assumed damping, a narrower one looks lower than it is."""
+    wrong = with_mode(true, 2_000.0, 0.001, 0.3)
+    band = band_of(wrong, record)
+    uncertainty = estimate_uncertainty(true, IdentificationData.from_record(record))
+    known = replace(known_band(feedback_of(true, LAW), band_of(true, record), SETTINGS), band=band)
+    check = assumption_check(uncertainty, known, SETTINGS)
+    assert not check.passed
+    assert "the mode that the model lacks at" in check.finding
+
+
+def test_modes_of_the_assumed_damping_contradict_nothing(record, true) -> None:
+    """Neither one that the model lacks, nor a model whose mode is a little off: their difference is narrower."""
+    light, off = with_mode(true, 2_000.0, 0.01, 0.3), with_mode(true, 2_000.0, 0.015, 0.3)
+    assert not len(band_of(light, record).narrower)
+    assert not len(band_of(off, record).narrower)
+    assert not len(band_of(true, record).narrower)
 
 
 def replaced(**values: float) -> RobustnessSettings:

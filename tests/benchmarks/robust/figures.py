@@ -130,6 +130,21 @@ class Again(Figures):
     equal: int
 
 
+class MisfitKind(Figures):
+    """Claims about bearings of a kind, each under two controllers, and processor time of a bearing (s)."""
+
+    plants: int
+    certified: int
+    predicted: int
+    restricted: int
+    refused: int
+    without_claim: int
+    lies: int
+    mild_certified: int
+    width_median: float | None
+    seconds: float | None
+
+
 class Misfit(Figures):
     """Claims about bearings that a model may not fit."""
 
@@ -141,6 +156,7 @@ class Misfit(Figures):
     honest: int
     honest_certified: int
     width_median: float | None
+    kinds: dict[str, MisfitKind]
 
 
 class OverRefusal(Figures):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.signal import cont2discrete, lfilter
 
@@ -18,14 +19,17 @@ from amb_core.loop.records import LoopRecord, axis_names
 from amb_core.model import StateSpaceModel
 from amb_core.robustness import RobustnessSettings, assess
 from amb_core.robustness.feedback import Feedback, law_from_positions
+from tests.benchmarks.robust.misfit_simulated import SIMULATED
 from tests.benchmarks.verdicts.drawn_loops import DrawnLoop
 
 RATE = 10_000.0  # Hz
 CLEARANCE = 150e-6  # m
 HONEST = "honest"
+_NO_LIMIT = 100.0  # A, that no current reaches
+_TRIED = 120_000  # steps, longer than the records, so that a bearing that falls is not drawn
 KINDS = (
     "mode below", "mode inside", "mode above", "mode between lines", "dead time", "order too low", "coloured noise",
-    "drift", "wrong controller", "saturation", "another speed", "wrong assumption",
+    "drift", "wrong controller", "saturation", "another speed", "wrong assumption", *SIMULATED,
 )  # fmt: skip
 """Ways in which a bearing, its data or what is assumed of it do not fit the model."""
 
@@ -46,8 +50,8 @@ class MisfitPlant:
         A second controller, with more derivative.
     amplitude : float
         Of the reference (m, rms).
-    highest : float
-        Frequency at which the excitation ends (Hz).
+    lowest, highest : float
+        Frequencies at which the excitation begins and ends (Hz).
     lines : int
         The excitation takes one line of so many.
     mode : tuple of float
@@ -62,10 +66,20 @@ class MisfitPlant:
     loop: DrawnLoop
     aggressive: ControllerParameters
     amplitude: float
+    lowest: float
     highest: float
     lines: int
     mode: tuple[float, float, float]
     other: DrawnLoop | None = None
+
+    @property
+    def mild(self) -> ControllerParameters:
+        """The controller with which the data are taken."""
+        return self.loop.controller
+
+    def measured_peaks(self, law: ControllerParameters) -> NDArray[np.float64] | None:
+        """Not measured: `true` is the bearing."""
+        del law
 
     @property
     def true(self) -> LinearSystem:
@@ -74,25 +88,27 @@ class MisfitPlant:
         a, b, c = loop.a, loop.b[:, : self.axes], loop.c
         return LinearSystem(a, b, c, np.zeros((self.axes, self.axes)), 1.0 / RATE)
 
-    def record(self, steps: int, seed: int, loop: DrawnLoop | None = None) -> LoopRecord:
-        """A multisine from 2 Hz on all axes at once."""
+    def record(self, steps: int, seed: int, now: bool = False) -> LoopRecord | None:
+        """A multisine on all axes at once, on the bearing as it was or is now; None if the rotor falls."""
         random = np.random.default_rng([seed, 7])
         period = steps
         frequency = np.fft.rfftfreq(period, 1.0 / RATE)
-        excited = (frequency >= 2.0) & (frequency <= self.highest) & (np.arange(len(frequency)) % self.lines == 0)
+        excited = (
+            (frequency >= self.lowest) & (frequency <= self.highest) & (np.arange(len(frequency)) % self.lines == 0)
+        )
         lines = np.zeros((len(frequency), self.axes), dtype=np.complex128)
         lines[excited] = np.exp(2j * np.pi * random.uniform(size=(int(excited.sum()), self.axes)))
         wave = np.fft.irfft(lines, period, axis=0)
         reference = np.tile(self.amplitude * wave / wave.std(axis=0), (-(-steps // period), 1))[:steps]
-        record = (loop or self.loop).run(reference, random)
-        position, current = record.position, record.current
+        record = ((now and self.other) or self.loop).run(reference, random)
+        position = record.position
         if self.kind == "coloured noise":
             hum = lfilter([1.0], [1.0, -1.9, 0.96], random.normal(size=position.shape), axis=0)
             position = position + 2.0 * self.loop.sensor_noise * hum / hum.std()
         if self.kind == "drift":
             slow = lfilter([1.0], [1.0, -0.9999], random.normal(size=position.shape), axis=0)
             position = position + 20.0 * self.loop.sensor_noise * slow / slow.std()
-        return replace(record, position=position, current=current)
+        return replace(record, position=position) if np.abs(position).max() < CLEARANCE else None
 
 
 def draw(kind: str, seed: int, axes: int | None = None) -> MisfitPlant:
@@ -111,7 +127,7 @@ def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitP
     bandwidth, delay = random.uniform(1_000.0, 2_500.0), int(random.integers(0, 2))
     if kind == "dead time":
         delay += int(random.integers(1, 4))
-    highest, lines, (frequency, damping, share) = _excited_and_mode(kind, random)
+    lowest, highest, lines, (frequency, damping, share) = _excited_and_mode(kind, random)
     with_mode = kind not in ("dead time", "saturation") and (kind != HONEST or random.random() < 0.6)
     modelled = 0 if kind in ("mode below", "mode inside", "mode above", "mode between lines") else 2
     state = random.bit_generator.state
@@ -124,10 +140,10 @@ def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitP
         derivative_gain=2.0 * ratio * natural * mass / gain,
         derivative_filter=random.uniform(0.5e-4, 2e-4),
         derivative_on="error",
-        current_limit=0.12 if kind == "saturation" else 5.0,
+        current_limit=_NO_LIMIT,
     )
     harder = 10.0 ** random.uniform(np.log10(1.3), np.log10(3.0))
-    aggressive = mild.model_copy(update={"derivative_gain": harder * mild.derivative_gain, "current_limit": 5.0})
+    aggressive = mild.model_copy(update={"derivative_gain": harder * mild.derivative_gain, "current_limit": _NO_LIMIT})
     sensor = 10.0 ** random.uniform(-8.0, -7.0)
     loop = DrawnLoop(*plant, mild, sensor, 10.0 ** random.uniform(-2.0, -1.0), np.zeros(axes))
     order = axes * (3 + delay) + (modelled if with_mode else 0)
@@ -143,8 +159,9 @@ def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitP
         other = replace(
             loop, **dict(zip("abc", _plant(axes, mass, stiffness, gain, bandwidth, moved, delay, again), strict=True))
         )
+    amplitude = 50.0 * sensor + 10.0 * loop.force_noise / stiffness
     found = MisfitPlant(
-        kind, axes, order, loop, aggressive, 50.0 * sensor + 10.0 * loop.force_noise / stiffness, highest, lines,
+        kind, axes, order, loop, aggressive, amplitude, lowest, highest, lines,
         (frequency, damping, share * with_mode), other,
     )  # fmt: skip
     laws = [law_from_positions(one, axes) for one in (mild, aggressive)]
@@ -154,12 +171,26 @@ def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitP
         for one in (loop, other or loop)
     ):
         return None
+    if kind == "saturation":
+        return _saturated(found, random)
     if kind == HONEST:  # one that deserves a certificate
         model = named_model(found)
         of_true = assess(model, mild, RobustnessSettings(frequencies=100.0))
         if max(axis.sensitivity.value for axis in of_true.axes) > 2.2 or of_true.mu.upper > 0.7:
             return None
     return found
+
+
+def _saturated(plant: MisfitPlant, random: np.random.Generator) -> MisfitPlant | None:
+    """The bearing with a limit that its currents reach, and that holds it."""
+    record = plant.record(_TRIED, 0)
+    if record is None:
+        return None
+    limit = float(np.std(record.current, axis=0).max() * random.uniform(1.0, 3.0))
+    limited = replace(
+        plant, loop=replace(plant.loop, controller=plant.mild.model_copy(update={"current_limit": limit}))
+    )
+    return None if limited.record(_TRIED, 0) is None else limited
 
 
 def named_model(plant: MisfitPlant) -> StateSpaceModel:
@@ -173,15 +204,16 @@ def named_model(plant: MisfitPlant) -> StateSpaceModel:
     )  # fmt: skip
 
 
-def _excited_and_mode(kind: str, random: np.random.Generator) -> tuple[float, int, tuple[float, float, float]]:
-    """Where the excitation ends, its lines, and frequency, damping and gain of the mode."""
-    highest, lines = 4_600.0, 1
+def _excited_and_mode(kind: str, random: np.random.Generator) -> tuple[float, float, int, tuple[float, float, float]]:
+    """Where the excitation begins and ends, its lines, and frequency, damping and gain of the mode."""
+    lowest, highest, lines = 2.0, 4_600.0, 1
     damping, share = 10.0 ** random.uniform(-3.0, np.log10(0.02)), 10.0 ** random.uniform(-2.0, 0.0)
     frequency = 10.0 ** random.uniform(np.log10(200.0), np.log10(1_500.0))
-    if kind == HONEST:
-        damping = max(damping, 0.003)
-    elif kind == "mode below":
-        frequency = random.uniform(15.0, 80.0)
+    if kind == "mode below":
+        frequency = 10.0 ** random.uniform(np.log10(8.0), np.log10(80.0))
+        lowest = frequency * random.uniform(1.1, 2.0)
+    elif kind == "mode inside":
+        frequency = 10.0 ** random.uniform(np.log10(15.0), np.log10(1_500.0))
     elif kind == "mode above":
         highest = random.uniform(300.0, 1_500.0)
         frequency = highest * random.uniform(1.1, 3.0)
@@ -190,7 +222,7 @@ def _excited_and_mode(kind: str, random: np.random.Generator) -> tuple[float, in
     elif kind == "wrong assumption":
         highest = random.uniform(1_500.0, 2_500.0)
         frequency, damping, share = random.uniform(200.0, 1_200.0), random.uniform(0.001, 0.004), 0.3
-    return highest, lines, (frequency, damping, share)
+    return lowest, highest, lines, (frequency, damping, share)
 
 
 def _plant(axes, mass, stiffness, gain, bandwidth, mode, delay, random):

@@ -87,7 +87,7 @@ def band_checks(assessment: Assessment, known: KnownBand) -> list[Check]:
 
 
 def assumption_check(uncertainty: ModelUncertainty, known: KnownBand, settings: RobustnessSettings) -> Check:
-    """Whether the model itself has a mode with less damping than any is assumed to have."""
+    """Whether the model has a mode with less damping than any is assumed to have, or lacks one that the data show."""
     model, found = uncertainty.model, []
     for pole, spread in zip(model.poles(), uncertainty.pole_deviations(), strict=True):
         if pole.imag <= 0.0 or abs(pole) >= 1.0:
@@ -97,6 +97,12 @@ def assumption_check(uncertainty: ModelUncertainty, known: KnownBand, settings: 
         open_ = _REACH * float(np.linalg.norm(spread)) / abs(rate)
         if known.low <= frequency <= known.high and damping < _LIGHT and damping + open_ < settings.mode_damping:
             found.append(f"the mode at {frequency:.4g} Hz has {damping:.3g} ± {open_:.1g}")
+    lacking = [] if known.band is None else known.band.narrower.tolist()
+    found += [
+        f"the mode that the model lacks at {frequency:.4g} Hz has less"
+        for frequency in lacking
+        if known.low <= frequency <= known.high
+    ]
     name = "the data do not contradict the assumed least damping of modes"
     return Check(
         name, not found, f"{', '.join(found)}; assumed: at least {settings.mode_damping:g}" if found else "they do not"

@@ -62,12 +62,15 @@ class ErrorBand:
         Error that the data leave open beside it (m/A); infinite where they say nothing.
     damping : float
         Least damping ratio of the modes.
+    narrower : ndarray, shape (k,)
+        Frequencies (Hz) at which the data show a mode of less damping.
     """
 
     frequency: Arrays
     shown: Arrays
     open: Arrays
     damping: float
+    narrower: Arrays
 
     def within(self, frequency: Arrays) -> tuple[Arrays, Arrays]:
         """Largest shown error, and largest of both together, from the middle before each frequency to that after it.
@@ -96,13 +99,15 @@ def error_band(
     model : StateSpaceModel
         The model; its predictor must be stable.
     records : sequence of IdentificationData
-        Data of the same loop, with trends as they were recorded.
+        Data of the same loop, with trends as they were recorded. Where one contradicts the others, the bearing has
+        changed in between, and the largest error of them counts.
     damping : float
         Least damping ratio of modes that the model may lack.
     ring_down : float
         Longest time constant of their decay (s): slow modes are damped more.
     """
-    spectra = [item for data in records for item in _spectra(model, data)]
+    by_record = [one for data in records if (one := _spectra(model, data))]
+    spectra = [item for one in by_record for item in one]
     if not spectra:
         return None
     largest = max(float(np.mean(np.sum(np.abs(item.r) ** 2, axis=1))) for item in spectra)
@@ -118,7 +123,7 @@ def error_band(
     ratio, step = damping, 1
     while ratio <= BROADEST:
         places = np.arange(0, len(frequency), step)
-        found = np.array([_mode(spectra, float(frequency[place]), ratio, least) for place in places])
+        found = np.array([_mode(by_record, float(frequency[place]), ratio, least) for place in places])
         size, left = (np.interp(np.arange(len(frequency)), places, column) for column in found.T)
         known = np.isfinite(left)
         # A mode narrower than this one that hides between the lines is higher, and seen with less than its peak.
@@ -129,7 +134,26 @@ def error_band(
         resolved |= known
         ratio, step = ratio * WIDER, step * round(WIDER)
     open_ = np.where(resolved, np.maximum(open_ - shown, 0.0), math.inf)
-    return ErrorBand(frequency, np.where(resolved, shown, 0.0), open_, damping)
+    shown = np.where(resolved, shown, 0.0)
+    return ErrorBand(frequency, shown, open_, damping, _narrower(by_record, frequency, shown, open_, damping, least))
+
+
+def _narrower(
+    records: Sequence[Sequence[_Spectra]], frequency: Arrays, shown: Arrays, open_: Arrays, damping: float, least: float
+) -> Arrays:
+    """Where the data show a mode with less damping than any is assumed to have.
+
+    The band shows it with less than its peak, as a maximum; a narrower shape shows more. The difference of two allowed
+    modes, of bearing and model, looks half as high at most (phi^2 fitted by phi): only what is higher still counts.
+    """
+    beside = np.maximum(np.append(shown[1:], 0.0), np.append(0.0, shown[:-1]))
+    ratio, found = damping / WIDER, []
+    offsets = ratio * np.arange(-round(WIDER), round(WIDER) + 1)
+    for place in np.flatnonzero((shown > open_) & (shown >= beside)):
+        fits = [_mode(records, at, ratio, least) for at in (frequency[place] * np.exp(offsets)).tolist()]
+        if max(size - left for size, left in fits) > 2.0 * shown[place] + open_[place]:
+            found.append(float(frequency[place]))
+    return np.array(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,50 +188,89 @@ def _spectra(model: StateSpaceModel, data: IdentificationData) -> list[_Spectra]
     return found
 
 
-def _mode(spectra: Sequence[_Spectra], at: float, damping: float, least: float) -> tuple[float, float]:
-    """Error at the peak of a mode, and what is open beside it; infinite where the lines do not determine it."""
-    half = damping * at
-    r: list[Complexes] = []
-    u: list[Complexes] = []
-    d: list[Complexes] = []
-    lines = 0.0
-    for item in spectra:
-        part = slice(*np.searchsorted(item.frequency, [at - _REACH * half, at + _REACH * half]))
-        here = item.frequency[part]
-        if len(here) < 3 or not np.any(item.power[part] > least):
-            continue
-        shape = 1.0 / (1.0 + 1j * (here - at) / half)
-        beside = shape / math.sqrt(float(np.sum(np.abs(shape) ** 2)))
-        weight = np.abs(shape) ** 2 * item.power[part]
-        near = weight[np.abs(here - at) <= half]
-        moved = item.r[part] * shape[:, np.newaxis]
-        kept = moved - np.outer(beside, beside.conj() @ moved)
-        if near.sum() < _NEAR * weight.sum() or np.linalg.norm(kept) ** 2 < _LEAST_KEPT * weight.sum():
-            continue
-        lines += float(np.sum(weight)) ** 2 / float(np.sum(weight**2))
-        driven = item.u[part] * shape[:, np.newaxis]
-        r.append(kept)
-        u.append(driven - np.outer(beside, beside.conj() @ driven))
-        d.append(item.d[part] - np.outer(beside, beside.conj() @ item.d[part]))
-    if not r:
+def _mode(records: Sequence[Sequence[_Spectra]], at: float, damping: float, least: float) -> tuple[float, float]:
+    """Error at the peak of a mode, and what is open beside it; infinite where the lines do not determine it.
+
+    All records together determine it best if they are of one bearing. One that contradicts this counts alone.
+    """
+    near = [[part for item in record if (part := _near(item, at, damping, least)) is not None] for record in records]
+    together = _fitted([part for parts in near for part in parts])
+    if together is None:
         return 0.0, math.inf
-    references = r[0].shape[1]
+    found = [together]
+    if len(records) > 1:
+        alone = [fit for parts in near if (fit := _fitted(parts)) is not None]
+        found += [fit for fit in alone if float(np.linalg.norm(fit.error - together.error, 2)) > fit.open]
+    return max(((fit.size, fit.open) for fit in found), key=sum)
+
+
+@dataclass(frozen=True, eq=False)
+class _Near:
+    """Lines about a mode, its shape applied and its transient removed, and how many count."""
+
+    r: Complexes
+    u: Complexes
+    d: Complexes
+    lines: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """Error at the peak of a mode, and what is open beside it."""
+
+    error: Complexes
+    open: float
+
+    @property
+    def size(self) -> float:
+        return float(np.linalg.norm(self.error, 2))
+
+
+def _near(item: _Spectra, at: float, damping: float, least: float) -> _Near | None:
+    """The lines of an experiment that show a mode; None if they do not."""
+    half = damping * at
+    part = slice(*np.searchsorted(item.frequency, [at - _REACH * half, at + _REACH * half]))
+    here = item.frequency[part]
+    if len(here) < 3 or not np.any(item.power[part] > least):
+        return None
+    shape = 1.0 / (1.0 + 1j * (here - at) / half)
+    beside = shape / math.sqrt(float(np.sum(np.abs(shape) ** 2)))
+    weight = np.abs(shape) ** 2 * item.power[part]
+    near = weight[np.abs(here - at) <= half]
+    moved = item.r[part] * shape[:, np.newaxis]
+    kept = moved - np.outer(beside, beside.conj() @ moved)
+    if near.sum() < _NEAR * weight.sum() or np.linalg.norm(kept) ** 2 < _LEAST_KEPT * weight.sum():
+        return None
+    driven = item.u[part] * shape[:, np.newaxis]
+    return _Near(
+        kept,
+        driven - np.outer(beside, beside.conj() @ driven),
+        item.d[part] - np.outer(beside, beside.conj() @ item.d[part]),
+        float(np.sum(weight)) ** 2 / float(np.sum(weight**2)),
+    )
+
+
+def _fitted(parts: Sequence[_Near]) -> _Fitted | None:
+    """The error by instrumental variables; None if the lines do not determine it."""
+    if not parts:
+        return None
+    references, lines = parts[0].r.shape[1], sum(part.lines for part in parts)
     free = lines - references - 1.0
     if free < _FEWEST * references:
-        return 0.0, math.inf
-    z, x, y = np.vstack(r), np.vstack(u), np.vstack(d)
+        return None
+    z, x, y = (np.vstack([getattr(part, name) for part in parts]) for name in ("r", "u", "d"))
     rr, ur, yr = z.T @ z.conj(), x.T @ z.conj(), y.T @ z.conj()
     scale = np.sqrt(np.diag(rr).real)
     if not np.all(scale > 0.0) or np.linalg.eigvalsh(rr / np.outer(scale, scale))[0] < _LEAST_INDEPENDENCE:
-        return 0.0, math.inf
+        return None
     try:
         inverse = np.linalg.inv(ur)
     except np.linalg.LinAlgError:
-        return 0.0, math.inf
+        return None
     error = yr @ inverse
     rest = y - x @ error.T
     gain = np.sum(np.abs(z.conj() @ inverse) ** 2, axis=1)
     count = error.size
     variance = float(np.sum(np.sum(np.abs(rest) ** 2, axis=1) * gain)) * lines / free
     quantile = float(special.fdtri(2 * count, 2.0 * free, CONFIDENCE))
-    return float(np.linalg.norm(error, 2)), math.sqrt(quantile * variance)
+    return _Fitted(error, math.sqrt(quantile * variance))
