@@ -6,7 +6,7 @@ NAME = "amb_ident_node"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     description="Bag recorder, region monitor and identification of an active magnetic bearing as ROS 2 nodes.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",

@@ -6,7 +6,7 @@ NAME = "amb_sim_node"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     description="Simulator of active magnetic bearings as a ROS 2 node, and an emulator of their real-time target.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",

@@ -1,8 +1,9 @@
 """Settings of the documentation site; `make docs` builds it without network."""
 
 import sys
-from importlib.metadata import version as version_of
 from pathlib import Path
+
+from amb_core import __version__
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
@@ -10,7 +11,7 @@ sys.path.insert(0, str(ROOT))
 project = "AMB workbench"
 author = "the authors of the AMB workbench"
 copyright = "the authors of the AMB workbench, Apache License 2.0"
-release = version = version_of("amb_core")
+release = version = __version__
 
 extensions = [
     "myst_nb",

@@ -8,7 +8,7 @@ NAME = "amb_bringup"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     description="Launch files, parameter files and the command line of the active magnetic bearing workbench.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",

@@ -30,7 +30,7 @@ if not all(glob(f"{NAME}/{files}") for files in TARGET):
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     description="Active magnetic bearings without ROS: plant, control law, excitations, identification and bags.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",

@@ -6,7 +6,7 @@ NAME = "amb_ros"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     description="ROS wiring shared by the nodes: parameters, process life cycle, quality of service, diagnostics.",
     maintainer="AMB workbench maintainers",
     maintainer_email="maintainers@users.noreply.example",

@@ -13,6 +13,7 @@ from typer.main import get_command
 
 from amb_bringup.exit_codes import INTERRUPTED
 from amb_bringup.startup import ending_signals, leaving_at_once
+from amb_core import __version__
 from amb_core.errors import AmbError
 from amb_core.plain_text import plain_text
 from amb_ros import network
@@ -179,9 +180,7 @@ app = typer.Typer(
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
-
-        typer.echo(f"amb {version('amb_bringup')}")
+        typer.echo(f"amb {__version__}")
         raise typer.Exit
 
 

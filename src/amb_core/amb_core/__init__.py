@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 # bits. numba reads this when it is imported; where that has happened already, the kernels are only slower.
 os.environ.setdefault("NUMBA_SLP_VECTORIZE", "1")
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "IdentificationData": "amb_core.identification",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import shutil
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +21,7 @@ from amb_bringup.commands.terminal import Terminal
 from amb_bringup.commissioning import Session
 from amb_bringup.launcher import Graph, launch_file, own_domain
 from amb_bringup.node_parameters import check_parameter_file
+from amb_core import __version__
 from amb_core.commissioning import CommissioningSettings, Expected, Step, expected_of
 from amb_core.figures.saving import write_image
 from amb_core.files.parameter_files import BRIDGE_NODE, NAMESPACE, RIG_NODES, ParameterFile
@@ -125,7 +125,7 @@ def _about(path: Path, emulator: bool, expected: Expected | None) -> dict[str, s
         "SHA-256 of it": hashlib.sha256(path.read_bytes()).hexdigest(),
         "compared with": "its model of the machine" if expected is not None else "general limits: it has no model",
         "target": "emulated on this machine" if emulator else "that of hardware_bridge.link",
-        "amb_core": version("amb_core"),
+        "amb_core": __version__,
     }
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from amb_bringup.paper.page import paper_report
 from amb_bringup.paper.studies import OPENING, STUDIES
 from amb_bringup.paper.study import StudyError, StudyResult
+from amb_core import __version__
 from amb_core.figures.saving import page_from_json, write_page
 from amb_core.report import write_report
 
@@ -25,7 +26,7 @@ def write_paper(folder: Path, results: Mapping[str, StudyResult]) -> None:
     except OSError as problem:
         raise StudyError(f"{folder}/claims.json: cannot be written: {problem.strerror}") from None
     made_from = (
-        f"Every number comes from `amb reproduce`, run with amb_core {version('amb_core')}, NumPy "
+        f"Every number comes from `amb reproduce`, run with amb_core {__version__}, NumPy "
         f"{version('numpy')} and CPython {sys.version.split()[0]}."
     )
     write_report(paper_report(STUDIES, results, OPENING, made_from), folder / "index.html")
