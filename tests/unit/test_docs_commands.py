@@ -87,6 +87,30 @@ def test_the_readme_of_amb_bringup_names_every_command() -> None:
     assert not {name for name in COMMANDS if f"| `{name}" not in text}
 
 
+def test_one_page_has_the_purpose_of_every_command_in_the_groups_of_the_help() -> None:
+    rows = re.findall(r"^\| (.+?) \|(.*)\|$", (ROOT / "docs/reference/which-command.md").read_text(), re.MULTILINE)
+    groups: dict[str, list[str]] = {}
+    for purpose, shown in rows[1:]:
+        if purpose.startswith("**"):
+            groups[purpose.strip("*")] = []
+        else:
+            groups[list(groups)[-1]] += re.findall(r"`(amb .+?)`", shown)
+    assert sorted(name for names in groups.values() for name in names) == sorted(COMMANDS)
+    first_words = {group: {name.split()[1] for name in names} for group, names in groups.items()}
+    assert first_words == {group: set(listed) for group, listed in LISTED.items()}
+
+
+SELDOM = ("subharmonics", "campbell", "jitter", "Julia", "julia")
+
+
+def test_what_few_need_is_neither_in_the_first_group_of_the_help_nor_on_the_front_page() -> None:
+    assert not set(SELDOM) & set(next(iter(LISTED.values())))
+    front = (ROOT / "README.md").read_text()
+    assert not [word for word in SELDOM if word in front.replace("subharmonic tests", "")]
+    last = next(reversed(LISTED.values()))
+    assert {"subharmonics", "campbell", "jitter"} <= set(last)
+
+
 def test_every_option_and_argument_has_its_help() -> None:
     assert not {(name, item.name) for name, command in COMMANDS.items() for item in command.params if not _help(item)}
 

@@ -35,14 +35,6 @@ COMMANDS = {
             "view:view",
             "Show a running graph live in the browser: motion, spectrum, regions, trips and log, until Ctrl-C.",
         ),
-        "foxglove": (
-            "foxglove:foxglove",
-            "Show a running graph live in Foxglove, every sample of it, until Ctrl-C; needs the extra foxglove.",
-        ),
-        "run": (
-            "graph:run",
-            "Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...).",
-        ),
     },
     "Experiment": {
         "experiment": (
@@ -62,10 +54,6 @@ COMMANDS = {
             "distortion:distortion",
             "Measure nonlinear distortion: how much of the rotor's motion no linear model can explain.",
         ),
-        "subharmonics": (
-            "subharmonics:subharmonics",
-            "Add three tones to the reference and find their products in the steady state of the position.",
-        ),
     },
     "Identify": {
         "identify": (
@@ -78,10 +66,6 @@ COMMANDS = {
             "Validate a model: closed loop, distortion, predictions, residuals and frequency response, on one page.",
         ),
         "compare": ("compare:compare", "Compare models on the same data, the best closed loop first."),
-        "campbell": (
-            "campbell:campbell",
-            "Identify models at several running speeds, and draw their modes over the computed Campbell diagram.",
-        ),
         "model": ("model:app", "Export models."),
     },
     "Robustness and gains": {
@@ -98,10 +82,6 @@ COMMANDS = {
             "Commission a rig: check sensors, coils, link, levitation, polarity, resonance, plant and protection.",
         ),
         "rig": ("rig:app", "Work with a rig behind a real-time target, real or emulated."),
-        "jitter": (
-            "jitter:jitter",
-            "Show how late the steps of paced nodes come, and how many deadlines they miss, from /diagnostics.",
-        ),
     },
     "Data and reports": {
         "bag": ("bag:app", "Inspect, play, recover and export bags."),
@@ -115,6 +95,28 @@ COMMANDS = {
         "reproduce": (
             "reproduce:reproduce",
             "Reproduce every figure and claim of the paper on the simulator; finished studies are not run again.",
+        ),
+    },
+    "Special purposes": {
+        "run": (
+            "graph:run",
+            "Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...).",
+        ),
+        "foxglove": (
+            "foxglove:foxglove",
+            "Show a running graph live in Foxglove, every sample of it, until Ctrl-C; needs the extra foxglove.",
+        ),
+        "jitter": (
+            "jitter:jitter",
+            "Show how late the steps of paced nodes come, and how many deadlines they miss, from /diagnostics.",
+        ),
+        "campbell": (
+            "campbell:campbell",
+            "Identify models at several running speeds, and draw their modes over the computed Campbell diagram.",
+        ),
+        "subharmonics": (
+            "subharmonics:subharmonics",
+            "Add three tones to the reference and find their products in the steady state of the position.",
         ),
     },
 }
