@@ -145,6 +145,20 @@ def test_plotjuggler_gets_a_standard_message_for_each_sample(tmp_path: Path) -> 
     assert message.effort.tobytes() == record.current[999].tobytes()
 
 
+@pytest.mark.parametrize("topics", [(), ("position",), ("current",)])
+def test_arrays_for_plotjuggler_are_never_empty(topics: tuple[str, ...], tmp_path: Path) -> None:
+    """Before its pull request 927 it reads as many values of each array as there are joints."""
+    bag = write_bag(tmp_path / "bag", samples(5), whole(1000))
+    found = Recording.read(export(bag, tmp_path / "run_plotjuggler.mcap", topics))
+    joints = [topic.name for topic in found.topics if topic.type == "sensor_msgs/msg/JointState"]
+    assert joints
+    for name in joints:
+        message = next(iter(found.messages_of(name)))
+        sizes = {len(array) for array in (message.name, message.position, message.velocity, message.effort)}
+        assert sizes == {5}
+        assert np.isnan(message.velocity).all()
+
+
 def test_a_bag_for_plotjuggler_is_identified_as_any_bag_of_joint_states(tmp_path: Path) -> None:
     record = samples()
     bag = write_bag(tmp_path / "bag", record, whole(1000))

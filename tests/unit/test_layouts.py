@@ -125,7 +125,7 @@ def _plotjuggler_series(found: Recording) -> set[str]:
     for topic in found.topics:
         message = next(iter(found.messages_of(topic.name)))
         if topic.type == "sensor_msgs/msg/JointState":
-            arrays = [name for name in ("position", "velocity", "effort") if len(getattr(message, name))]
+            arrays = [name for name in ("position", "velocity", "effort") if np.isfinite(getattr(message, name)).any()]
             series |= {f"{topic.name}/{joint}/{name}" for joint in message.name for name in arrays}
         else:
             series.add(f"{topic.name}/data")

@@ -1,12 +1,14 @@
 """A run for PlotJuggler: a bag of standard ROS 2 messages, one per sample, for which it needs no message packages.
 
 PlotJuggler shows joint states by joint. So the axes are joints: `/amb/loop/x/position` is the position (m) and
-`/amb/loop/x/effort` the control current (A), `/amb/reference/x/position` the reference (m). Numbers without a header
-have the time of the sample as the time of the message.
+`/amb/loop/x/effort` the control current (A), `/amb/reference/x/position` the reference (m). What a topic does not
+have is NaN: PlotJuggler before 2024 reads beyond the end of an empty array (its pull request 927). Numbers without a
+header have the time of the sample as the time of the message.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -76,13 +78,13 @@ class _Joints:
 
     def __init__(self, file: SampleFile, axes: Sequence[str], topic: str, signals: Sequence[str]) -> None:
         self._file, self._topic, self._signals = file, topic, signals
-        types = file.types
+        types, unknown = file.types, [math.nan] * len(axes)
 
         def serialize(seconds: int, nanoseconds: int, _: list[int], numbers: list[float]) -> bytes:
             of_signal = {name: numbers[len(axes) * place :][: len(axes)] for place, name in enumerate(signals)}
-            effort = of_signal.pop("current", [])
-            position = next(iter(of_signal.values()), [])
-            arrays = (np.array(values, dtype=np.float64) for values in (position, [], effort))
+            effort = of_signal.pop("current", unknown)
+            position = next(iter(of_signal.values()), unknown)
+            arrays = (np.array(values, dtype=np.float64) for values in (position, unknown, effort))
             return types.serialize(types.message(JOINTS, types.header(seconds, nanoseconds), list(axes), *arrays))
 
         self._rows = MessageRows(serialize, 0, len(axes) * len(signals))
