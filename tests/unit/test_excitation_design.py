@@ -181,6 +181,8 @@ def test_the_designed_signal_is_within_the_limits_and_a_larger_one_is_not(
     bench: TrialBench, kind: str, values: dict[str, Any]
 ) -> None:
     designed = design_excitation(kind, {"duration": 1.0, **values}, MAP, tolerance=0.05)
+    assert designed.verdict in repr(designed)
+    assert f"<td>{1e6 * designed.amplitude:.5g} um</td>" in designed._repr_html_()
     assert designed.amplitude == pytest.approx(0.9 * designed.largest_amplitude)
     assert designed.largest_amplitude < designed.beyond_amplitude <= 1.05 * designed.largest_amplitude
     assert designed.trial.region == bench.run(designed.signal).region == Region.A

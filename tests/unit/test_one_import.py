@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import subprocess
 import sys
 
@@ -73,6 +74,10 @@ def test_certify_takes_the_same(found, loop: RecordedLoop, other: LoopRecord) ->
     whole = amb.certify(found, validation_data=other, settings=settings)
     assert [check.passed for check in plain.checks] == [check.passed for check in whole.checks]
     assert plain.assessment.bounds is not None, "the uncertainty is computed from the data"
+    card = plain._repr_html_()
+    assert plain.verdict in repr(plain) and "\n" not in repr(plain)
+    assert all(f"<th>{html.escape(check.name)}</th>" in card for check in plain.checks)
+    assert card.count("not passed: ") == len([check for check in plain.checks if not check.passed])
 
 
 def test_compare_has_the_best_model_first(found, loop: RecordedLoop, other: LoopRecord) -> None:

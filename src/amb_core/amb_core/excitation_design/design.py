@@ -25,6 +25,7 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.region_map import RegionMap
+from amb_core.results import Result
 
 DESIGNED_KINDS = ("square", "multisine", "prbs")
 
@@ -42,8 +43,8 @@ class TriedAmplitude:
     use: str
 
 
-@dataclass(frozen=True)
-class DesignedExcitation:
+@dataclass(frozen=True, repr=False)
+class DesignedExcitation(Result):
     """An excitation designed to stay in region A and within limits of distortion, clipping and slew.
 
     Attributes
@@ -95,6 +96,20 @@ class DesignedExcitation:
     def distortion(self) -> Distortion | None:
         """Nonlinear distortion by random-phase multisines of the same band and power; None if it is no multisine."""
         return self.certificate.distortion
+
+    @property
+    def summary(self) -> str:
+        """The verdict."""
+        return self.verdict
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Amplitudes, and what limits them."""
+        by_map = (
+            [] if self.predicted_amplitude is None else [("largest in region A by the map", self.predicted_amplitude)]
+        )
+        lengths = [("amplitude", self.amplitude), ("largest within the limits", self.largest_amplitude), *by_map]
+        return [*((name, f"{1e6 * value:.5g} um") for name, value in lengths), ("limited by", self.limited_by)]
 
     @property
     def verdict(self) -> str:

@@ -19,6 +19,7 @@ from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation, Verdict
 from amb_core.loop.known_controller import KnownController
 from amb_core.model import StateSpaceModel
+from amb_core.results import Result
 from amb_core.robustness.assessment import Assessment, assess_loop
 from amb_core.robustness.checks import (
     COVERED,
@@ -46,8 +47,8 @@ Statement = Literal["certified", "certified with reservations", "predicted", "re
 FARTHEST = 30.0  # of a model from the best one of its data, in standard deviations
 
 
-@dataclass(frozen=True, eq=False)
-class Certificate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate(Result):
     """The result for a model and a controller.
 
     Attributes
@@ -128,6 +129,17 @@ class Certificate:
             f"{words[statement]}: stable, zone {zone} after ISO 14839-3 with {percent}, and stable under all assumed "
             f"perturbations together.{self._own_terms}"
         )
+
+    @property
+    def summary(self) -> str:
+        """The verdict."""
+        return self.verdict
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The checks with their findings, those that do not hold first."""
+        ordered = sorted(self.checks, key=lambda check: check.passed)
+        return [(check.name, f"{'' if check.passed else 'not passed: '}{check.finding}") for check in ordered]
 
     @property
     def _own_terms(self) -> str:
