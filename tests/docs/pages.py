@@ -47,10 +47,12 @@ class Block:
 
 def blocks(page: Path) -> list[Block]:
     """The pieces of code of a page, in their order."""
-    return [
-        Block(match["language"], match["text"], match["how"] or "")
-        for match in FENCE.finditer(page.read_text(encoding="utf-8"))
-    ]
+    return blocks_of(page.read_text(encoding="utf-8"))
+
+
+def blocks_of(text: str) -> list[Block]:
+    """The pieces of code of the text of a page, in their order."""
+    return [Block(match["language"], match["text"], match["how"] or "") for match in FENCE.finditer(text)]
 
 
 @dataclass
@@ -78,9 +80,10 @@ class Reader:
     def follow(self, page: Path) -> None:
         """Do all that the page says."""
         for block in blocks(page):
-            self._do(block)
+            self.do(block)
 
-    def _do(self, block: Block) -> None:
+    def do(self, block: Block) -> None:
+        """Do what a block says."""
         if block.how.startswith("not"):
             return
         if block.how.startswith("file "):

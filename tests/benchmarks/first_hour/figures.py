@@ -60,6 +60,16 @@ class Wishes(Figures):
     texts: list[str]
 
 
+class Tutorial(Figures):
+    """What the tutorial states (lines of output, numbers in prose, pictures), and how much of it came out."""
+
+    statements: int
+    reproduced: int
+    missed: list[str]
+    commands: int
+    seconds: float
+
+
 class FirstHour(Figures):
     """All of it."""
 
@@ -68,3 +78,4 @@ class FirstHour(Figures):
     files: Files
     new: New
     wishes: Wishes
+    tutorial: Tutorial

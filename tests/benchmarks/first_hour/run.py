@@ -6,6 +6,7 @@ are drawn. core_share: of the server. lost: samples that the page did not get. l
 and its cores. hostile_executed: scripts run, orders carried out and answers given to clients without the token or of
 other origins. bit_identical: whether a loop with the page open has the samples of the loop without ROS.
 wishes: drawn over all that `amb new` allows; internal are texts of the simulator, and must be none.
+tutorial: what its page states, what of that came out when it was followed, its commands and the time that they took.
 pages: seconds until a report, and the page of the paper's figures, are drawn; null where there is no such page.
 """
 
@@ -26,6 +27,7 @@ PARTS: dict[str, tuple[str, dict[str, Any]]] = {
     "files": ("files", {"cases": 2}),
     "new": ("new", {"bearings": 1}),
     "wishes": ("wishes", {"wishes": 4}),
+    "tutorial": ("tutorial", {"sections": 1}),
 }
 """The module of each key, whose `measure()` returns the figures, and its smallest size, which `--quick` takes.
 
