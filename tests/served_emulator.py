@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable
 from typing import Any, Self, TypeVar
 
-from amb_core.emulation import Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
+from amb_core.emulation import LOCALHOST, Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
+from amb_core.emulation.listening import PSEUDO_TERMINAL
 from amb_core.loop.control import ControllerParameters
 from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
@@ -25,6 +26,7 @@ class ServedEmulator:
         key: bytes = b"",
         limits: dict[str, float] | None = None,
         port: int = 0,
+        host: str = LOCALHOST,
     ) -> None:
         self.emulator = TargetEmulator(
             plant or PlantParameters(),
@@ -32,11 +34,12 @@ class ServedEmulator:
             validate(LimitParameters, {"host_time": 1e3} | (limits or {})),
             FaultParameters(),
             reference_library(),
-            Address(port=port, key=key),
+            Address(host, port, key),
         )
         self.emulator.plant.advance([0.0] * len(self.emulator.plant.machine.axes))  # loads the kernel: no silence later
         self.emulator.plant.reset()
         self.port = self.emulator.port
+        self.address = self.emulator.where if host == PSEUDO_TERMINAL else host
         self._lock = threading.Lock()
         self._paused = False
         self._block = BLOCK

@@ -16,7 +16,7 @@ class LinkParameters(Parameters):
     """How the bridge reaches its target."""
 
     kind: str = choice("amb_udp", "amb_udp, or the name of an installed link of your own")
-    address: str = choice("127.0.0.1", "address of the target")
+    address: str = choice("127.0.0.1", "address of the target, or serial:DEVICE?baud=N for a byte stream")
     port: int = quantity(PORT, "-", "UDP port of the target", 1, 65_535)
     key_file: str = choice("", "file with the shared key, mode 0600; empty: a target on this host, without a key")
     float64: bool = switch(False, "telemetry bit for bit as float64, in twice as many frames, instead of float32")

@@ -16,7 +16,11 @@ class TargetEmulatorParameters(Parameters):
         "parameter file whose blocks of simulator and pd_controller describe the machine and its gains, with "
         "package://NAME/PATH for one of a package; empty: the file with which the node was started, or the defaults",
     )
-    address: str = choice(LOCALHOST, "IPv4 address on which it listens; another than loopback needs a key")
+    address: str = choice(
+        LOCALHOST,
+        "IPv4 address on which it listens, another than loopback needs a key; serial:pty for a byte stream, whose "
+        "device it logs",
+    )
     port: int = quantity(PORT, "-", "UDP port on which it listens; 0 for any that is free", 0, 65_535)
     key_file: str = choice("", "file of mode 0600 with the key in hexadecimal digits; empty: no key")
     block_steps: int = quantity(10, "-", "control steps from one deadline to the next", 1, 50)

@@ -101,7 +101,7 @@ class TargetEmulatorNode(Node):
         """Log what is emulated, and what does not go as it should."""
         logger, started = self.get_logger(), emulator.started
         source = f"the machine of {self._file}" if self._file else "the machine of the default parameters"
-        logger.info(f"{source}, axes {', '.join(self._axes)}, on UDP port {started.port} of {settings.address}")
+        logger.info(f"{source}, axes {', '.join(self._axes)}, on {started.where}")
         if started.load.share > ENOUGH:
             logger.warning(str(started.load))
         else:

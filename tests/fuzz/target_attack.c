@@ -8,6 +8,7 @@
 
 #include "hosted/hosted.h"
 #include "parts.h"
+#include "stream.h"
 
 enum { MOST = 64, AXES = 2, COILS = 4, OLD = 256, WAVEFORM = 4096 };
 
@@ -196,6 +197,23 @@ static void read_exchange(const char *path) {
     fclose(file);
 }
 
+/* The frame in a byte stream, garbled: whatever comes out is a frame that fits, and after two ends the next is whole. */
+static void stream(const uint8_t *frame, size_t length, size_t number) {
+    static struct amb_stream receiver;
+    uint8_t coded[AMB_STREAM_ROOM];
+    size_t count = amb_stream_put(frame, length, coded), out = 0;
+    require(count <= AMB_STREAM_ROOM && coded[count - 1] == 0, "a frame in the stream", number);
+    for (size_t times = below(4); times; times--) coded[below(count)] = (uint8_t)draw();
+    for (size_t i = below(4) ? 0 : below(count); i < count; i++) {
+        out = amb_stream_take(&receiver, coded[i]);
+        require(out <= AMB_FRAME + 1, "a frame longer than its room", number);
+    }
+    amb_stream_take(&receiver, 0);
+    count = amb_stream_put(frame, length, coded);
+    for (size_t i = 0; i < count; i++) out = amb_stream_take(&receiver, coded[i]);
+    require(out == length && !memcmp(receiver.frame, frame, length), "a whole frame was not found", number);
+}
+
 int main(int arguments, char **argument) {
     require(arguments == 4, "usage: target_attack EXCHANGE COUNT SEED", 0);
     size_t count = strtoul(argument[2], NULL, 10), forged = 0, signed_frames = 0, states[AMB_TRIPPED + 1] = {0};
@@ -224,6 +242,7 @@ int main(int arguments, char **argument) {
             sign(frame, length, &host.target, ++counter);
             signed_frames++;
         }
+        stream(frame, length, number);
         feed(frame, length);
         drain(number);
         if (kind == 3) counter = host.target.counter;

@@ -133,6 +133,15 @@ class Conformance(Figures):
     named: int
 
 
+class Board(Figures):
+    """A Cortex-M7 in QEMU beside the host's build: frames and steps compared and equal, worst step, stack used."""
+
+    frames: int
+    equal: int
+    instructions_worst: int
+    stack_bytes: int
+
+
 class Soak(Figures):
     """All of it."""
 
@@ -149,3 +158,4 @@ class Soak(Figures):
     recovery: Recovery
     commissioning: Commissioning
     conformance: Conformance
+    board: Board | None = None  # where compiler and QEMU are there

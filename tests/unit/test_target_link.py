@@ -1,4 +1,4 @@
-"""The host's end of AMB-UDP on a real socket, with the emulated target at the other end of a bad network."""
+"""The host's end of AMB-UDP on a socket and on a pseudo-terminal, with the emulated target beyond a bad network."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from amb_core.emulation import LOCALHOST
+from amb_core.emulation.listening import PSEUDO_TERMINAL
 from amb_core.errors import TargetError
 from amb_core.loop.control import ControllerParameters
 from amb_core.target import (
@@ -76,9 +78,9 @@ class Listener:
         return values
 
 
-@pytest.fixture
-def served():
-    with ServedEmulator(key=KEY) as emulator:
+@pytest.fixture(params=[LOCALHOST, PSEUDO_TERMINAL])
+def served(request: pytest.FixtureRequest):
+    with ServedEmulator(key=KEY, host=request.param) as emulator:
         yield emulator
 
 
@@ -89,7 +91,7 @@ def listener() -> Listener:
 
 @pytest.fixture
 def link(served: ServedEmulator):
-    link = AmbUdpLink(port=served.port, key=KEY, float64=True, timeout=TIMEOUT)
+    link = AmbUdpLink(served.address, served.port, KEY, float64=True, timeout=TIMEOUT)
     yield link
     link.close()
 
@@ -177,7 +179,7 @@ def test_a_refusal_names_command_and_reason(link: AmbUdpLink, listener: Listener
 
 
 def test_a_wrong_key_is_named_as_a_possible_reason(served: ServedEmulator, listener: Listener) -> None:
-    link = AmbUdpLink(port=served.port, key=bytes(32), timeout=0.5)
+    link = AmbUdpLink(served.address, served.port, bytes(32), timeout=0.5)
     with pytest.raises(TargetError, match="is the key right"):
         link.connect(listener)
 
@@ -261,6 +263,7 @@ def test_a_host_that_is_there_keeps_an_excitation_alive(listener: Listener) -> N
         assert status is not None
 
 
+@pytest.mark.parametrize("served", [LOCALHOST], indirect=True)  # whoever attacks stands between two sockets
 def test_hostile_frames_end_neither_the_link_nor_its_telemetry(served: ServedEmulator, listener: Listener) -> None:
     with Tap(served.port) as tap:
         link = AmbUdpLink(port=tap.port, key=KEY, float64=True, timeout=TIMEOUT)

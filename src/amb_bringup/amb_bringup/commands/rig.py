@@ -98,7 +98,7 @@ def status() -> None:
 
 @app.command()
 def check(
-    address: Annotated[str, typer.Argument(help="Address of the target.")] = "127.0.0.1",
+    address: Annotated[str, typer.Argument(help="Address of the target, or serial:DEVICE.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65_535, help="Its UDP port.")] = 47_000,
     key_file: Annotated[Path | None, typer.Option(help="File with the shared key, mode 0600.")] = None,
     timeout: Annotated[float, quantity_option("s", "Longest wait for an answer (s).")] = 1.0,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ipaddress
 import os
 import select
-import socket
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,14 +12,15 @@ from pathlib import Path
 from amb_core.emulation.faulty_coils import FaultyCoils
 from amb_core.emulation.faulty_link import FaultyLink
 from amb_core.emulation.faulty_sensors import FaultySensors
+from amb_core.emulation.listening import PSEUDO_TERMINAL, Listening, SerialListening, UdpListening
 from amb_core.emulation.parameters import FaultParameters, LimitParameters
 from amb_core.emulation.switched_plant import SwitchedPlant
 from amb_core.errors import TargetError
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.plant import Plant, PlantParameters
-from amb_core.target import PORT, FrameType, Peer, ReferenceTarget, Session, TargetStatus, decode
+from amb_core.target import PORT, FrameType, ReferenceTarget, Session, TargetStatus, decode
 from amb_core.target.answers import Reply
-from amb_core.target.layout import LARGEST_FRAME, NONCE
+from amb_core.target.layout import NONCE
 
 LOCALHOST = "127.0.0.1"
 MOST_RECEIVED = 64  # datagrams taken between two blocks of steps: a flood does not stop the control steps
@@ -35,7 +35,7 @@ class Address:
     Attributes
     ----------
     host : str, optional
-        IPv4 address.
+        IPv4 address, or `serial:pty` for a pseudo-terminal.
     port : int, optional
         UDP port; 0 for any that is free.
     key : bytes, optional
@@ -52,10 +52,14 @@ class Address:
     key: bytes = field(default=b"", repr=False)
 
     def __post_init__(self) -> None:
+        if self.host == PSEUDO_TERMINAL:
+            return
         try:
             loopback = ipaddress.IPv4Address(self.host).is_loopback
         except ValueError:
-            raise TargetError(f"address '{self.host}' is not allowed; allowed: an IPv4 address") from None
+            raise TargetError(
+                f"address '{self.host}' is not allowed; allowed: an IPv4 address, {PSEUDO_TERMINAL}"
+            ) from None
         if not (self.key or loopback):
             raise TargetError(
                 f"address '{self.host}' without a key is not allowed; allowed: {LOCALHOST}, or a key file, so that "
@@ -96,7 +100,9 @@ class TargetEmulator:
     plant : Plant
         The plant.
     port : int
-        UDP port on which it listens.
+        UDP port on which it listens; 0 on a pseudo-terminal.
+    where : str
+        Address that its hosts use: the pseudo-terminal as they name it.
     steps : int
         Control steps since the start.
     boots : int
@@ -155,29 +161,23 @@ class TargetEmulator:
         self.reboot()
 
     def _open(self, address: Address) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind((address.host, address.port))
-        except (OSError, OverflowError) as problem:
-            self._socket.close()
-            reason = getattr(problem, "strerror", problem)
-            raise TargetError(f"UDP port {address.port} of {address.host} cannot be opened: {reason}") from None
-        self.port: int = self._socket.getsockname()[1]
+        serial = address.host == PSEUDO_TERMINAL
+        self._listening: Listening = SerialListening() if serial else UdpListening(address.host, address.port)
+        self.port, self.where = self._listening.port, self._listening.where
 
     def fileno(self) -> int:
-        """File descriptor of the socket, to wait for datagrams with `select`.
+        """File descriptor of the socket or pseudo-terminal, to wait for frames with `select`.
 
         Returns
         -------
         int
             The descriptor.
         """
-        return self._socket.fileno()
+        return self._listening.fileno()
 
     def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
+        """Close the socket or pseudo-terminal."""
+        self._listening.close()
 
     def configure(self, faults: FaultParameters) -> None:
         """Use other faults from now on.
@@ -273,7 +273,7 @@ class TargetEmulator:
         began = now = time.monotonic()
         self._send()
         while self._target.waits and now - began < self._patience:
-            select.select([self._socket], [], [], self._patience - (now - began))
+            select.select([self._listening], [], [], self._patience - (now - began))
             self._receive()
             self._send()
             now = time.monotonic()
@@ -296,13 +296,12 @@ class TargetEmulator:
     def _receive(self) -> None:
         now = 1e-9 * self.time
         for _ in range(MOST_RECEIVED):
-            try:
-                datagram, (host, port) = self._socket.recvfrom(LARGEST_FRAME + 1)
-            except OSError:  # none is there
+            received = self._listening.receive()
+            if received is None:
                 break
+            datagram, peer = received
             if datagram:
-                address = int.from_bytes(socket.inet_aton(host), "big")
-                self.from_host.send(datagram, Peer(address, port, address >> 24 == 127), now)
+                self.from_host.send(datagram, peer, now)
         for datagram, peer in self.from_host.received(now):
             self._target.feed(datagram, peer)
             self._take(now)
@@ -311,10 +310,7 @@ class TargetEmulator:
         now = 1e-9 * self.time
         self._take(now)
         for frame, peer in self.to_host.received(now):
-            receiver = socket.inet_ntoa(peer.address.to_bytes(4, "big")), peer.port
-            try:
-                self._socket.sendto(frame, receiver)
-            except OSError:  # no room, no route: as on a real network, it is lost
+            if not self._listening.send(frame, peer):  # as on a real network, it is lost
                 self.unsent += 1
                 self.to_host.not_delivered(frame)
 

@@ -96,7 +96,9 @@ class Started:
     Attributes
     ----------
     port : int
-        UDP port on which it listens.
+        UDP port on which it listens; 0 on a pseudo-terminal.
+    where : str
+        Address that its hosts use.
     load : Load
         How much of a core it needs.
     not_real_time : str
@@ -104,6 +106,7 @@ class Started:
     """
 
     port: int
+    where: str
     load: Load
     not_real_time: str
 

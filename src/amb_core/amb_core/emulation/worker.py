@@ -40,7 +40,7 @@ def _serve(connection: Connection) -> None:
         connection.send(TargetError(one_line(problem)))
         return
     paced = PacedEmulator(emulator, settings.block_steps, settings.real_time_factor, settings.faults)
-    connection.send(Started(emulator.port, load, enter_real_time(settings.real_time)))
+    connection.send(Started(emulator.port, emulator.where, load, enter_real_time(settings.real_time)))
     gc.collect()
     gc.freeze()  # the collector need not traverse what stays
     paced.start()

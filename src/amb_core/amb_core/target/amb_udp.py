@@ -10,7 +10,6 @@ import contextlib
 import itertools
 import math
 import random
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -45,6 +44,7 @@ from amb_core.target.link import HostLoopLink, LinkCount, LinkListener, TargetDe
 from amb_core.target.refusals import require_done
 from amb_core.target.search import Search
 from amb_core.target.upload import Upload, controller_upload
+from amb_core.target.wire import Wire, open_wire, place
 
 PORT = 47_000
 RECEIVE_TIMEOUT = 0.002  # s; also the precision of heartbeats
@@ -59,7 +59,6 @@ CLOCK_PERIOD = 2.0  # s
 LAWS = {"": Law.PD, "off": Law.HOST, "land": Law.HOST_OR_LAND}  # by what a target does without the host
 FORESEEN = 10.0  # s after the latest step that a sealed reply has named: no later one can have been measured
 BURST = 48  # chunks of an upload before the target is asked which have arrived: less than any receive buffer holds
-RECEIVE_BUFFER = 1 << 22  # bytes: half a second of telemetry of 16 axes
 
 
 class AmbUdpLink(CommandedLink, HostLoopLink):
@@ -68,9 +67,9 @@ class AmbUdpLink(CommandedLink, HostLoopLink):
     Parameters
     ----------
     address : str, optional
-        IPv4 address or name of the target.
+        IPv4 address or name of the target; or `serial:DEVICE`, optionally with `?baud=N`, for a byte stream.
     port : int, optional
-        Its port.
+        Its UDP port.
     key : bytes, optional
         Shared secret; empty: the target takes commands from its own host only.
     float64 : bool, optional
@@ -102,14 +101,14 @@ class AmbUdpLink(CommandedLink, HostLoopLink):
         starting: Callable[[], object] = lambda: None,
     ) -> None:
         require_key(key)
-        self._where = f"the target at {address} port {port}"
+        self._where = f"the target at {place(address, port)}"
         self._address, self._key, self._wait, self._timeout = (address, port), key, wait, timeout
         self._starting, self._silence = starting, silence
         self._options = TelemetryOption.STATUS | (TelemetryOption.FLOAT64 if float64 else TelemetryOption(0))
         self._known: TargetDescription
         self._by_sample = False  # a frame of telemetry for every sample, since the host closes the loop
         self.count = LinkCount()
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._wire: Wire | None = None  # until it connects
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
         self._exchange = threading.Lock()  # held while a command is open
@@ -152,12 +151,9 @@ class AmbUdpLink(CommandedLink, HostLoopLink):
         """
         self._listener = listener
         try:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
-            self._socket.connect(self._address)
+            self._wire = open_wire(*self._address)
         except OSError as problem:
-            self.close()
             raise TargetError(f"{self._where} cannot be reached: {problem.strerror or problem}") from None
-        self._socket.settimeout(RECEIVE_TIMEOUT)
         try:
             self._find()
             description = self._begin_session()
@@ -196,7 +192,9 @@ class AmbUdpLink(CommandedLink, HostLoopLink):
         self._closing.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
-        self._socket.close()
+        if self._wire is not None:
+            self._wire.close()
+            self._wire = None
 
     # -- commands
 
@@ -507,14 +505,14 @@ class AmbUdpLink(CommandedLink, HostLoopLink):
 
     def _send(self, frame: bytes) -> None:
         with contextlib.suppress(OSError):  # refused or unreachable for the moment: like a frame that was lost
-            self._socket.send(frame)
+            if self._wire is not None:
+                self._wire.send(frame)
 
     def _receive(self) -> bytes | None:
-        """The next datagram; None if there is none for a moment."""
+        """The next frame; None if there is none for a moment."""
+        assert self._wire is not None
         try:
-            return self._socket.recv(2 * LARGEST_FRAME)
-        except TimeoutError:
-            return None
-        except OSError:  # nobody listens at the target's port
+            return self._wire.receive(RECEIVE_TIMEOUT)
+        except OSError:  # nobody listens at the target's port, or its device has gone
             time.sleep(RECEIVE_TIMEOUT)
             return None

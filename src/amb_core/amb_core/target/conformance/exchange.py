@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import select
-import socket
 import time
 from dataclasses import dataclass
 
@@ -13,6 +11,7 @@ from amb_core.target.commands import Command, CommandWriter, heartbeat
 from amb_core.target.description import Description
 from amb_core.target.frames import Refusal, Session
 from amb_core.target.search import Search
+from amb_core.target.wire import open_wire, place
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Exchange:
     Parameters
     ----------
     address : str
-        Of the target.
+        Of the target: IPv4 address or name, or `serial:DEVICE`.
     port : int
         Its UDP port.
     key : bytes
@@ -58,18 +57,16 @@ class Exchange:
     writer: CommandWriter
 
     def __init__(self, address: str, port: int, key: bytes, patience: float = 1.0) -> None:
-        self.key, self.patience, self.where = key, patience, f"{address} port {port}"
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.key, self.patience, self.where = key, patience, place(address, port)
         try:
-            self._socket.connect((address, port))
+            self._wire = open_wire(address, port)
         except OSError as problem:
-            self._socket.close()
             raise TargetError(f"{self.where} cannot be reached: {problem.strerror or problem}") from None
         self._open: Session | None = None
 
     def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
+        """Close the wire."""
+        self._wire.close()
 
     def send(self, frame: bytes) -> None:
         """Send a datagram.
@@ -85,7 +82,7 @@ class Exchange:
             If the target cannot be reached.
         """
         try:
-            self._socket.send(frame)
+            self._wire.send(frame)
         except OSError as problem:
             raise TargetError(f"{self.where} cannot be reached: {problem.strerror or problem}") from None
 
@@ -102,11 +99,11 @@ class Exchange:
         Received or None
             The datagram with its time and content.
         """
-        if not select.select([self._socket], [], [], max(until - time.monotonic(), 0.0))[0]:
-            return None
         try:
-            datagram = self._socket.recv(4096)
+            datagram = self._wire.receive(until - time.monotonic())
         except OSError:
+            return None
+        if datagram is None:
             return None
         return Received(datagram, time.monotonic(), decode(datagram, self._open))
 
