@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -296,6 +297,15 @@ def test_a_description_is_proposed_never_assumed(tmp_path: Path) -> None:
     found.value.proposal.save(tmp_path / "lab.yaml")
     data = read(path, tmp_path / "lab.yaml").data
     assert (data.input_names, data.output_names, data.input_units) == (("i_x", "i_y"), ("x", "y"), ("A", "A"))
+
+
+def test_proposed_options_stand_as_a_shell_reads_them(tmp_path: Path) -> None:
+    rows = "\n".join(f"{k % 3},{k % 2},{k % 5},{k}" for k in range(40))
+    path = write_text(tmp_path / "lab.csv", f"cur x [A],cur y [A],gap [x] [m],gap [y] [m]\n{rows}\n")
+    with pytest.raises(UndescribedError) as found:
+        read(path)
+    words = shlex.split(str(found.value).partition("perhaps ")[2])
+    assert words[:2] == ["--inputs", "i_x=cur x,i_y=cur y"] and words[2:4] == ["--outputs", "x=gap [x],y=gap [y]"]
 
 
 @pytest.mark.parametrize("ending", ENDINGS)

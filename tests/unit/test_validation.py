@@ -21,7 +21,7 @@ from amb_core.identification.validation.judge import rule_table
 from amb_core.identification.validation.model_error import response_errors
 from amb_core.identification.validation.overlap import fingerprint_of, overlap
 from amb_core.identification.validation.report import WIDTH
-from amb_core.identification.validation.ringing import find_ringing
+from amb_core.identification.validation.ringing import Ringing, find_ringing
 from amb_core.identification.validation.verdict import worst_of
 from amb_core.loop.control import ControllerParameters
 from amb_core.report.document import Section, TableBlock, text_of
@@ -460,6 +460,40 @@ def test_a_mode_that_the_model_lacks_rings_in_the_residuals_and_a_tone_is_none()
     for flat in (white, tone):
         found = find_ringing([flat], [noise], [flat], 1e-4)
         assert found is not None and found.p_value > 1e-3
+
+
+def test_a_missing_mode_is_found_beside_a_wrong_gain() -> None:
+    random = np.random.default_rng(3)
+    white, noise = random.normal(size=(2, 10_000, 1))
+    pole = 0.98 * np.exp(2j * np.pi * 0.14)
+    resonant = [1.0, -2.0 * pole.real, abs(pole) ** 2]
+    slow = lfilter([0.05], [1.0, -0.95], noise, axis=0)
+    wrong_gain = white + np.vstack([[[0.0]], 2.0 * slow[:-1] / slow.std()])
+    ringing = wrong_gain + 0.05 * lfilter([0.0, 1.0], resonant, white, axis=0)
+    found = find_ringing([ringing], [slow], [ringing], 1e-4)
+    assert found is not None and found.p_value < 1e-6 and found.height > 2.0
+    assert found.frequency == pytest.approx(1_400.0, rel=0.05)
+    found = find_ringing([wrong_gain], [slow], [wrong_gain], 1e-4)
+    assert found is not None and found.p_value > 1e-3
+
+
+def test_a_peak_that_matters_is_not_hidden_by_a_more_significant_one_that_does_not() -> None:
+    random = np.random.default_rng(5)
+    white, noise = random.normal(size=(2, 10_000, 1))
+    errors = white.copy()
+    for gain, frequency in ((0.02, 0.03), (0.015, 0.1)):
+        pole = 0.995 * np.exp(2j * np.pi * frequency)
+        errors += gain * lfilter([0.0, 1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], white, axis=0)
+    lines = np.fft.rfftfreq(10_000)[:, np.newaxis]
+    motion = errors + 100.0 * np.fft.irfft(np.fft.rfft(noise, axis=0) * ((lines > 0.02) & (lines < 0.06)), axis=0)
+    found = find_ringing([errors], [noise], [motion], 1e-4)
+    assert found is not None and found.p_value < 1e-3 and found.frequency == pytest.approx(1_000.0, rel=0.05)
+
+
+def test_errors_that_ring_little_leave_reservations(validation: Validation) -> None:
+    for share, level in ((0.05, "validated with reservations"), (0.5, "not validated")):
+        found = replace(validation, ringing=Ringing(3_000.0, 5.0, share, 1e-9))
+        assert condition(found, "ringing").level == level and "3000 Hz" in condition(found, "ringing").finding
 
 
 def test_an_input_that_is_still_in_the_longest_experiment_is_no_error(model: StateSpaceModel) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -45,8 +46,8 @@ class Proposal:
 
     @property
     def options(self) -> str:
-        """As options of a command."""
-        return " ".join(f"--{name} {','.join(items)}" for name, items in self.given.items())
+        """As options of a command, quoted where a shell needs it."""
+        return " ".join(f"--{name} {shlex.quote(','.join(items))}" for name, items in self.given.items())
 
 
 def proposed(columns: Sequence[Column]) -> Proposal | None:

@@ -18,13 +18,11 @@ from amb_core.identification.data.checks.distortion import LARGE_DISTORTION, LOW
 from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED
 from amb_core.identification.validation.residuals import ChiSquareTest
 from amb_core.identification.validation.ringing import NOTABLE, SHARE
-from amb_core.identification.validation.verdict import Condition, Verdict
+from amb_core.identification.validation.verdict import SIGNIFICANT, Condition, Verdict
 
 if TYPE_CHECKING:
     from amb_core.identification.validation.validate import Validation
 
-SIGNIFICANT = 1e-3
-"""Probability for a true model below which a finding is significant."""
 SHORT_OF_POSSIBLE = 10.0
 """Points of fit that a model may lack to what the data allow."""
 OVERLAP = 0.05
@@ -182,10 +180,13 @@ def _ringing(found: Validation) -> Condition:
             _RESERVED,
             "record longer",
         )
-    if not (one.p_value < SIGNIFICANT and one.height > NOTABLE and one.share > SHARE):
+    if not (one.p_value < SIGNIFICANT and one.height > NOTABLE):
         return Condition(key, name, "no narrow peak in what the past explains of the residuals", limit)
     finding = f"the residuals ring at {one.frequency:.4g} Hz"
     advice = "raise the order, or remove a disturbance of this frequency"
+    if one.share <= SHARE:
+        finding += f", with {100.0 * one.share:.2g} % of the motion there"
+        return Condition(key, name, finding, limit, _RESERVED, advice)
     here = [band for band in found.band_errors if band.low <= one.frequency < band.high]
     if len(here) == len(found.model.input_names) and all(band.error <= band.limit for band in here):
         finding += ", where the response agrees"
@@ -286,7 +287,7 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
      "significant, and an error of the response above the same limit", "refused; smaller: reservations"),
     (_ringing, "missing modes", "lightly damped resonators driven by past errors and inputs explain significantly more "
      f"of the errors at a frequency, {NOTABLE:g} times as much as beside it, with {100.0 * SHARE:g} % of the motion",
-     "refused; reservations where the response agrees"),
+     "refused; smaller, or where the response agrees: reservations"),
     (_independent, "independence", "score test of the residuals on the inputs of 25 samples before", "reservations"),
     (_white, "whiteness", "portmanteau test of the residuals over 25 lags", "reservations"),
     (_distortion, "distortion", f"above {100.0 * LARGE_DISTORTION:g} % beyond the noise where it can be measured; else "

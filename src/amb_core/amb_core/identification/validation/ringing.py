@@ -6,9 +6,11 @@ resonators are driven by e and u,
 
     s[k+1] = exp((i - zeta) omega T) s[k] + (e[k], u[k]),
 
-and e is regressed on the real and imaginary parts of s. For a true model with p outputs and m inputs what that
-explains, in units of the variance, is a chi-square variable of 2 p (p + m) degrees of freedom. Single lines of e are
-cut down to their neighbours first: a tone, such as that of an unbalance, is a disturbance, and no mode.
+and e is regressed on the real and imaginary parts of s. Below its resonance s follows what drives it, so that at every
+frequency it would explain what a wrong gain or a wrong slow mode leaves in e, and no peak would stand out. What e and u
+of the last samples explain is therefore removed from e and from s. For a true model with p outputs and m inputs what
+the rest of s explains, in units of the variance, is a chi-square variable of 2 p (p + m) degrees of freedom. Single
+lines of e are cut down to their neighbours first: a tone, such as that of an unbalance, is a disturbance, and no mode.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 16.6 (residual tests as regressions).
 """
@@ -25,6 +27,7 @@ from scipy import special
 
 from amb_core.errors import IdentificationError
 from amb_core.identification.validation.residuals import decorrelated
+from amb_core.identification.validation.verdict import SIGNIFICANT
 
 Arrays = NDArray[np.float64]
 
@@ -34,6 +37,7 @@ _DAMPING, _MOST_DAMPED = 0.01, 0.1
 _LINES = 10.0  # half the bandwidth of a resonator at least, in lines of the record: the statistic needs as many
 _STEP = 1.02  # factor from one frequency to the next
 _NEIGHBOURHOOD = 35  # frequencies to either side: an octave
+_PAST = 4  # samples before of errors and inputs, whose part is removed
 _HIGHEST = 0.8  # of the Nyquist frequency
 _LONGEST = 20_000  # samples used
 _TONE, _BESIDE = 12.0, 8  # power of a line over that of as many lines to either side
@@ -41,7 +45,7 @@ _TONE, _BESIDE = 12.0, 8  # power of a line over that of as many lines to either
 
 @dataclass(frozen=True)
 class Ringing:
-    """The highest peak.
+    """The most significant peak, of those that refuse a model if there are any.
 
     Attributes
     ----------
@@ -82,11 +86,13 @@ def find_ringing(
     longest = int(np.argmax([len(part) for part in residuals]))
     try:
         (e,) = decorrelated([_without_tones(residuals[longest][:_LONGEST])])
+        u = inputs[longest][: len(e)]
+        u = u[:, u.std(axis=0) > 0.0]
+        signals = np.ascontiguousarray(np.hstack([e, (u - u.mean(axis=0)) / u.std(axis=0)]))
+        past = _basis_of_past(signals)
+        (rest,) = decorrelated([_without(past, e[_PAST:])])
     except IdentificationError:
         return None
-    u = inputs[longest][:_LONGEST]
-    u = u[:, u.std(axis=0) > 0.0]
-    u = (u - u.mean(axis=0)) / u.std(axis=0)
     steps, p = e.shape
     duration = steps * sample_time
     lowest, highest = _LINES / (_MOST_DAMPED * duration), _HIGHEST / (2.0 * sample_time)
@@ -95,24 +101,31 @@ def find_ringing(
     grid = lowest * _STEP ** np.arange(int(np.log(highest / lowest) / np.log(_STEP)))
     if len(grid) < _NEIGHBOURHOOD:
         return None
-    signals = np.ascontiguousarray(np.hstack([e, u]))
     damping = np.maximum(_DAMPING, _LINES / (grid * duration))
     poles = np.exp((1j - damping) * 2.0 * np.pi * grid * sample_time)
-    explained = np.array([_explained(*_products(pole, signals, p)) for pole in poles]) / allowance
+    regressors = (_without(past, _states(pole, signals)[_PAST:]) for pole in poles)
+    explained = np.array([_explained(rest, one) for one in regressors]) / allowance
     beside = [explained[max(place - _NEIGHBOURHOOD, 0) : place + _NEIGHBOURHOOD] for place in range(len(grid))]
     level, degrees = np.array([np.median(part) for part in beside]), 2 * p * signals.shape[1]
     heights = explained / level
     # Where errors are not white anyway, that much more than beside it: a noncentral chi-square variable, nearly normal.
     spread = np.sqrt(2.0 * (degrees + 2.0 * np.maximum(level - degrees, 0.0)))
     p_values = np.maximum(special.chdtrc(degrees, explained), special.ndtr((level - explained) / spread))
-    best = int(np.lexsort((-heights, p_values, heights <= NOTABLE))[0])
-    frequency = np.fft.rfftfreq(len(residuals[longest]), sample_time)
-    lines = (frequency > grid[best] / _STEP**2) & (frequency < grid[best] * _STEP**2)
-    parts = (np.fft.rfft(item[longest] - item[longest].mean(axis=0), axis=0)[lines] for item in (residuals, outputs))
-    of_errors, of_motion = (np.linalg.norm(part, axis=0) for part in parts)
-    share = float(np.max(of_errors / np.maximum(of_motion, np.finfo(float).tiny)))
-    p_value = min(1.0, len(grid) * float(p_values[best]))
-    return Ringing(float(grid[best]), float(heights[best]), share, p_value)
+    shares = _shares(residuals[longest], outputs[longest], grid * sample_time)
+    high, by_chance = heights > NOTABLE, np.minimum(len(grid) * p_values, 1.0)
+    refuses = high & (by_chance < SIGNIFICANT) & (shares > SHARE)  # a small peak does not hide one that matters
+    best = np.lexsort((-heights, p_values, ~high, ~refuses))[0]
+    return Ringing(float(grid[best]), float(heights[best]), float(shares[best]), float(by_chance[best]))
+
+
+def _shares(errors: Arrays, motion: Arrays, frequencies: Arrays) -> Arrays:
+    """Errors relative to the motion within two steps of each frequency (1 / sample), of the output where it is most."""
+    lines = np.fft.rfftfreq(len(errors))
+    first, last = (np.searchsorted(lines, frequencies * _STEP**side) for side in (-2, 2))
+    spectra = (np.abs(np.fft.rfft(signal - signal.mean(axis=0), axis=0)) ** 2 for signal in (errors, motion))
+    below = (np.vstack([np.zeros(signal.shape[1]), np.cumsum(signal, axis=0)]) for signal in spectra)
+    of_errors, of_motion = (sums[last] - sums[first] for sums in below)
+    return np.asarray(np.sqrt(np.max(of_errors / np.maximum(of_motion, np.finfo(float).tiny), axis=1)))
 
 
 def _without_tones(errors: Arrays) -> Arrays:
@@ -127,31 +140,33 @@ def _without_tones(errors: Arrays) -> Arrays:
     return np.asarray(np.fft.irfft(spectrum * level[:, np.newaxis], len(errors), axis=0))
 
 
-def _explained(power: Arrays, product: Arrays) -> float:
+def _basis_of_past(signals: Arrays) -> Arrays:
+    """Orthonormal columns that span the signals of the last samples, from the sample on that has all of them."""
+    lagged = [signals[_PAST - lag : len(signals) - lag] for lag in range(1, _PAST + 1)]
+    return np.asarray(np.linalg.qr(np.hstack(lagged))[0])
+
+
+def _without(basis: Arrays, values: Arrays) -> Arrays:
+    """What orthonormal columns do not explain."""
+    return np.asarray(values - basis @ (basis.T @ values))
+
+
+def _explained(errors: Arrays, regressors: Arrays) -> float:
     """Squared length of the errors in the space of the regressors."""
-    scale = np.sqrt(np.maximum(np.diag(power), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(power / np.outer(scale, scale))
+    scaled = regressors / np.maximum(np.linalg.norm(regressors, axis=0), np.finfo(float).tiny)
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
     kept = values > 1e-10 * values[-1]
-    along = vectors[:, kept].T @ (product / scale[:, np.newaxis]) / np.sqrt(values[kept])[:, np.newaxis]
+    along = vectors[:, kept].T @ (scaled.T @ errors) / np.sqrt(values[kept])[:, np.newaxis]
     return float(np.sum(along**2))
 
 
 @numba.njit(cache=True)
-def _products(pole: complex, signals: Arrays, outputs: int) -> tuple[Arrays, Arrays]:
-    """Sums of the products of the regressors with one another and with the errors, the first columns of the signals."""
+def _states(pole: complex, signals: Arrays) -> Arrays:
+    """Real and imaginary parts of the resonators that the signals drive, from state zero, shape (steps, 2 signals)."""
     steps, count = signals.shape
-    power, product = np.zeros((2 * count, 2 * count)), np.zeros((2 * count, outputs))
-    state, row = np.zeros(count, dtype=np.complex128), np.zeros(2 * count)
+    found, state = np.empty((steps, 2 * count)), np.zeros(count, dtype=np.complex128)
     for step in range(steps):
         for column in range(count):
-            row[2 * column], row[2 * column + 1] = state[column].real, state[column].imag
+            found[step, 2 * column], found[step, 2 * column + 1] = state[column].real, state[column].imag
             state[column] = pole * state[column] + signals[step, column]
-        for first in range(2 * count):
-            for second in range(first + 1):
-                power[first, second] += row[first] * row[second]
-            for column in range(outputs):
-                product[first, column] += row[first] * signals[step, column]
-    for first in range(2 * count):
-        for second in range(first):
-            power[second, first] = power[first, second]
-    return power, product
+    return found

@@ -6,6 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
+SIGNIFICANT = 1e-3
+"""Probability for a true model below which a finding is significant."""
+
 
 class Verdict(StrEnum):
     """How far a model is validated, in words."""
