@@ -26,4 +26,17 @@ const drawNext = () => {
 };
 waiting.forEach((_data, chart) => near.observe(chart));
 addEventListener("load", () => setTimeout(drawNext, 500));
-addEventListener("beforeprint", () => [...waiting.keys()].forEach(draw));
+// On paper a chart is as wide as the text of an A4 page, and not higher than it.
+const PAPER = { width: 670, height: 820 }; // CSS pixels
+const charts = [...waiting.keys()];
+addEventListener("beforeprint", () => {
+  charts.forEach((chart) => {
+    draw(chart);
+    const height = Math.min(PAPER.height, chart.layout.height);
+    chart.screen = { height: chart.layout.height };
+    Plotly.relayout(chart, { width: PAPER.width, height });
+  });
+});
+addEventListener("afterprint", () => {
+  charts.forEach((chart) => Plotly.relayout(chart, { width: null, autosize: true, ...chart.screen }));
+});

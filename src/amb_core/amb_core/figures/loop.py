@@ -16,7 +16,7 @@ from amb_core.loop.machine import radial_bearings
 from amb_core.loop.records import LoopRecord
 from amb_core.units import UM
 
-HIDDEN = 0.2e-6  # movement in an orbit that is narrower than its line (m)
+HIDDEN = 2e-3  # of the size of an orbit; such a movement is narrower than its line
 
 
 def orbit_chart(
@@ -72,7 +72,7 @@ def listed(words: Sequence[str]) -> str:
 
 
 def _path(record: LoopRecord, label: str, stroke: Stroke) -> Curve:
-    path = UM * thinned_path(record.position, HIDDEN)
+    path = UM * thinned_path(record.position, HIDDEN * float(np.ptp(record.position, axis=0).max()))
     return Curve(path[:, 0], path[:, 1], label, stroke)
 
 
