@@ -6,7 +6,9 @@ are drawn. core_share: of the server. lost: samples that the page did not get. l
 and its cores. hostile_executed: scripts run, orders carried out and answers given to clients without the token or of
 other origins. bit_identical: whether a loop with the page open has the samples of the loop without ROS.
 wishes: drawn over all that `amb new` allows; internal are texts of the simulator, and must be none.
-pages: seconds until a report, and the page of the paper's figures, are drawn; null where there is no such page.
+pages: seconds until a report, and the page of the paper's figures, are drawn (load), and until the figures in the
+window are (ready); null where there is no such page. sizes: widths (pixels) at which these pages and one of everything
+that reports hold are opened, light and dark. overflow: how often one of them was wider than its window; must be 0.
 """
 
 from __future__ import annotations
