@@ -177,7 +177,7 @@ amb regions results/experiment/bag
 amb distortion results/experiment/bag --out distortion
 amb identify results/experiment/bag --order 4 --method ssarx --out model.json
 amb validate model.json results/experiment/bag --out validation | 3
-amb compare model.json model.json results/experiment/bag --out comparison
+amb compare model.json model.json results/experiment/bag --out comparison | 3
 amb certify model.json --controller paper --frequencies 50 --out certificate | 4
 amb report results/experiment/bag --order 4 --no-certify --out report.html
 amb model export model.json --c --out model_c

@@ -25,10 +25,14 @@ class View(Figures):
 
 
 class Pages(Figures):
-    """Seconds until pages are drawn; None where there is no such page."""
+    """Seconds until pages are drawn, None where there is no such page; pages wider than their window, of all sizes."""
 
     report_load_s: float | None
+    report_ready_s: float | None
     paper_load_s: float | None
+    paper_ready_s: float | None
+    sizes: list[int]
+    overflow: int
 
 
 class Files(Figures):

@@ -8,6 +8,9 @@ other origins. bit_identical: whether a loop with the page open has the samples 
 wishes: drawn over all that `amb new` allows; internal are texts of the simulator, and must be none.
 tutorial: what its page states, what of that came out when it was followed, its commands and the time that they took.
 pages: seconds until a report, and the page of the paper's figures, are drawn; null where there is no such page.
+pages: seconds until a report, and the page of the paper's figures, are drawn (load), and until the figures in the
+window are (ready); null where there is no such page. sizes: widths (pixels) at which these pages and one of everything
+that reports hold are opened, light and dark. overflow: how often one of them was wider than its window; must be 0.
 """
 
 from __future__ import annotations

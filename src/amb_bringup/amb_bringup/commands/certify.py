@@ -21,6 +21,7 @@ from amb_core.parameters import part_of
 from amb_core.report.again import certify_again
 from amb_core.report.certificate import write_certificate
 from amb_core.report.certification import Request, certify_request, require_request
+from amb_core.report.pdf import find_browser, write_pdf
 from amb_core.robustness import RobustnessSettings, SweepSettings
 from amb_core.robustness.trace import CertificateHeader
 
@@ -68,6 +69,9 @@ def certify(
     out: Annotated[Path, typer.Option(help="Folder for certificate.html and certificate.json.")] = Path(
         "results/certificate"
     ),
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Also certificate.pdf, to be signed, by the browser that is installed.")
+    ] = False,
 ) -> None:
     """Certify the robustness of a model with a controller: one page with the verdict first, and certificate.json.
 
@@ -85,7 +89,7 @@ def certify(
         )
     }  # fmt: skip
     if again is not None:
-        if given or controller:
+        if given or controller or pdf:
             raise RobustnessError("--again takes settings and controller from the certificate; leave out other options")
         _again(console, again, files)
         return
@@ -98,14 +102,17 @@ def certify(
     if sweep.sweep_amplitude and sweep_bag is not None:
         raise RobustnessError("--sweep-bag and --sweep-amplitude are not allowed together; give one of the two")
     require_request(request)
+    browser = find_browser() if pdf else None
     make_folder(out)
     if sweep.sweep_amplitude:
         request = replace(request, sweep_bag=str(_measure(console, sweep, out / "sweep")))
     with Stages(console) as stages:
         found = certify_request(request, reader=read_shown(console), progress=stages.update)
-    write_certificate(found, out)
+    page = write_certificate(found, out)
     say(found.verdict)
     console.print(f"certificate.html and certificate.json: {out}")
+    if browser:
+        console.print(f"PDF, to be signed: {write_pdf(page, browser)}")
     if not found.certified:
         raise typer.Exit(NOT_CERTIFIED)
 

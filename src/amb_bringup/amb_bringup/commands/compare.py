@@ -24,6 +24,7 @@ from amb_bringup.commands.validate import (
     StepsOption,
     load_recorded,
 )
+from amb_bringup.exit_codes import NOT_VALIDATED
 from amb_core.analysis import RecordedLoop
 from amb_core.errors import IdentificationError
 from amb_core.figures import save_validation_figures
@@ -52,7 +53,10 @@ def compare(
     entries: EntriesOption = "",
     results: Annotated[Path | None, typer.Option(help="Write all numbers here as JSON.", dir_okay=False)] = None,
 ) -> None:
-    """Compare models on the same data, the best closed loop first."""
+    """Compare models on the same data, the best closed loop first.
+
+    Exit code 0 if at least one model is validated, also with reservations, 3 if none is, 1 if none can be compared.
+    """
     console = Terminal()
     if out is not None:
         figures, results = figures or out, results or out / "summary.json"
@@ -76,6 +80,8 @@ def compare(
         with working(console, "drawing"):
             names = save_validation_figures(figures, found.validations, drawn)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
+    if all(item.verdict is Verdict.NOT_VALIDATED for item in found.validations.values()):
+        raise typer.Exit(NOT_VALIDATED)
 
 
 def _judged(models: list[Path], loop: RecordedLoop) -> Comparison:

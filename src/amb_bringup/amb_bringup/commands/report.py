@@ -16,6 +16,7 @@ from amb_bringup.commands.terminal import Terminal
 from amb_core.analysis import recorded_controller
 from amb_core.identification.controller_choice import NO_CONTROLLER
 from amb_core.report import write_report
+from amb_core.report.pdf import find_browser, write_pdf
 from amb_core.report.recording import recording_report
 
 
@@ -32,9 +33,13 @@ def report(
     out: Annotated[Path, typer.Option(help="The page, an .html file; or a folder for report.html.")] = Path(
         "results/report.html"
     ),
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Also a PDF beside the page, by the browser that is installed.")
+    ] = False,
 ) -> None:
     """Regions, distortion, motion, identified model, frequency response, validation and robustness of a run."""
     console = Terminal()
+    browser = find_browser() if pdf else None
     if not names_file(out, (".html",)):
         out = out / "report.html"
     make_folder(out.parent)
@@ -51,3 +56,5 @@ def report(
     write_report(made, out)
     console.print(f"{made.title}. {made.lead}", highlight=False)
     console.print(f"report: {out}")
+    if browser:
+        console.print(f"PDF: {write_pdf(out, browser)}")

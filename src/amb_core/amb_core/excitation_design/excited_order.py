@@ -37,7 +37,7 @@ class ExcitedOrder:
     tried: int
 
     def __str__(self) -> str:
-        return f"{self.order} or more" if self.order >= self.tried else str(self.order)
+        return f"up to {self.order}" + (", higher ones were not tried" if self.order >= self.tried else "")
 
 
 def excited_order(

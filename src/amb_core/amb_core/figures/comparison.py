@@ -18,6 +18,7 @@ from amb_core.figures.style import MODELS, PLANT, REFERENCE, Stroke
 from amb_core.figures.thinning import extremes
 from amb_core.identification.frequency_response import FrequencyResponse
 from amb_core.identification.validation import Validation, nrmse_fit
+from amb_core.identification.validation.fit import fit_text
 from amb_core.loop.records import LoopRecord
 from amb_core.units import UM
 
@@ -67,11 +68,11 @@ def comparison_chart(
                 continue
             error = UM * (measured.position[:, axis] - record.position[:, axis])
             errors.append(Curve(*extremes(record.time, error), label, stroke))
-        heading = f"{name}: " + ", ".join(f"{label} {fit[axis]:.1f} %" for label, fit in fits.items())
+        heading = f"{name}: " + ", ".join(f"{label} {fit_text(fit[axis], 1)}" for label, fit in fits.items())
         panels.append(Panel(Axis("time (s)"), Axis(f"{name} (µm)"), tuple(curves), heading))
         panels.append(Panel(Axis("time (s)"), Axis(f"error {name} (µm)"), tuple(errors)))
     for label, fit in fits.items():
-        parts = [f"{value:.1f} % on {name}" for name, value in zip(measured.axes, fit, strict=True)]
+        parts = [f"{fit_text(value, 1)} on {name}" for name, value in zip(measured.axes, fit, strict=True)]
         sentences.append(f"{label} fits to {', '.join(parts[:-1])}{' and ' if parts[1:] else ''}{parts[-1]}")
     alt = (
         f"Measured position of the rotor from {measured.time[0]:.2f} s to {measured.time[-1]:.2f} s, and that of "

@@ -45,7 +45,7 @@ def distortion_chart(distortion: Distortion, title: str = "Linear response and n
             seen = UM * level[:, axis] > FLOOR
             if seen.any():
                 items.append(Points(frequency[seen], UM * level[seen, axis], label, colour, marker, filled=False))
-        heading = f"{name}: distortion {100.0 * distortion.ratio[axis]:.2g} % of the linear response"
+        heading = f"{name}: distortion {100.0 * distortion.ratio[axis]:.2g} %"
         if np.isnan(distortion.ratio[axis]):
             heading = f"{name}: not excited"
         across, up = Axis("frequency (Hz)", log=True, limits=ends), Axis(f"amplitude of {name} (µm)", log=True)

@@ -26,4 +26,20 @@ const drawNext = () => {
 };
 waiting.forEach((_data, chart) => near.observe(chart));
 addEventListener("load", () => setTimeout(drawNext, 500));
-addEventListener("beforeprint", () => [...waiting.keys()].forEach(draw));
+// On paper a chart is as wide as the text of an A4 page, leaves room for its caption, and has smaller letters.
+const PAPER = { width: 670, height: 820, letters: 11 }; // CSS pixels
+const charts = [...waiting.keys()];
+const fit = (chart, layout) => {
+  chart.style.height = `${layout.height}px`;
+  Plotly.relayout(chart, layout);
+};
+const screens = new Map();
+addEventListener("beforeprint", () => {
+  charts.forEach((chart) => {
+    draw(chart);
+    const { height, font } = chart.layout;
+    screens.set(chart, { height, width: null, autosize: true, "font.size": font.size });
+    fit(chart, { height: Math.min(PAPER.height, height), width: PAPER.width, "font.size": PAPER.letters });
+  });
+});
+addEventListener("afterprint", () => screens.forEach((layout, chart) => fit(chart, layout)));

@@ -6,9 +6,11 @@ figure of the description and `draw_page` an interactive one with plotly, so tha
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.figures.style import Hatch, Marker, Stroke
@@ -16,6 +18,7 @@ from amb_core.figures.style import Hatch, Marker, Stroke
 Values = NDArray[Any]
 
 WIDE = 3000.0  # ratio of the ends of a logarithmic axis above which only powers of ten are numbered
+NARROW = 4.0  # likewise, below which every digit is
 
 
 @dataclass(frozen=True)
@@ -126,12 +129,6 @@ class Axis:
     log: bool = False
     limits: tuple[float, float] | None = None
 
-    @property
-    def factors(self) -> tuple[int, ...]:
-        """Numbers that a logarithmic axis has in each power of ten: 1, 2 and 5, or 1 alone where they are many."""
-        narrow = self.limits is not None and self.limits[1] / self.limits[0] < WIDE
-        return (1, 2, 5) if narrow else (1,)
-
 
 @dataclass(frozen=True)
 class Panel:
@@ -142,6 +139,38 @@ class Panel:
     items: tuple[Item, ...]
     title: str = ""
     equal: bool = False
+
+    def reach(self, direction: Literal["x", "y"]) -> tuple[float, float]:
+        """Ends of an axis: its limits, else the least and the largest value that it shows.
+
+        Of a logarithmic axis these are positive; 1 to 10 where nothing is shown.
+        """
+        axis: Axis = getattr(self, direction)
+        if axis.limits:
+            return axis.limits
+        values = np.concatenate([np.zeros(0), *(_values(item, direction) for item in self.items)])
+        shown = values[np.isfinite(values) & ((values > 0.0) | (not axis.log))]
+        return (float(shown.min()), float(shown.max())) if shown.size else (1.0, 10.0)
+
+
+def _values(item: Item, direction: Literal["x", "y"]) -> Values:
+    if isinstance(item, Band) and direction == "y":
+        return np.concatenate([item.low, item.high]).astype(float)
+    if isinstance(item, (Curve, Points, Band)):
+        return np.asarray(getattr(item, direction), float)
+    return np.zeros(0)
+
+
+def log_factors(low: float, high: float) -> tuple[int, ...]:
+    """Numbers that a logarithmic axis has in each power of ten: all, 1, 2 and 5, or 1 alone where they are many."""
+    ratio = high / low
+    return tuple(range(1, 10)) if ratio < NARROW else (1, 2, 5) if ratio < WIDE else (1,)
+
+
+def log_marks(low: float, high: float) -> list[float]:
+    """Places of the numbers of a logarithmic axis, a power of ten beyond its ends included."""
+    powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 2)
+    return [factor * 10.0**power for power in powers for factor in log_factors(low, high)]
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,12 @@ from amb_core.figures.drawing import Axis, Curve, Panel
 from amb_core.figures.style import MODEL, PLANT, REFERENCE, Stroke
 from amb_core.figures.thinning import extremes, thinned_path
 from amb_core.identification.validation import nrmse_fit
+from amb_core.identification.validation.fit import fit_text
 from amb_core.loop.machine import radial_bearings
 from amb_core.loop.records import LoopRecord
 from amb_core.units import UM
 
-HIDDEN = 0.2e-6  # movement in an orbit that is narrower than its line (m)
+HIDDEN = 2e-3  # of the size of an orbit; such a movement is narrower than its line
 
 
 def orbit_chart(
@@ -54,9 +55,10 @@ def orbit_chart(
         curves = [_path(plane, "plant", PLANT)]
         if model is not None:
             fit = nrmse_fit(plane.position, model.position)
-            label = f"model, fit {x} {fit[0]:.1f} %, {y} {fit[1]:.1f} %"
+            label = f"model, fit {x} {fit_text(fit[0], 1)}, {y} {fit_text(fit[1], 1)}"
             curves.append(_path(model, label, MODEL))
-            text += f" The identified model follows it with a fit of {fit[0]:.1f} % on {x} and {fit[1]:.1f} % on {y}."
+            fits = f"{fit_text(fit[0], 1)} on {x} and {fit_text(fit[1], 1)} on {y}"
+            text += f" The identified model follows it with a fit of {fits}."
         if backup_bearing_radius is not None:
             angle = np.linspace(0.0, 2.0 * np.pi, 361)
             radius = UM * backup_bearing_radius
@@ -72,7 +74,7 @@ def listed(words: Sequence[str]) -> str:
 
 
 def _path(record: LoopRecord, label: str, stroke: Stroke) -> Curve:
-    path = UM * thinned_path(record.position, HIDDEN)
+    path = UM * thinned_path(record.position, HIDDEN * float(np.ptp(record.position, axis=0).max()))
     return Curve(path[:, 0], path[:, 1], label, stroke)
 
 
@@ -104,12 +106,12 @@ def response_chart(
         ]
         if modelled is not None:
             curves.append(Curve(*extremes(modelled.time, UM * modelled.position[:, axis]), "model", MODEL))
-        heading = "" if fit is None else f"{name}: fit of the model {fit[axis]:.1f} %"
+        heading = "" if fit is None else f"{name}: fit of the model {fit_text(fit[axis], 1)}"
         panels.append(Panel(Axis("time (s)"), Axis(f"{name} (µm)"), tuple(curves), heading))
     names = listed(measured.axes)
     alt = f"Reference and position of the rotor on {names} from {measured.time[0]:.2f} s to {measured.time[-1]:.2f} s."
     if fit is not None:
-        fits = [f"{value:.1f} % on {name}" for name, value in zip(measured.axes, fit, strict=True)]
+        fits = [f"{fit_text(value, 1)} on {name}" for name, value in zip(measured.axes, fit, strict=True)]
         alt += f" The identified model fits to {listed(fits)}."
     return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 3.0 * len(panels)))
 

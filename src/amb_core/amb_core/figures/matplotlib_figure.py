@@ -6,7 +6,7 @@ from functools import singledispatch
 from typing import Any
 
 from amb_core.extras import extra
-from amb_core.figures.drawing import Axis, Band, Curve, Drawing, Heat, HoverGrid, Note, Panel, Points, Rule, Span
+from amb_core.figures.drawing import Band, Curve, Drawing, Heat, HoverGrid, Note, Panel, Points, Rule, Span, log_factors
 from amb_core.figures.style import OPACITY, Stroke
 from amb_core.plain_text import plain_text
 
@@ -71,19 +71,19 @@ def _prepare(axes: Axes, panel: Panel, labelled: bool) -> None:
         axes.set_title(_literal(panel.title), fontsize=10)
     if panel.x.log:
         axes.set_xscale("log")
-        _number_logarithmic(axes.xaxis, panel.x)
+        _number_logarithmic(axes.xaxis, panel.reach("x"))
     if panel.y.log:
         axes.set_yscale("log")
-        _number_logarithmic(axes.yaxis, panel.y)
+        _number_logarithmic(axes.yaxis, panel.reach("y"))
     axes.grid(True, alpha=0.3, linewidth=0.6)
     if panel.equal:
         # With limits of its own, a panel adjusts its box to them; Matplotlib would drop the limits, with a warning.
         axes.set_aspect("equal", adjustable="box" if panel.x.limits and panel.y.limits else "datalim")
 
 
-def _number_logarithmic(drawn: DrawnAxis, axis: Axis) -> None:
+def _number_logarithmic(drawn: DrawnAxis, reach: tuple[float, float]) -> None:
     """Plain numbers instead of powers of ten."""
-    drawn.set_major_locator(ticker.LogLocator(subs=axis.factors))
+    drawn.set_major_locator(ticker.LogLocator(subs=log_factors(*reach)))
     drawn.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
     drawn.set_minor_formatter(ticker.NullFormatter())
 

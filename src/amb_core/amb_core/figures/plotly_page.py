@@ -9,7 +9,20 @@ from typing import Any
 import numpy as np
 
 from amb_core.extras import extra
-from amb_core.figures.drawing import Axis, Band, Curve, Drawing, Heat, HoverGrid, Note, Points, Rule, Span, Values
+from amb_core.figures.drawing import (
+    Axis,
+    Band,
+    Curve,
+    Drawing,
+    Heat,
+    HoverGrid,
+    Note,
+    Points,
+    Rule,
+    Span,
+    Values,
+    log_marks,
+)
 from amb_core.figures.style import OPACITY, Stroke
 
 with extra("figures"):
@@ -18,6 +31,11 @@ with extra("figures"):
 
 PIXELS_PER_INCH = 100
 TITLE_HEIGHT, TICKS_HEIGHT, AXIS_HEIGHT = 35, 15, 75  # pixels of a panel's title, and of an axis without and with label
+COLUMN_PIXELS = 384  # of a panel beside others; narrower windows scroll
+PAPER_PIXELS = 335  # likewise on paper, two beside each other
+LABELS_WIDTH = 95  # pixels of an axis's numbers and title
+LEFT, RIGHT = 70, 15  # margins (pixels)
+PANEL_TITLE = 13  # pixels
 TITLE_DISTANCE = 8  # pixels from an axis's labels to its title, which overlap without
 MARKERS = {"circle": "circle", "square": "square", "diamond": "diamond", "triangle": "triangle-up", "cross": "x-thin"}
 TEXT = "#767676"  # readable on white and on black alike, where no style sheet gives texts the page's colour
@@ -36,6 +54,7 @@ def draw_page(chart: Drawing) -> go.Figure:
         shared_xaxes="columns" if chart.shared_x else False,
         subplot_titles=[panel.title for panel in chart.panels] if any(panel.title for panel in chart.panels) else None,
         vertical_spacing=_gap(chart),
+        horizontal_spacing=_gap_of_columns(chart),
     )
     shown: set[str] = set()
     for number, panel in enumerate(chart.panels):
@@ -47,8 +66,8 @@ def draw_page(chart: Drawing) -> go.Figure:
             if gridded and isinstance(item, Curve) and not item.hover:
                 page.data[-1].hoverinfo = "skip"  # the grid below shows more, with units
         lowest = number + chart.columns >= len(chart.panels)
-        page.update_xaxes(**_axis(panel.x, labelled=lowest or not chart.shared_x), **place)
-        page.update_yaxes(**_axis(panel.y, labelled=True), **place)
+        page.update_xaxes(**_axis(panel.x, panel.reach("x"), lowest or not chart.shared_x), **place)
+        page.update_yaxes(**_axis(panel.y, panel.reach("y"), True), **place)
         if panel.equal:
             # margins that follow the labels and axes that follow each other never come to rest
             page.update_xaxes(automargin=False, **place)
@@ -56,13 +75,14 @@ def draw_page(chart: Drawing) -> go.Figure:
     for trace in page.data:  # one entry for what several panels show
         trace.update(showlegend=bool(trace.name) and trace.name not in shown, legendgroup=trace.name)
         shown.add(trace.name)
+    page.update_annotations(font_size=PANEL_TITLE)
     table = chart.table and {"header": chart.table.header, "rows": chart.table.rows}
     page.update_layout(
         title={"text": chart.title},
         meta={"alt": chart.alt, "table": table, "columns": chart.columns},
         template="none",
         height=PIXELS_PER_INCH * chart.size[1] + 60,
-        margin={"l": 70, "r": 15, "t": 50, "b": 90 if any(panel.equal for panel in chart.panels) else 60},
+        margin={"l": LEFT, "r": RIGHT, "t": 50, "b": 90 if any(panel.equal for panel in chart.panels) else 60},
         font={"size": 14, "color": TEXT},
         legend={"orientation": "h", "yref": "container", "yanchor": "bottom", "y": 0, "x": 0},
         paper_bgcolor="rgba(0,0,0,0)",
@@ -80,7 +100,14 @@ def _gap(chart: Drawing) -> float:
     return float(min((title + axis) / free, 0.5 / chart.rows))
 
 
-def _axis(axis: Axis, labelled: bool) -> dict[str, Any]:
+def _gap_of_columns(chart: Drawing) -> float | None:
+    """Space between columns for the labels of an axis where the page is narrowest, as a share of the width."""
+    if chart.columns == 1:
+        return None
+    return LABELS_WIDTH / (PAPER_PIXELS * chart.columns - LEFT - RIGHT)
+
+
+def _axis(axis: Axis, reach: tuple[float, float], labelled: bool) -> dict[str, Any]:
     settings: dict[str, Any] = {
         "title": {"text": axis.label if labelled else None, "standoff": TITLE_DISTANCE},
         "gridcolor": GRID,
@@ -92,9 +119,7 @@ def _axis(axis: Axis, labelled: bool) -> dict[str, Any]:
         "automargin": True,
     }
     if axis.log:
-        low, high = axis.limits or (1e-3, 1e5)
-        powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-        marks = [factor * 10.0**power for power in powers for factor in axis.factors]
+        marks = log_marks(*reach)
         settings |= {"type": "log", "tickvals": marks, "ticktext": [f"{mark:g}" for mark in marks]}
     if axis.limits:
         settings["range"] = [math.log10(end) for end in axis.limits] if axis.log else list(axis.limits)

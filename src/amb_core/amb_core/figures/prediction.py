@@ -8,6 +8,7 @@ from amb_core.figures.chart import Chart
 from amb_core.figures.drawing import Axis, Curve, Panel, Points, Table
 from amb_core.figures.style import MODELS, Marker
 from amb_core.identification.validation import Prediction
+from amb_core.identification.validation.fit import fit_text
 
 MARKERS: tuple[Marker, ...] = ("circle", "square", "diamond", "triangle")
 LOWEST = -20.0  # percent, below which a curve leaves the figure
@@ -45,7 +46,7 @@ def prediction_chart(
             stroke, marker = MODELS[number % len(MODELS)], MARKERS[number % len(MARKERS)]
             time, fit = 1e3 * sample_time * prediction.horizons, prediction.fit[:, column]
             hover = tuple(
-                f"{label}: {horizon} steps, {fit[index]:.2f} %" for index, horizon in enumerate(prediction.horizons)
+                f"{label}: {horizon} steps, {fit_text(fit[index])}" for index, horizon in enumerate(prediction.horizons)
             )
             items.append(Curve(time, fit, "", stroke))
             items.append(Points(time, fit, label, stroke.colour, marker, hover=hover))
@@ -60,7 +61,7 @@ def prediction_chart(
     sentences = []
     for label, prediction in predictions.items():
         last = zip(output_names, prediction.fit[-1], strict=True)
-        fits = ", ".join(f"{name} {fit:.2f} %" for name, fit in last)
+        fits = ", ".join(f"{name} {fit_text(fit)}" for name, fit in last)
         sentences.append(f"{label}: {fits} at {prediction.horizons[-1]} steps")
     rows = tuple(
         (label, str(horizon), *(f"{value:.2f}" for value in fit))

@@ -46,7 +46,7 @@ def residuals_chart(
         panels.append(Panel(Axis(LAG), Axis("autocorrelation (-)"), items, heading))
     for row, driven in enumerate(input_names):
         for column, name in enumerate(output_names):
-            heading = f"residual {name} with {driven} before it"
+            heading = f"{name} after {driven}"
             if row == 0:
                 heading += f": {_verdict(tests.independence_by_output[column], 'independent')}"
             feedback = Span(-tests.lags - 0.5, 0.5, "feedback answers the residual: not tested", GREY, "/")

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from amb_core.errors import AmbError
 from amb_core.extras import extra
+from amb_core.figures.plotly_page import COLUMN_PIXELS
 
 with extra("figures"):
     import plotly.graph_objects as go  # type: ignore[import-untyped]
@@ -35,8 +36,6 @@ CONFIG = {
 
 _MARKUP = re.compile(r"<(?!/?(?:b|br|extra)>)")
 """Where a tag begins that charts do not use: plotly would make links and styles of those in texts of others."""
-
-COLUMN_WIDTH = 20  # of a panel beside others (rem); narrower windows scroll
 
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 DRAWING = (Path(__file__).parent / "draw.js").read_text(encoding="utf-8")
@@ -110,7 +109,7 @@ def page_fragment(page: go.Figure) -> str:
         HTML elements without head and body.
     """
     alt, table, columns = (page.layout.meta[name] for name in ("alt", "table", "columns"))
-    width = f"min-width: {COLUMN_WIDTH * columns}rem" if columns > 1 else ""
+    width = f"min-width: {COLUMN_PIXELS * columns}px" if columns > 1 else ""
     chart = go.Figure(page)
     chart.update_layout(title=None, meta=None, margin_t=50)
     content = json.loads(chart.to_json()) | {"config": CONFIG}

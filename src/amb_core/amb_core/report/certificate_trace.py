@@ -53,11 +53,16 @@ def signature_section(trace: Trace) -> Section:
     valid = (
         trace.header.validity or "for the machine, controller, speed and load named above, until one of them changes"
     )
+    return Section("Signature", [Prose(f"Valid: {valid}."), signatures(trace.header.author)])
+
+
+def signatures(author: str) -> TableBlock:
+    """Lines for the author, who may be named already, and for who checks."""
     rows = [
-        ("computed and stated by", trace.header.author or _LINE, "date and signature", _LINE),
+        ("computed and stated by", author or _LINE, "date and signature", _LINE),
         ("checked by", _LINE, "date and signature", _LINE),
     ]
-    return Section("Signature", [Prose(f"Valid: {valid}."), TableBlock(("", "", "", ""), rows, "Signatures")])
+    return TableBlock(("", "", "", ""), rows, "Signatures")
 
 
 def _row(role: str, one: DataTrace) -> tuple[str, ...]:

@@ -95,7 +95,7 @@ def recording_report(
     evidence = evidence_or_reason(recording, found.run)
     sections = [_regions(found), _distortion(evidence)]
     tell("drawing")
-    sections.append(_motion(found.record))
+    sections.append(_motion(found.record, _excited(recording, found)))
     identified, problem = _identified(recording, found.run, order, controller, tell, entries, certified)
     sections += [Section(MODEL, [Prose(f"There is none: {problem}.")])] if identified is None else identified.sections
     return Report(
@@ -212,7 +212,18 @@ def _distortion(evidence: Evidence) -> Section:
     return Section(DISTORTION, blocks)
 
 
-def _motion(record: LoopRecord) -> Section:
+def _excited(recording: Recording, found: RecordedRegions) -> LoopRecord:
+    """The part of the run from its first excitation to its last: lift-off and landing would squash an orbit."""
+    excitations, record = _excitations(recording, found.run), found.record
+    if not excitations:
+        return record
+    end = record.first_step + record.steps
+    first = max(min(item.first_step for item in excitations), record.first_step)
+    stop = min(max(item.stop for item in excitations), end)
+    return record.window(first, stop - first) if stop > first else record
+
+
+def _motion(record: LoopRecord, excited: LoopRecord) -> Section:
     reach = UM * np.nanmax(np.abs(record.position), axis=0)
     mean = UM * np.nanmean(record.position, axis=0)
     blocks: list[Block] = [
@@ -223,7 +234,8 @@ def _motion(record: LoopRecord) -> Section:
         )
     ]
     if radial_bearings(record):
-        blocks.append(FigureBlock(orbit_chart(record).page(), "Orbit"))
+        title = "Orbit" if excited is record else "Orbit during the excitation"
+        blocks.append(FigureBlock(orbit_chart(excited).page(), title))
     return Section("Motion", blocks)
 
 

@@ -9,6 +9,8 @@ import numpy as np
 
 from amb_core.figures.residuals import residuals_chart
 from amb_core.identification.validation import ChiSquareTest, Condition, Validation, Verdict
+from amb_core.identification.validation.fit import BELOW_ZERO_MEANING, fit_text
+from amb_core.identification.validation.report import shows_below_zero
 from amb_core.report.document import Badge, Block, Cell, FigureBlock, Prose, Section, State, TableBlock
 from amb_core.units import UM
 
@@ -29,7 +31,7 @@ def verdict_badge(validation: Validation) -> Badge:
 def fit_badge(validation: Validation, fit: float) -> Badge:
     """A closed-loop fit (percent), in the colour of its condition."""
     (condition,) = (one for one in validation.conditions if one.key == "closed_loop_fit")
-    return Badge(f"{fit:.2f} %", _STATES[condition.level], HEADING)
+    return Badge(fit_text(fit), _STATES[condition.level], HEADING)
 
 
 def validation_reason(validation: Validation) -> str:
@@ -50,7 +52,13 @@ def validation_section(validation: Validation) -> Section:
     """The conditions of the verdict, all tests as tables, and the figure of the residuals."""
     blocks: list[Block] = [Prose(validation_reason(validation)), _conditions(validation.conditions)]
     blocks += [Prose(f"{text[:1].upper()}{text[1:]}") for text in validation.notes]
-    blocks += [*_closed_loop(validation), _prediction(validation), _residuals(validation), *_frequency(validation)]
+    blocks += [
+        *_closed_loop(validation),
+        _prediction(validation),
+        *_below_zero(validation),
+        _residuals(validation),
+        *_frequency(validation),
+    ]
     tests = (validation.residuals, validation.model.input_names, validation.model.output_names)
     return Section(HEADING, [*blocks, FigureBlock(residuals_chart(*tests).page(), "Residuals")])
 
@@ -77,7 +85,7 @@ def _closed_loop(validation: Validation) -> list[Block]:
         validation.model.output_names, loop.fit_without_means, loop.fit, UM * np.asarray(loop.offset), strict=True
     )
     rows = [
-        (name, f"{alone:.2f} %", fit_badge(validation, fit), f"{offset:.3g} µm") for name, alone, fit, offset in values
+        (name, fit_text(alone), fit_badge(validation, fit), f"{offset:.3g} µm") for name, alone, fit, offset in values
     ]
     stability = "stable" if loop.stable else "unstable"
     caption = (
@@ -95,10 +103,15 @@ def _prediction(validation: Validation) -> TableBlock:
     rows = []
     for horizon in validation.horizons:
         time = 1e3 * horizon * validation.model.sample_time
-        fits = (f"{value:.2f} %" for value in validation.prediction.fit_at(horizon))
+        fits = (fit_text(value) for value in validation.prediction.fit_at(horizon))
         rows.append((f"{horizon}", f"{time:g} ms", *fits))
     header = ("steps ahead", "time", *(f"fit of {name}" for name in validation.model.output_names))
     return TableBlock(header, rows, "Prediction from the filtered state")
+
+
+def _below_zero(validation: Validation) -> list[Block]:
+    """What a fit below 0 % means, where a table has one."""
+    return [Prose(BELOW_ZERO_MEANING)] if shows_below_zero(validation) else []
 
 
 def _residuals(validation: Validation) -> TableBlock:

@@ -11,6 +11,7 @@ from amb_core import __version__
 from amb_core.errors import AmbError
 from amb_core.extras import extra
 from amb_core.figures.saving import DRAWING, STYLE, page_fragment
+from amb_core.report.breaks import breakable
 from amb_core.report.document import Badge, Block, FigureBlock, Picture, Report, TableBlock, anchor_of
 
 with extra("figures"):
@@ -50,6 +51,7 @@ def write_report(report: Report, path: str | Path) -> None:
         "fragment": _fragment,
         "embedded": _embedded,
         "anchor_of": anchor_of,
+        "breakable": breakable,
         "column_of": lambda table, name: list(table.header).index(name),
     }
     folder = Path(__file__).parent

@@ -7,6 +7,13 @@ from numpy.typing import NDArray
 
 from amb_core.errors import IdentificationError
 
+BELOW_ZERO = "below 0 %"
+
+BELOW_ZERO_MEANING = (
+    "A fit below 0 % means an error larger than the motion: that of deviations alone is the offset between the means "
+    "of model and record, that of a prediction many steps ahead the growth of an unstable plant."
+)
+
 
 def nrmse_fit(measured: NDArray[np.float64], modelled: NDArray[np.float64]) -> NDArray[np.float64]:
     """Normalised root-mean-square error fit of each column, 100 (1 - ||y - yhat|| / ||y - mean(y)||) percent.
@@ -38,3 +45,22 @@ def nrmse_fit(measured: NDArray[np.float64], modelled: NDArray[np.float64]) -> N
         raise IdentificationError(f"output {constant[0]} is constant, so no fit is defined for it")
     error = np.linalg.norm(measured - modelled, axis=0)
     return np.asarray(100.0 * (1.0 - error / spread))
+
+
+def fit_text(fit: float, decimals: int = 2) -> str:
+    """A fit in words that readers cannot misread.
+
+    Parameters
+    ----------
+    fit : float
+        Fit (percent).
+    decimals : int, optional
+        Decimals of the percentage.
+
+    Returns
+    -------
+    str
+        The percentage; of a negative fit `BELOW_ZERO`: how far below is no measure of quality, since it grows with the
+        offset of the means over the motion.
+    """
+    return f"{fit:.{decimals}f} %" if fit >= 0.0 else BELOW_ZERO

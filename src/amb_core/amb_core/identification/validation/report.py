@@ -9,7 +9,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from amb_core.identification.validation.fit import BELOW_ZERO_MEANING, fit_text
 from amb_core.identification.validation.residuals import ChiSquareTest
 from amb_core.identification.validation.verdict import Condition, Verdict
 from amb_core.results import plain
@@ -34,6 +36,14 @@ def summary_line(validation: Validation) -> str:
     parts.append(_word(validation.white, "residuals white", "residuals not white"))
     parts.append(_word(validation.independent, "independent of past inputs", "dependent on past inputs"))
     return f"{validation.verdict}: {model.method or 'model'}, order {model.order}; {'; '.join(parts)}"
+
+
+def shows_below_zero(validation: Validation) -> bool:
+    """Whether a fit of the closed loop or of a prediction that reports show is below 0 %."""
+    loop = validation.closed_loop
+    shown = [validation.prediction.fit_at(horizon) for horizon in validation.horizons]
+    shown += [] if loop is None else [loop.fit_without_means, loop.fit]
+    return bool(np.min(np.concatenate(shown)) < 0.0)
 
 
 def report_text(validation: Validation) -> str:
@@ -156,8 +166,8 @@ def _closed_loop(validation: Validation) -> list[str]:
         "from the reference alone, with the known controller",
         *_table(
             ("", validation.model.output_names),
-            ("fit, deviations alone (%)", [f"{value:.2f}" for value in loop.fit_without_means]),
-            ("fit, means added (%)", [f"{value:.2f}" for value in loop.fit]),
+            ("fit, deviations alone (%)", _fits(loop.fit_without_means)),
+            ("fit, means added (%)", _fits(loop.fit)),
             *_possible(validation),
             ("measured minus simulated mean (um)", [f"{1e6 * value:.3g}" for value in loop.offset]),
         ),
@@ -183,8 +193,21 @@ def _prediction(validation: Validation) -> list[str]:
     for horizon in validation.horizons:
         time = 1e3 * horizon * validation.model.sample_time
         fit = validation.prediction.fit_at(horizon)
-        rows.append((f"{horizon} steps ({time:g} ms)", [f"{value:.2f}" for value in fit]))
-    return ["PREDICTION   fit in percent from the filtered state, so many steps ahead", *_table(*rows)]
+        rows.append((f"{horizon} steps ({time:g} ms)", _fits(fit)))
+    return [
+        "PREDICTION   fit in percent from the filtered state, so many steps ahead",
+        *_table(*rows),
+        *_below_zero(validation),
+    ]
+
+
+def _fits(values: NDArray[np.float64]) -> list[str]:
+    return [fit_text(value).removesuffix(" %") for value in values]
+
+
+def _below_zero(validation: Validation) -> list[str]:
+    """What a fit below 0 means, where one is shown."""
+    return _item(BELOW_ZERO_MEANING) if shows_below_zero(validation) else []
 
 
 def _residuals(validation: Validation) -> list[str]:
@@ -244,7 +267,9 @@ def _item(text: str) -> list[str]:
 
 
 def _by_output(validation: Validation, fit: Any) -> str:
-    return ", ".join(f"{name} {value:.2f} %" for name, value in zip(validation.model.output_names, fit, strict=True))
+    return ", ".join(
+        f"{name} {fit_text(value)}" for name, value in zip(validation.model.output_names, fit, strict=True)
+    )
 
 
 def _verdict(test: ChiSquareTest) -> str:
