@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
 import json
+import shutil
 import subprocess
 import tempfile
 from pathlib import Path
@@ -33,9 +36,33 @@ def safety(sequences: int = 100_000) -> dict[str, Any]:
 def build(folder: Path, source: Path = SOURCE) -> Path:
     """Compile the sequences with a target."""
     program = folder / "target_safety"
-    files = [Path(__file__).with_name("target_safety.c"), *source.glob("*.c"), source / "hosted" / "hosted.c"]
-    subprocess.run([*COMPILER, f"-I{source}", "-o", program, *files, "-lm"], check=True)
+    headers, files = (
+        tuple((str(file.relative_to(source)), file.read_text()) for file in sorted(found))
+        for found in (source.rglob("*.h"), [*source.glob("*.c"), source / "hosted" / "hosted.c"])
+    )
+    sequences = Path(__file__).with_name("target_safety.c")
+    objects = [_compiled(*file, headers) for file in ((sequences.name, sequences.read_text()), *files)]
+    subprocess.run([*COMPILER, "-o", program, *objects, "-lm"], check=True)
     return program
+
+
+@functools.cache
+def _objects() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="target_objects"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+@functools.cache
+def _compiled(name: str, text: str, headers: tuple[tuple[str, str], ...]) -> Path:
+    """The object file of a source: targets that differ in one file share the others."""
+    folder = Path(tempfile.mkdtemp(dir=_objects()))
+    for header, content in headers:
+        (folder / header).parent.mkdir(parents=True, exist_ok=True)
+        (folder / header).write_text(content)
+    (folder / name).write_text(text)
+    subprocess.run([*COMPILER, f"-I{folder}", "-c", "-o", folder / "object.o", folder / name], check=True)
+    return folder / "object.o"
 
 
 def run(program: Path, sequences: int, seed: int = 1) -> dict[str, Any]:

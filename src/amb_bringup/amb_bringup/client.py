@@ -369,10 +369,11 @@ class AmbClient(IdentifierCalls, RegionCalls):
         from amb_core.robustness import SweepSettings, measured_sensitivity
         from amb_core.robustness.sweep import modes_of
 
-        loop = measure_swept(self, validate(SweepSettings, settings), bag, controller, progress)
+        loop, modes = measure_swept(self, validate(SweepSettings, settings), bag, controller, progress)
         if loop.controller is None:
             raise ClientError(f"bag {bag}: lacks the parameters of the controller; name it in `controller`")
-        return measured_sensitivity(loop.data, loop.controller, modes_of(loop.data, loop.controller))
+        modes = modes_of(loop.data, loop.controller) if modes is None else modes
+        return measured_sensitivity(loop.data, loop.controller, modes)
 
     # -- recording
 

@@ -11,7 +11,8 @@ from amb_core.analysis.recorded_sweeps import DWELLS, with_dwells
 from amb_core.errors import AmbError
 from amb_core.regions import Region
 from amb_core.robustness import SweepSettings
-from amb_core.robustness.sweep import dwells
+from amb_core.robustness.sharp_peaks import SharpMode
+from amb_core.robustness.sweep import dwells, modes_of
 
 if TYPE_CHECKING:
     from amb_bringup.client import AmbClient
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
 
 def measure_swept(
     amb: AmbClient, settings: SweepSettings, bag: str | Path, controller: str, progress: Progress
-) -> RecordedLoop:
-    """Sweep, dwell, read; `progress` names each stage.
+) -> tuple[RecordedLoop, list[SharpMode] | None]:
+    """Sweep, dwell, read; `progress` names each stage. Returns the data, and their narrow resonances where known.
 
     The bag of the sweep is the folder `bag`, that of the dwells lies in it. Without a known controller there are no
     dwells.
@@ -45,11 +46,13 @@ def measure_swept(
     amb.experiment([Experiment("swept sine", excitation)], bag, watched)
     sweep = read(bag, controller=controller)
     if sweep.controller is None:
-        return sweep
+        return sweep, None
+    modes = modes_of(sweep.data, sweep.controller)
     more = [
         Experiment(f"dwell at {0.5 * (one.frequency_start + one.frequency_end):.4g} Hz", one)
-        for one in dwells(sweep.data, sweep.controller, settings)
+        for one in dwells(sweep.data, sweep.controller, settings, modes)
     ]
-    if more:
-        amb.experiment(more, Path(bag) / DWELLS, watched)
-    return with_dwells(bag, sweep)
+    if not more:
+        return sweep, modes
+    amb.experiment(more, Path(bag) / DWELLS, watched)
+    return with_dwells(bag, sweep), None

@@ -20,7 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, minimize
 
 from amb_core.linear import Arrays, Complexes
 from amb_core.robustness.local_response import LEAST_POWER, LocalResponse, Spectrum, spectrum_of, those_excited
@@ -239,7 +239,16 @@ def _fitted(spectra: list[Spectrum], start: SharpMode, damping: float, largest: 
         fit = _fit(spectra, at, start.damping * float(np.exp(unknown[1])), largest, start)
         return 1e9 if fit is None else float(np.log(np.sum(fit.power / scale)))
 
-    best = minimize(left, [0.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6, "maxiter": 120}).x
+    def give_up(intermediate_result: OptimizeResult) -> None:
+        place, width = intermediate_result.x
+        zeta = start.damping * np.exp(width)
+        if abs(place) > REACH or not 0.1 * damping <= zeta <= 2.0 * WIDEST:  # outside the lines, or no such mode
+            raise StopIteration
+
+    best = minimize(
+        left, [0.0, 0.0], method="Nelder-Mead", callback=give_up,
+        options={"xatol": 1e-3, "fatol": 1e-6, "maxiter": 120},
+    ).x  # fmt: skip
     at, zeta = start.frequency * (1.0 + start.damping * best[0]), start.damping * float(np.exp(best[1]))
     fit = _fit(spectra, at, zeta, largest)
     if fit is None or not 0.2 * damping <= zeta <= WIDEST or abs(best[0]) > 4.0:

@@ -7,6 +7,7 @@ for as long as its lines resolve the mode, and as weakly as its peak allows to b
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -74,7 +75,12 @@ class SweepSettings(Parameters):
         )
 
 
-def dwells(data: IdentificationData, controller: KnownController, settings: SweepSettings) -> list[Sweep]:
+def dwells(
+    data: IdentificationData,
+    controller: KnownController,
+    settings: SweepSettings,
+    modes: Sequence[SharpMode] | None = None,
+) -> list[Sweep]:
     """Narrow sweeps at the resonances that a first sweep shows, the likeliest first; none where it shows none.
 
     Parameters
@@ -85,8 +91,11 @@ def dwells(data: IdentificationData, controller: KnownController, settings: Swee
         Of the loop.
     settings : SweepSettings
         Those of the first sweep.
+    modes : sequence of SharpMode, optional
+        What `modes_of` has found in the data; it takes some seconds.
     """
-    inside = [one for one in modes_of(data, controller) if one.damping <= _NARROW]
+    known = modes_of(data, controller) if modes is None else modes
+    inside = [one for one in known if one.damping <= _NARROW]
     if not inside:
         return []
     measured = measured_sensitivity(data, controller, inside)
