@@ -19,7 +19,7 @@ from amb_core.target.reference import SOURCE
 ROOT = Path(__file__).parents[2]
 RECORDED = ROOT / "tests" / "data" / "target" / "states.json"
 PARTS = ("host", "gains", "faults", "excitation", "matrices", "references")
-"""What is tried, the longest first; see `part_of` in states.c."""
+"""What is tried, the longest first; see `part_of` in tried.h."""
 
 COMPILER = (
     "gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-O2",
