@@ -47,6 +47,9 @@ PLANTED = {
 """File of the target, what stands there, what is planted instead, and the part that must find it."""
 
 
+pytestmark = pytest.mark.timeout(1200)  # a minute of processor time; a loaded machine needs many
+
+
 @pytest.fixture(scope="module")
 def found() -> list[dict[str, Any]]:
     return search_all()
