@@ -125,7 +125,7 @@ static void use_gains(struct amb_target *t, const double *value) {
 
 /* All values are checked before the first is used. */
 static enum amb_code set_parameters(struct amb_target *t, const uint8_t *body, size_t length) {
-    double value[AMB_AXES * AMB_GAINS];
+    double value[AMB_AXES * AMB_GAINS > AMB_LIMITS ? AMB_AXES * AMB_GAINS : AMB_LIMITS];
     size_t axes = t->config->axes, count = body[0] == 1 ? axes * AMB_GAINS : body[0] == 4 ? AMB_LIMITS : axes;
     if (body[0] < 1 || body[0] > 4) return AMB_UNKNOWN;
     if (length != 8 + 8 * count) return AMB_BAD_LENGTH;

@@ -12,6 +12,8 @@ from docs.generators import links, measured, modules
 from docs.generators.commands import command_reference
 from docs.generators.messages import message_reference
 from docs.generators.results import result_names
+from docs.generators.safety import command_table, count_table, hazard_table, step_table
+from docs.generators.simulink import telemetry_table
 from docs.generators.tables import excitation_table, parameter_reference
 
 MARK = re.compile(r"^<!-- generated: (\w+) -->$", re.MULTILINE)
@@ -21,6 +23,11 @@ GENERATED: dict[str, Callable[[], str]] = {
     "parameters": parameter_reference,
     "excitations": excitation_table,
     "results": result_names,
+    "hazards": hazard_table,
+    "state_commands": command_table,
+    "state_steps": step_table,
+    "state_counts": count_table,
+    "simulink": telemetry_table,
 }
 
 

@@ -242,11 +242,13 @@ def commissioning(kinds: int = len(KINDS), each: int = 6, healthy: int = 60, job
         Processes.
     """
     reference_library()
+    outcomes = []
     with ProcessPoolExecutor(jobs) as pool:
-        outcomes = list(pool.map(commission, rigs(kinds, each, healthy), chunksize=4))
-    for one in outcomes:
-        if not one.right or one.touches:
-            print(f"commissioning: {one.rig}, planted in {one.planted}: {one.touches} touches, {one.said}", flush=True)
+        for one in pool.map(commission, rigs(kinds, each, healthy)):
+            outcomes.append(one)
+            if not one.right or one.touches:
+                found = f"{one.touches} touches, {one.said}"
+                print(f"commissioning: {one.rig}, planted in {one.planted}: {found}", flush=True)
     return {
         "commissioning": {
             "rigs": len(outcomes),

@@ -64,10 +64,12 @@ class Lifecycle(Figures):
 
 
 class Trips(Figures):
-    """Trips of every kind."""
+    """Trips of every kind: those whose second before is whole, and those whose text names what of it is missing."""
 
     tried: int
     right: int
+    whole: int
+    lack_named: int
     kinds: dict[str, int]
 
 

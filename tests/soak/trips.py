@@ -110,6 +110,7 @@ def trips(folder: Path, machine: Path, each: int = 50) -> dict[str, Any]:
     ]
     tried: Counter[str] = Counter()
     right: Counter[str] = Counter()
+    whole = named = 0
     for number, (kinds, of_target, of_bridge) in enumerate(rigs):
         emulator = {"limits": of_target, "plant_waits": True, "ideal": True}
         bridge = {"levitation_time": 0.0, **of_bridge}
@@ -124,10 +125,16 @@ def trips(folder: Path, machine: Path, each: int = 50) -> dict[str, Any]:
             found = recorded.get((run, kinds[name].reason))
             good = latched and found is not None and _complete(found, kinds[name])
             right[name] += good
+            whole += found is not None and _lacking(found) == 0
+            named += found is not None and f"; {_lacking(found)} of the " in found.text
             if not good:
                 blocks = [(block.first_step, len(block.axes[0].position)) for block in found.before] if found else []
                 print(f"{name}, run {run}: latched {latched}, {found and found.text}, {blocks}", flush=True)
-    return {"trips": {"tried": tried.total(), "right": right.total(), "kinds": dict(right)}}
+    return {
+        "trips": {
+            "tried": tried.total(), "right": right.total(), "whole": whole, "lack_named": named, "kinds": dict(right),
+        }
+    }  # fmt: skip
 
 
 def overflowing(model: StateSpaceModel) -> StateSpaceModel:
@@ -192,8 +199,12 @@ def _recorded(bag: Path) -> dict[tuple[int, int], Any]:
 
 def _complete(trip: Any, kind: Kind) -> bool:
     """Whether a recorded trip has its axis, and every step of the second before it."""
-    steps = sum(len(block.axes[0].position) for block in trip.before)
-    return (trip.axis, steps) == (kind.axis, min(int(trip.step), BEFORE))
+    return trip.axis == kind.axis and _lacking(trip) == 0
+
+
+def _lacking(trip: Any) -> int:
+    """Steps of the second before a recorded trip, within its run, that it does not have."""
+    return min(int(trip.step), BEFORE) - sum(len(block.axes[0].position) for block in trip.before)
 
 
 def _reset(session: Session, mode: int) -> bool:

@@ -1,0 +1,125 @@
+"""Every state that the compiled target can reach with a small configuration, found by trying everything in each.
+
+`python -m tests.safety_case.states` writes tests/data/target/states.json anew: only after a change of the target.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import subprocess
+import tempfile
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from amb_core.target.reference import SOURCE
+
+ROOT = Path(__file__).parents[2]
+RECORDED = ROOT / "tests" / "data" / "target" / "states.json"
+PARTS = ("host", "gains", "faults", "excitation", "matrices", "references")
+"""What is tried, the longest first; see `part_of` in tried.h."""
+
+COMPILER = (
+    "gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-O2",
+    "-DAMB_AXES=1", "-DAMB_ORDER=1", "-DAMB_MATRICES=8", "-DAMB_CHUNKS=1",
+)  # fmt: skip
+
+
+def build(folder: Path, source: Path = SOURCE) -> Path:
+    """Compile the search with a target.
+
+    Parameters
+    ----------
+    folder : Path
+        For the program.
+    source : Path, optional
+        The target in C.
+
+    Returns
+    -------
+    Path
+        The program.
+    """
+    program = folder / "states"
+    files = [Path(__file__).with_name("states.c"), *sorted(source.glob("*.c"))]
+    subprocess.run([*COMPILER, f"-I{source}", "-o", program, *files, "-lm"], check=True)
+    return program
+
+
+def search(program: Path, part: str, most: int | None = None) -> dict[str, Any]:
+    """What the program finds; the first checks that fail are on standard error.
+
+    Parameters
+    ----------
+    program : Path
+        From `build`.
+    part : str
+        One of `PARTS`.
+    most : int, optional
+        States after which it gives up.
+
+    Returns
+    -------
+    dict
+        Counts, and what each command and each step did in each state.
+    """
+    arguments = [program, part, *([] if most is None else [str(most)])]
+    ended = subprocess.run(arguments, check=True, stdout=subprocess.PIPE, text=True)
+    found: dict[str, Any] = json.loads(ended.stdout)
+    return found
+
+
+def search_all() -> list[dict[str, Any]]:
+    """All parts, two at a time.
+
+    Returns
+    -------
+    list of dict
+        As `search` does, in the order of `PARTS`.
+    """
+    with tempfile.TemporaryDirectory(prefix="target_states") as folder, ThreadPoolExecutor(2) as pool:
+        program = build(Path(folder))
+        return list(pool.map(lambda part: search(program, part), PARTS))
+
+
+@functools.cache
+def recorded() -> list[dict[str, Any]]:
+    """The parts as they were found last; a test compares them with the code.
+
+    Returns
+    -------
+    list of dict
+        As `search_all`.
+    """
+    found: list[dict[str, Any]] = json.loads(RECORDED.read_text())
+    return found
+
+
+def total(name: str, parts: Iterable[dict[str, Any]] | None = None) -> int:
+    """The sum of a count over all parts.
+
+    Parameters
+    ----------
+    name : str
+        Of the count.
+    parts : iterable of dict, optional
+        By default those recorded.
+
+    Returns
+    -------
+    int
+        The sum.
+    """
+    return sum(int(part[name]) for part in (recorded() if parts is None else parts))
+
+
+def main() -> None:
+    """Record what is found."""
+    rows = ",\n".join(json.dumps(part) for part in search_all())
+    RECORDED.write_text(f"[{rows}]\n")
+
+
+if __name__ == "__main__":
+    main()
