@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable
 from typing import Any, Self, TypeVar
 
-from amb_core.emulation import Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
+from amb_core.rig.emulation import Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
 
 BLOCK = 10  # steps
 T = TypeVar("T")

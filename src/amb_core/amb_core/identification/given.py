@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeAlias
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import IdentificationData, RecordedLoop
+from amb_core.data.experiments import IdentificationData, RecordedLoop
+from amb_core.ground.errors import IdentificationError
+from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.records import LoopRecord
-from amb_core.model.state_space import StateSpaceModel
 
 if TYPE_CHECKING:
     from amb_core.identification.identify import Identification

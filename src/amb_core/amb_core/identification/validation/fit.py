@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 
 
 def nrmse_fit(measured: NDArray[np.float64], modelled: NDArray[np.float64]) -> NDArray[np.float64]:

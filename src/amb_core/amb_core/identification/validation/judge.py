@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from amb_core.data.experiments import Severity
+from amb_core.data.experiments.checks.distortion import LARGE_DISTORTION, LOW_COHERENCE
 from amb_core.identification.controller_check import FOREIGN, NOT_CHECKED
-from amb_core.identification.data import Severity
-from amb_core.identification.data.checks.distortion import LARGE_DISTORTION, LOW_COHERENCE
 from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED
 from amb_core.identification.validation.residuals import ChiSquareTest
 from amb_core.identification.validation.ringing import NOTABLE, SHARE

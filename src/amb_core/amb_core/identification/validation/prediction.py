@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.validation.fit import nrmse_fit
+from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.simulation import state_sequence
-from amb_core.model.state_space import StateSpaceModel
 
 _CURVE_POINTS = 20  # horizons between the first and the last requested one, for the curve of fit over horizon
 _MEMORY = 5_000  # samples from which the first state of an experiment is estimated

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from amb_core.ground.results import plain
 from amb_core.identification.validation.residuals import ChiSquareTest
 from amb_core.identification.validation.verdict import Condition, Verdict
-from amb_core.results import plain
 
 if TYPE_CHECKING:
     from amb_core.identification.validation.validate import Validation

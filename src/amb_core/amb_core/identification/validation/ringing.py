@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.validation.residuals import decorrelated
 
 Arrays = NDArray[np.float64]

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.distortion import Evidence
-from amb_core.errors import IdentificationError
+from amb_core.data.controller_choice import suits_controller
+from amb_core.data.experiments import Finding, IdentificationData, Severity, restore
+from amb_core.data.experiments.checks import check_recording, evidence_of
+from amb_core.ground.errors import IdentificationError
+from amb_core.ground.results import Result
 from amb_core.identification.controller_check import NOT_CHECKED, check_controller
-from amb_core.identification.controller_choice import suits_controller
-from amb_core.identification.data import Finding, IdentificationData, Severity, restore
-from amb_core.identification.data.checks import check_recording, evidence_of
 from amb_core.identification.given import Data, Model, given_loop, given_model
-from amb_core.identification.numerics import one_blas_thread
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation.deviations import Deviation, find_deviations
 from amb_core.identification.validation.frequency import FrequencyComparison, compare_responses, in_open_loop
@@ -30,9 +29,10 @@ from amb_core.identification.validation.residuals import LAGS, ResidualTests, ch
 from amb_core.identification.validation.ringing import Ringing, find_ringing
 from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit, check_closed_loop, possible_fit
 from amb_core.identification.validation.verdict import Condition, Verdict, worst_of
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import one_blas_thread
 from amb_core.loop.known_controller import KnownController
-from amb_core.model.state_space import StateSpaceModel
-from amb_core.results import Result
+from amb_core.regions.distortion import Evidence
 
 if TYPE_CHECKING:
     from amb_core.identification.uncertainty import ModelUncertainty
