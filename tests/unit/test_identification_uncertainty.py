@@ -20,8 +20,8 @@ from amb_core.identification import (
     response_of,
 )
 from amb_core.identification.estimate.predictor import innovations, kalman_gain
+from amb_core.identification.prediction import first_state, predict
 from amb_core.identification.uncertainty import ModelUncertainty
-from amb_core.identification.validation.prediction import first_state, predict
 
 if TYPE_CHECKING:
     from conftest import LinearBearing

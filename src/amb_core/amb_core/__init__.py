@@ -39,6 +39,7 @@ _HOMES = {
     "estimate_response": "amb_core.identification.nonparametric",
     "identify": "amb_core.identification",
     "named_controller": "amb_core.data.controller_choice",
+    "plot": "amb_core.report.figures",  # for the cards of results, whose room lies below
     "read": "amb_core.data.analysis",
     "response_of": "amb_core.identification",
     "simulate": "amb_core.plant.simulation",

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from amb_bringup.client.connection import ClientError
+from amb_bringup.client.loop_calls import LoopCalls
 from amb_core.excitation import Excitation
 from amb_core.ground.errors import AmbError
 from amb_core.ground.files.parameter_files import BRIDGE_NODE
@@ -21,9 +21,6 @@ from amb_core.ground.parameters import SIMULATOR
 from amb_msgs.msg import SimulatorState
 from amb_ros import interruptions
 from amb_ros.machine import MachineInput
-
-if TYPE_CHECKING:
-    from amb_bringup.client import AmbClient
 
 SETTLING_STEPS = 2_000  # the rotor falls to its sag and comes to rest within a few periods of 63 Hz
 RIG_SETTLING = 0.5  # s after levitation, and after each excitation
@@ -78,7 +75,7 @@ class ExperimentRun:
 class Stand(ABC):
     """Where experiments take place: levitates before the first, lands after the last."""
 
-    def __init__(self, amb: AmbClient, progress: Progress) -> None:
+    def __init__(self, amb: LoopCalls, progress: Progress) -> None:
         self._amb = amb
         self._progress = progress
 
@@ -184,7 +181,7 @@ class RigStand(Stand):
         return run, int(self._amb.rig.wait_for_state().step)
 
 
-def running_stand(amb: AmbClient, progress: Progress, patience: float | None = None) -> Stand:
+def running_stand(amb: LoopCalls, progress: Progress, patience: float | None = None) -> Stand:
     """The stand of the graph that a client is in; ClientError if none runs."""
     found: list[str] = []
 
@@ -197,7 +194,7 @@ def running_stand(amb: AmbClient, progress: Progress, patience: float | None = N
     return RigStand(amb, progress) if found[0] == BRIDGE_NODE else SimulatorStand(amb, progress)
 
 
-def graph_runs(amb: AmbClient) -> bool:
+def graph_runs(amb: LoopCalls) -> bool:
     """Whether a graph runs in the domain of a client."""
     try:
         running_stand(amb, lambda *_: None, APPEARANCE)
@@ -231,13 +228,13 @@ def _end(stand: Stand, recorded: bool) -> None:
 
 
 def carry_out(
-    amb: AmbClient, experiments: Sequence[Experiment], bag: str | Path | None, progress: Progress
+    amb: LoopCalls, experiments: Sequence[Experiment], bag: str | Path | None, progress: Progress
 ) -> list[ExperimentRun]:
     """Carry out experiments, one after the other, on the graph of a client.
 
     Parameters
     ----------
-    amb : AmbClient
+    amb : LoopCalls
         In the graph.
     experiments : sequence of Experiment
         At least one.

@@ -28,6 +28,16 @@ class RegionCalls(GraphConnection):
     _region: RegionStateMessage | None = None
     _region_subscription: Any = None  # made at the first request for regions
 
+    def use_run(self, run: int) -> None:
+        """Take a later run for the present one.
+
+        Parameters
+        ----------
+        run : int
+            Number of the run; an earlier one than the present is ignored.
+        """
+        self._run = max(self._run, run)
+
     def region_state(self) -> RegionState:
         """The region in which the bearing runs, with its features; waits for the first message of the monitor.
 

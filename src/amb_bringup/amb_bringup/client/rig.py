@@ -12,21 +12,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from std_srvs.srv import Trigger
 
 from amb_bringup.client.connection import ClientError
+from amb_bringup.client.region_calls import RegionCalls
 from amb_msgs.msg import BridgeState, Trip
 from amb_ros import topics
 from amb_ros.qos import EVERY_STATE, LATCHED
 from amb_ros.requests import QUICKLY
 from amb_ros.subscriptions import create_subscription
-
-if TYPE_CHECKING:
-    from amb_bringup.client import AmbClient
 
 BRIDGE = "hardware_bridge"
 TRANSITION_TIMEOUT = 150.0  # s: the longest levitation or landing, and what the bridge waits in addition
@@ -43,7 +40,7 @@ class Rig:
 
     Parameters
     ----------
-    client : AmbClient
+    client : RegionCalls
         In the graph of the bridge.
 
     Attributes
@@ -59,7 +56,7 @@ class Rig:
         By every method, if the bridge is missing, does not answer, or refuses.
     """
 
-    def __init__(self, client: AmbClient) -> None:
+    def __init__(self, client: RegionCalls) -> None:
         self._client = client
         self.state: BridgeState | None = None
         self.trips: list[Trip] = []

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from amb_bringup.client.connection import GraphConnection
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import StepCoverage, merge_blocks
 from amb_core.recording.messages.loop_samples import block_from_message
@@ -12,20 +11,17 @@ from amb_ros import topics
 from amb_ros.qos import HISTORY
 from amb_ros.subscriptions import create_subscription
 
-if TYPE_CHECKING:
-    from amb_bringup.client import AmbClient
-
 
 class RunTelemetry:
     """Keeps the telemetry of the newest run, and the highest region in each span of it.
 
     Parameters
     ----------
-    client : AmbClient
+    client : GraphConnection
         In the graph.
     """
 
-    def __init__(self, client: AmbClient) -> None:
+    def __init__(self, client: GraphConnection) -> None:
         self._client = client
         self._run = 0
         self._blocks: list[LoopRecord] = []

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from amb_bringup.client.experiment import Experiment, Progress
+from amb_bringup.client.experiment import Experiment, Progress, carry_out
+from amb_bringup.client.loop_calls import LoopCalls
 from amb_core.data.analysis import RecordedLoop, read
 from amb_core.data.analysis.recorded_sweeps import DWELLS, with_dwells
 from amb_core.ground.errors import AmbError
@@ -13,12 +13,9 @@ from amb_core.regions import Region
 from amb_core.robustness import SweepSettings
 from amb_core.robustness.sweep import dwells
 
-if TYPE_CHECKING:
-    from amb_bringup.client import AmbClient
-
 
 def measure_swept(
-    amb: AmbClient, settings: SweepSettings, bag: str | Path, controller: str, progress: Progress
+    amb: LoopCalls, settings: SweepSettings, bag: str | Path, controller: str, progress: Progress
 ) -> RecordedLoop:
     """Sweep, dwell, read; `progress` names each stage.
 
@@ -42,7 +39,7 @@ def measure_swept(
 
     excitation = settings.excitation
     amb.heard_region()
-    amb.experiment([Experiment("swept sine", excitation)], bag, watched)
+    carry_out(amb, [Experiment("swept sine", excitation)], bag, watched)
     sweep = read(bag, controller=controller)
     if sweep.controller is None:
         return sweep
@@ -51,5 +48,5 @@ def measure_swept(
         for one in dwells(sweep.data, sweep.controller, settings)
     ]
     if more:
-        amb.experiment(more, Path(bag) / DWELLS, watched)
+        carry_out(amb, more, Path(bag) / DWELLS, watched)
     return with_dwells(bag, sweep)

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Protocol, TypeAlias
 
 from amb_core.data.experiments import IdentificationData, RecordedLoop
 from amb_core.ground.errors import IdentificationError
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.records import LoopRecord
 
-if TYPE_CHECKING:
-    from amb_core.identification.identify import Identification
 
-Model: TypeAlias = "StateSpaceModel | Identification"
+class Identified(Protocol):
+    """What has a model: the result of an identification."""
+
+    @property
+    def model(self) -> StateSpaceModel:
+        """The model."""
+
+
+Model: TypeAlias = StateSpaceModel | Identified
 """A model, or the result of its identification."""
 Data: TypeAlias = LoopRecord | IdentificationData | RecordedLoop
 """Data of a loop: simulated, from arrays, or from a file or bag with what is known of it."""

@@ -32,7 +32,7 @@ from scipy import special
 
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError
-from amb_core.identification.validation.prediction import predict
+from amb_core.identification.prediction import predict
 from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.linear.model import StateSpaceModel
 

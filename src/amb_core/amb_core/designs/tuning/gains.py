@@ -1,8 +1,8 @@
 """PD gains for a bearing: pole placement on the linearised plant, adjusted until the sampled loop has its margins.
 
 `amb_core.designs.tuning.pd_gains` places the poles of the rigid rotor and takes the gains with the least derivative
-action. If their peak sensitivity is above the limit, or the grid has none, the gains are searched: a wide grid of stiffness and
-damping, then a simplex search from the best point. What no gains of this search stabilise is explained
+action. If their peak sensitivity is above the limit, or the grid has none, the gains are searched: a wide grid of
+stiffness and damping, then a simplex search from the best point. What no gains of this search stabilise is explained
 (`amb_core.designs.tuning.reasons`).
 
 Sources: Schweitzer, Maslen (eds.), "Magnetic Bearings", Springer 2009, ch. 2 and 8; ISO 14839-3.

@@ -26,10 +26,10 @@ from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.local_coordinates import local_directions
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
+from amb_core.identification.prediction import first_state, predicted_states
 from amb_core.identification.uncertainty.directions import Directions
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.identification.uncertainty.sensitivity import Sensitivity, sensitivity
-from amb_core.identification.validation.prediction import first_state, predicted_states
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.numerics import small_matrices, thin_svd
 

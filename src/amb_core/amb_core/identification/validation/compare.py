@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.results import Result
 from amb_core.identification.given import Data, Model, given_loop
-from amb_core.identification.validation.validate import Validation, validate
+from amb_core.identification.validation.validate import validate
+from amb_core.identification.validation.validation import Validation
 from amb_core.identification.validation.verdict import Verdict
 from amb_core.loop.known_controller import KnownController
 

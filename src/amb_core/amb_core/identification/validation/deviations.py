@@ -32,8 +32,8 @@ from scipy import linalg, special
 
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError
+from amb_core.identification.prediction import Prediction, filtered, predicted_states
 from amb_core.identification.validation.model_error import column_sizes, limit_at
-from amb_core.identification.validation.prediction import Prediction, filtered, predicted_states
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
 

@@ -21,7 +21,7 @@ from amb_core.identification.closed_loop import (
     simulate_closed_loop,
 )
 from amb_core.identification.controller_state import start_of
-from amb_core.identification.validation.fit import nrmse_fit
+from amb_core.identification.fit import nrmse_fit
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord

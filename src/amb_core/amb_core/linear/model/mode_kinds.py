@@ -14,14 +14,11 @@ Source: Schweitzer, Maslen (eds.), "Magnetic Bearings", Springer 2009, ch. 7 and
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from amb_core.linear.model.mode import Mode
 from amb_core.linear.model.whirl import SensorPlane, in_phase
-
-if TYPE_CHECKING:
-    from amb_core.linear.model.modes import Mode
 
 LEAST_PHASE = 0.3
 """Cosine between the journals below which a mode is neither a translation nor a tilt."""

@@ -48,7 +48,7 @@ POLICY = (
 """What a figure's page may load and run: the script beside it and its own, nothing from elsewhere."""
 
 _TEMPLATES = Environment(
-    loader=PackageLoader("amb_core", "figures"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    loader=PackageLoader("amb_core.report", "figures"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
 )
 
 

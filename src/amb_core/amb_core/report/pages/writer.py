@@ -43,7 +43,7 @@ def write_report(report: Report, path: str | Path) -> None:
         if badge.section and anchor_of(badge.section) not in anchors:
             raise AmbError(f"report '{report.title}': badge '{badge.text}' links to no section '{badge.section}'")
     environment = Environment(
-        loader=PackageLoader("amb_core", "report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+        loader=PackageLoader("amb_core.report", "pages"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     environment.globals |= {
         "kind_of": lambda item: type(item).__name__,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError
-from amb_core.identification.validation.fit import nrmse_fit
+from amb_core.identification.fit import nrmse_fit
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.simulation import state_sequence
 
