@@ -115,6 +115,18 @@ def test_a_command_without_its_extra_ends_with_that_line() -> None:
     assert run_without(("tornado",), code).strip() == "1"
 
 
+def test_the_command_of_a_package_that_is_not_built_names_it() -> None:
+    code = """
+from typer.testing import CliRunner
+
+from amb_bringup.cli import app
+
+print(CliRunner().invoke(app, ["reproduce"]).exception)
+"""
+    shown = run_without(("amb_paper",), code).strip()
+    assert shown == "'amb reproduce' belongs to the package 'amb_paper', which is not found; build it (make setup)"
+
+
 @pytest.mark.slow
 def test_a_model_is_identified_from_a_simulated_experiment_without_the_optional_parts() -> None:
     example = re.findall(r"^```python\n(.*?)^```$", (CORE / "README.md").read_text(), re.DOTALL | re.MULTILINE)[0]

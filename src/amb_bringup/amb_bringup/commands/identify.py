@@ -28,8 +28,8 @@ from amb_core.identification import Focus, Identification, IdentificationData, I
 from amb_core.identification.identify import check_arguments
 from amb_core.identification.validation import Verdict
 from amb_core.loop.known_controller import KnownController
+from amb_core.report import figures
 from amb_core.report.figures.entries import Entry, entries_from
-from amb_core.report.pages import figures
 
 UNITS = 1e6
 """Micrometres in a metre."""
